@@ -1,0 +1,8 @@
+"""Physics: one mechanism per file, parameters with units and sources."""
+
+from models import wells
+from models.belt import BlockOnBelt
+from models.drill_string import BitRock, TorsionalChain
+from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
+
+__all__ = ["BitRock", "BlockOnBelt", "Coulomb", "CubicStribeck", "Exponential", "Hyperbolic", "TorsionalChain", "wells"]

@@ -1,0 +1,644 @@
+"""Parts of a plant, and the plant that has exactly those parts.
+
+A part is a frozen dataclass with an `equations` method. `compose` calls it on a copy whose numeric fields are casadi symbols, connects signals
+by name, and returns a `HybridSystem`: symbolic structure that is shared by all plants built from the same kinds of parts, plus one vector
+of parameter values. A plant with other numbers therefore costs microseconds and is never compiled again.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.elements import Element, FrictionLaw, State, is_finite_number, time
+from toolbox.errors import SceneError, suggest
+from toolbox.hybrid import Switching, switching
+
+
+@dataclass
+class Update:
+    """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
+
+    external: the values come from a Python callable instead.
+    """
+
+    memory: Mapping[State, Any]
+    outputs: Mapping[str, tuple[Any, str]]
+    external: bool = False
+
+
+@dataclass
+class Equations:
+    """What a part adds to a plant.
+
+    flow: {state: its time derivative};  gives: {signal name: (expression, unit)};  elements: the set-valued elements whose forces the flow
+    uses;  stored: energy [J];  losses, supplies: {name: power [W]}, dissipated and put in. Energy and power are written from the
+    physics, not from the flow: the audit compares the two. States are given as signals by themselves.
+    """
+
+    flow: Mapping[State, Any] = field(default_factory=dict)
+    gives: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    elements: Sequence[Element] = ()
+    stored: Any = None
+    losses: Mapping[str, Any] = field(default_factory=dict)
+    supplies: Mapping[str, Any] = field(default_factory=dict)
+    update: Update | None = None
+
+
+Signal = Callable[..., ca.SX]
+"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
+
+    The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which
+    replaces that prefix.
+    """
+
+    name: str | None = field(default=None, kw_only=True)
+
+    def equations(self, signal: Signal) -> Equations:
+        """The equations of the part; numeric fields of `self` are casadi symbols here."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One entry of the parameter table: `size` is None for a scalar; `offset` points into the parameter vector."""
+
+    name: str
+    unit: str
+    meaning: str
+    size: int | None
+    offset: int
+    bounds: Mapping[str, float | None]
+
+    def check(self, values: Any, name: str | None = None) -> None:
+        """Raise SceneError unless every value is finite and within the declared bounds."""
+        name = name or self.name
+        unit = "" if self.unit == "1" else " " + self.unit
+        for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
+            if not is_finite_number(value):
+                raise SceneError(f"Argument `{name}` must be a finite number in {self.unit}, but it is {value!r}.")
+            for key, holds, words in _BOUNDS:
+                bound = self.bounds.get(key)
+                if bound is not None and not holds(value, bound):
+                    raise SceneError(f"Argument `{name}` must be {words} {bound:g}{unit}, but it is {value!r}.")
+
+
+_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
+    ("at_least", lambda value, bound: value >= bound, ">="),
+    ("above", lambda value, bound: value > bound, ">"),
+    ("at_most", lambda value, bound: value <= bound, "<="),
+]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
+
+    name: str
+    symbol: ca.SX
+    unit: str
+    default: ca.SX
+
+
+@dataclass(frozen=True)
+class SampledUpdate:
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`."""
+
+    memory: ca.SX
+    following: ca.SX
+    outputs: ca.SX
+    names: tuple[str, ...]
+    first_held: int
+    external: bool
+
+
+class HybridSystem:
+    """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
+
+    t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
+    states: {name: (slice of x, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};  parameters: {name: Parameter};
+    elements: the set-valued elements;  values: declared parameter values, shape (n_p,);  held: symbols of the signals held by sampled
+    laws;  updates: those laws.
+    """
+
+    parts: tuple[Component, ...]
+    values: np.ndarray
+    t: ca.SX
+    x: ca.SX
+    u: ca.SX
+    p: ca.SX
+    F: ca.SX
+    m: ca.SX
+    flow: ca.SX
+    states: dict[str, tuple[int, int | None, str]]
+    signals: dict[str, tuple[ca.SX, str]]
+    inputs: dict[str, Input]
+    parameters: dict[str, Parameter]
+    elements: tuple[Element, ...]
+    stored: dict[str, ca.SX]
+    losses: dict[str, ca.SX]
+    supplies: dict[str, ca.SX]
+    held: ca.SX
+    updates: tuple[SampledUpdate, ...]
+    kernels: dict[Any, Any]
+
+    def __repr__(self) -> str:
+        parts = ", ".join(type(part).__name__ for part in self.parts)
+        contacts = ", ".join(element.name for element in self.elements) or "none"
+        free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
+        return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
+
+    @property
+    def switching(self) -> Switching:
+        """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
+        made = self.kernels.get("switching")
+        if made is None:
+            made = self.kernels["switching"] = switching(self.t, self.x, self.flow, self.elements)
+        return made
+
+    @property
+    def rhs(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
+        return self._function("rhs", self.switching.field, "dx")
+
+    @property
+    def forces(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> forces of the elements."""
+        return self._function("forces", self.switching.force, "F")
+
+    @property
+    def slips(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> slips of the elements."""
+        return self._function("slips", ca.densify(self.switching.slip), "v")
+
+    @property
+    def input_defaults(self) -> ca.Function:
+        """casadi Function p -> stand-ins of the inputs."""
+        defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
+        return ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+
+    def _function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
+        names = ["t", "x", "u", "p", "m"]
+        made = self.kernels.get(name)  # shared by all plants of this structure
+        if made is None:
+            made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
+            self.kernels[name] = made
+        return made
+
+    def to_casadi(self) -> dict[str, ca.SX]:
+        """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
+        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
+
+    def parameter(self, name: str) -> Any:
+        """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
+        entry = self._parameter(name)
+        if entry.size is None:
+            return float(self.values[entry.offset])
+        return self.values[entry.offset : entry.offset + entry.size].copy()
+
+    def _parameter(self, name: str) -> Parameter:
+        entry = self.parameters.get(name)
+        if entry is not None:
+            return entry
+        head, _, tail = name.rpartition(".")
+        whole = self.parameters.get(head)
+        if whole is not None and whole.size is not None and tail.isdigit() and int(tail) < whole.size:
+            return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
+        raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
+
+    def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
+        """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
+        changed = copy.copy(self)
+        changed.values = self.values.copy()
+        for name, value in values.items():
+            entry = self._parameter(name)
+            entry.check(value)
+            if entry.size is None:
+                if np.ndim(value):
+                    raise SceneError(f"Argument `{name}` must be one number in {entry.unit}, but it is {value!r}.")
+                changed.values[entry.offset] = value
+            else:
+                array = np.asarray(value, float)
+                if array.shape != (entry.size,):
+                    raise SceneError(f"Argument `{name}` must have shape ({entry.size},), but it has {array.shape}.")
+                changed.values[entry.offset : entry.offset + entry.size] = array
+        changed.parts = tuple(_rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
+        for part in changed.parts:
+            part.check()
+        return changed
+
+    def _offsets(self) -> Iterator[int]:
+        offset = 0
+        for part in self.parts:
+            yield offset
+            offset += len(_numbers(part))
+
+
+def compose(*components: Component) -> HybridSystem:
+    """The plant that has exactly these parts.
+
+    Signals are connected by name; a signal that no part gives becomes an input with its stand-in. Raises SceneError for an empty
+    plant, wrong types, parameters out of bounds, two parts of one name, different units under one name, a missing signal without
+    stand-in, an algebraic loop, a NaN in the equations, and elements whose force does not act on their slip.
+    """
+    if not components:
+        raise SceneError("A plant needs at least one part, but `compose` got none.")
+    for component in components:
+        if not isinstance(component, Component):
+            raise SceneError(f"Argument `components` must be Component objects, but one is {component!r}.")
+        component.check()
+    key = tuple(_structure(component) for component in components)
+    shared = _COMPOSED.get(key)
+    if shared is None:
+        shared = _Composer(components).system()
+        if len(_COMPOSED) >= 256:
+            _COMPOSED.pop(next(iter(_COMPOSED)))
+        _COMPOSED[key] = shared
+    system = copy.copy(shared)
+    system.parts = components
+    numbers = [value for component in components for value in _numbers(component)]
+    for entry in system.parameters.values():
+        if entry.offset < len(numbers):
+            values = numbers[entry.offset] if entry.size is None else tuple(numbers[entry.offset : entry.offset + entry.size])
+            entry.check(values)
+    system.values = shared.values.copy()
+    system.values[: len(numbers)] = numbers
+    _check_gain(system)
+    return system
+
+
+_COMPOSED: dict[Any, HybridSystem] = {}
+
+
+def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
+    """True for a field that becomes a symbol: declared with `quantity`, or annotated as float or tuple of floats."""
+    if spec.name == "name" or value is None or isinstance(value, (FrictionLaw, Component)):
+        return False
+    return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
+
+
+def _numbers(part: Any) -> list[float]:
+    """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
+    out: list[float] = []
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if isinstance(value, (FrictionLaw, Component)):
+            out.extend(_numbers(value))
+        elif _is_numeric(spec, value):
+            if isinstance(value, tuple):
+                out.extend(value)
+            else:
+                out.append(value)
+    return out
+
+
+def _structure(part: Any) -> Any:
+    """Everything about a part but its numbers, as a hashable key."""
+    key: list[Any] = [type(part)]
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if isinstance(value, (FrictionLaw, Component)):
+            key.append(_structure(value))
+        elif _is_numeric(spec, value):
+            if isinstance(value, (list, np.ndarray)):
+                raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a tuple of numbers, but it is {value!r}.")
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
+                    unit = spec.metadata.get("unit", "1")
+                    raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a number in {unit}, but it is {number!r}.")
+            key.append(len(value) if isinstance(value, tuple) else "number")
+        else:
+            key.append(value)
+    try:
+        hash(tuple(key))
+    except TypeError:
+        raise SceneError(f"The fields of {type(part).__name__} must be hashable: use tuples and frozen dataclasses.") from None
+    return tuple(key)
+
+
+def _rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
+    """The part with its numbers read from the parameter vector."""
+
+    def rebuild(node: Any) -> Any:
+        nonlocal offset
+        changes: dict[str, Any] = {}
+        for spec in dataclasses.fields(node):
+            value = getattr(node, spec.name)
+            if isinstance(value, (FrictionLaw, Component)):
+                changes[spec.name] = rebuild(value)
+            elif _is_numeric(spec, value):
+                if isinstance(value, tuple):
+                    changes[spec.name] = tuple(float(v) for v in values[offset : offset + len(value)])
+                    offset += len(value)
+                else:
+                    changes[spec.name] = float(values[offset])
+                    offset += 1
+        return dataclasses.replace(node, **changes)
+
+    return rebuild(part)
+
+
+@dataclass
+class _Slot:
+    """A numeric field on its way into the parameter table."""
+
+    owner: Any
+    field_path: str
+    spec: dataclasses.Field[Any]
+    symbol: ca.SX
+    size: int | None
+
+
+class _Composer:
+    """Collects the equations of all parts, renames, connects and checks them."""
+
+    def __init__(self, components: Sequence[Component]):
+        self.components = components
+        self.placeholders: dict[str, tuple[ca.SX, str]] = {}
+        self.stand_ins: dict[str, tuple[Any, str]] = {}
+        self.parameters: dict[str, Parameter] = {}
+        self.symbols: list[ca.SX] = []
+        self.defaults: list[float] = []
+        self.states: dict[str, tuple[int, int | None, str]] = {}
+        self.x: list[ca.SX] = []
+        self.flow: list[ca.SX] = []
+        self.given: dict[str, tuple[ca.SX, str]] = {}
+        self.elements: list[Element] = []
+        self.stored: dict[str, ca.SX] = {}
+        self.losses: dict[str, ca.SX] = {}
+        self.supplies: dict[str, ca.SX] = {}
+        self.held: list[ca.SX] = []
+        self.updates: list[tuple[Update, int, tuple[str, ...]]] = []
+
+    def system(self) -> HybridSystem:
+        for component in self.components:
+            self._add(component)
+        return self._connected()
+
+    def _add(self, component: Component) -> None:
+        title = type(component).__name__
+        slots: list[_Slot] = []
+        symbolic = _symbolic(component, "", slots)
+        needs: list[tuple[str, str, Any, ca.SX]] = []
+
+        def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+            for known, known_unit, _, placeholder in needs:
+                if known == name and known_unit == unit:
+                    return placeholder
+            placeholder = ca.SX.sym(name)
+            needs.append((name, unit, default, placeholder))
+            return placeholder
+
+        equations = symbolic.equations(signal)
+        if not isinstance(equations, Equations):
+            raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
+        first = next(iter(equations.flow), None)
+        label = first.label if first is not None else next(iter(equations.gives), "")
+        law = getattr(component, "law", component)
+        if hasattr(law, "drives"):  # a control law is called after its class: what it gives belongs to the plant
+            label = type(law).__name__.lower()
+        prefix = label.partition(".")[0] or title.lower()
+        own = component.name or prefix
+
+        def renamed(name: str) -> str:
+            head, dot, tail = name.partition(".")
+            return own + dot + tail if head == prefix else name
+
+        elements = [copy.copy(element) for element in equations.elements]
+        for element in elements:
+            element.name = renamed(element.name)
+            if component.name and element.name.partition(".")[0] != own:
+                element.name = f"{own}.{element.name}"
+            if any(element.name == other.name for other in self.elements):
+                raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
+            self.elements.append(element)
+
+        self._check_regular(title, equations)
+        for slot in slots:
+            path = f"{own}.{slot.field_path.removeprefix('law.')}"
+            if slot.owner is not symbolic:
+                users = [e for e, original in zip(elements, equations.elements, strict=True) if original.law is slot.owner]
+                if len(users) == 1:
+                    path = f"{users[0].name}.{slot.field_path}"
+            self._add_parameter(path, slot)
+        for name, unit, default, placeholder in needs:
+            self._need(renamed(name), unit, default, placeholder, title)
+        for variable, derivative in equations.flow.items():
+            if not isinstance(variable, State):
+                raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
+            name = renamed(variable.label)
+            derivative = ca.densify(ca.SX(derivative))
+            if derivative.shape != variable.shape:
+                raise SceneError(f"The derivative of `{name}` must have shape {variable.shape}, but it has {derivative.shape}.")
+            if name in self.states:
+                raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+            self.states[name] = (sum(v.numel() for v in self.x), variable.length, variable.unit)
+            self.x.append(ca.SX(variable))
+            self.flow.append(derivative)
+            self._give(name, ca.SX(variable), variable.unit)
+        for name, (expression, unit) in equations.gives.items():
+            self._give(renamed(name), ca.SX(expression), unit)
+        for element in elements:
+            for tail, expression, unit in (("force", element.force, element.force_unit), ("slip", element.slip, element.slip_unit)):
+                if f"{element.name}.{tail}" not in self.given:
+                    self._give(f"{element.name}.{tail}", expression, unit)
+        if equations.update is not None:
+            outputs = {renamed(name): value for name, value in equations.update.outputs.items()}
+            self.updates.append((equations.update, len(self.held), tuple(outputs)))
+            for name, (_, unit) in outputs.items():
+                symbol = ca.SX.sym(name)
+                self.held.append(symbol)
+                self._give(name, symbol, unit)
+        if equations.stored is not None:
+            self.stored[own] = ca.SX(equations.stored)
+        for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
+            for name, power in source.items():
+                target[f"{own}.{name}"] = ca.SX(power)
+
+    def _check_regular(self, title: str, equations: Equations) -> None:
+        expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
+        for element in equations.elements:
+            expressions += [element.slip, element.static, element.kinetic]
+        for expression in expressions:
+            expression = ca.SX(expression)
+            function = ca.Function("scan", ca.symvar(expression), [expression])
+            for k in range(function.n_instructions()):
+                if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
+                    raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
+
+    def _add_parameter(self, path: str, slot: _Slot) -> None:
+        if path in self.parameters:
+            raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
+        metadata = slot.spec.metadata
+        self.parameters[path] = Parameter(
+            path, metadata.get("unit", "1"), metadata.get("meaning", ""), slot.size, self._n_parameters, metadata
+        )
+        self.symbols.append(slot.symbol)
+        self.defaults.extend([math.nan] * slot.symbol.numel())
+
+    @property
+    def _n_parameters(self) -> int:
+        return len(self.defaults)
+
+    def _give(self, name: str, expression: ca.SX, unit: str) -> None:
+        if name in self.given:
+            raise SceneError(f"Two parts give the signal `{name}`.")
+        self.given[name] = (expression, unit)
+
+    def _need(self, name: str, unit: str, default: Any, placeholder: ca.SX, title: str) -> None:
+        if name in self.placeholders:
+            first, known_unit = self.placeholders[name]
+            if known_unit != unit:
+                raise SceneError(f"Signal `{name}` is needed in {known_unit} and, by {title}, in {unit}: units must agree.")
+            self.stand_ins.setdefault(f"{name}\0{title}", (placeholder, name))
+            if default is not None and self.stand_ins.get(name, (None,))[0] is None:
+                self.stand_ins[name] = (default, unit)
+            return
+        self.placeholders[name] = (placeholder, unit)
+        self.stand_ins[name] = (default, unit)
+
+    def _connected(self) -> HybridSystem:
+        inputs: dict[str, Input] = {}
+        for name, (placeholder, unit) in self.placeholders.items():
+            if name in self.given:
+                if self.given[name][1] != unit:
+                    raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
+                continue
+            default = self.stand_ins[name][0]
+            if default is None:
+                raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no stand-in: {suggest(name, self.given)}")
+            if isinstance(default, ca.SX):
+                expression = default
+            else:
+                if name in self.parameters:
+                    raise SceneError(f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in.")
+                expression = ca.SX.sym(name)
+                self.parameters[name] = Parameter(name, unit, "stand-in of a signal", None, self._n_parameters, {})
+                self.symbols.append(expression)
+                self.defaults.append(float(default))
+            inputs[name] = Input(name, placeholder, unit, expression)
+
+        # the same signal needed by several parts has several placeholders: all become the first one
+        aliases = [(value[0], self.placeholders[value[1]][0]) for key, value in self.stand_ins.items() if "\0" in key]
+        links = {name: self.placeholders[name][0] for name in self.placeholders if name in self.given}
+        system = HybridSystem()
+        bundle: dict[str, ca.SX] = {f"given:{k}": v for k, (v, _) in self.given.items()}
+        bundle |= {f"flow:{i}": v for i, v in enumerate(self.flow)}
+        for kind in ("stored", "losses", "supplies"):
+            bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
+        for i, element in enumerate(self.elements):
+            bundle |= {f"slip:{i}": element.slip, f"static:{i}": element.static, f"kinetic:{i}": element.kinetic}
+        for i, (update, _, _) in enumerate(self.updates):
+            memory = [ca.SX(value) for value in update.memory.values()]
+            bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
+            bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()]))
+        if aliases:
+            bundle = _substituted(bundle, [a for a, _ in aliases], [b for _, b in aliases])
+        order = _topological({name: bundle[f"given:{name}"] for name in links}, links)
+        for name in order:
+            bundle = _substituted(bundle, [links[name]], [bundle[f"given:{name}"]])
+
+        system.t = time
+        system.x = ca.vertcat(*self.x) if self.x else ca.SX(0, 1)
+        system.p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
+        system.u = ca.vertcat(*[i.symbol for i in inputs.values()]) if inputs else ca.SX(0, 1)
+        system.F = ca.vertcat(*[e.force for e in self.elements]) if self.elements else ca.SX(0, 1)
+        system.m = ca.vertcat(*[e.mode for e in self.elements]) if self.elements else ca.SX(0, 1)
+        if not self.x:
+            raise SceneError("A plant needs at least one state, but these parts have none.")
+        system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
+        system.states = self.states
+        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
+        for i, element in enumerate(self.elements):
+            element.slip, element.static, element.kinetic = (bundle[f"{kind}:{i}"] for kind in ("slip", "static", "kinetic"))
+        system.elements = tuple(self.elements)
+        system.inputs = inputs
+        system.parameters = self.parameters
+        for kind in ("stored", "losses", "supplies"):
+            setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
+        system.held = ca.vertcat(*self.held) if self.held else ca.SX(0, 1)
+        memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _ in self.updates]
+        system.updates = tuple(
+            SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, first, update.external)
+            for i, (z, (update, first, names)) in enumerate(zip(memories, self.updates, strict=True))
+        )
+        system.values = np.array(self.defaults, float)
+        system.kernels = {}
+        system.parts = ()
+        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories)
+        strangers = [s for s in ca.symvar(ca.vertcat(*bundle.values())) if not ca.depends_on(known, s)]
+        if strangers:
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(map(str, strangers))}.")
+        slips = ca.vertcat(*[e.slip for e in self.elements])
+        if ca.depends_on(slips, system.held):
+            raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
+        _ = system.switching  # raises where the elements are not well posed
+        return system
+
+
+def _symbolic(part: Any, path: str, slots: list[_Slot]) -> Any:
+    """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
+    clone = copy.copy(part)
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        here = f"{path}{spec.name}"
+        if isinstance(value, (FrictionLaw, Component)):
+            object.__setattr__(clone, spec.name, _symbolic(value, here + ".", slots))
+        elif _is_numeric(spec, value):
+            if isinstance(value, tuple):
+                symbol = ca.SX.sym(here, len(value))
+                slots.append(_Slot(clone, here, spec, symbol, len(value)))
+                object.__setattr__(clone, spec.name, tuple(symbol[i] for i in range(len(value))))
+            else:
+                symbol = ca.SX.sym(here)
+                slots.append(_Slot(clone, here, spec, symbol, None))
+                object.__setattr__(clone, spec.name, symbol)
+    return clone
+
+
+def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:
+    return dict(zip(bundle, ca.substitute(list(bundle.values()), old, new), strict=True))
+
+
+def _topological(expressions: dict[str, ca.SX], links: dict[str, ca.SX]) -> list[str]:
+    """Names ordered so that substituting one after the other leaves no placeholder; raises SceneError on an algebraic loop."""
+    depends = {n: {o for o, s in links.items() if ca.depends_on(e, s)} for n, e in expressions.items()}
+    order: list[str] = []
+    left = set(expressions)
+    while left:
+        # a name whose placeholder no other remaining expression would bring back goes last
+        free = sorted(n for n in left if not any(n in depends[o] for o in left))
+        if not free:
+            raise SceneError(f"The signals {', '.join(f'`{n}`' for n in sorted(left))} form an algebraic loop.")
+        order.extend(free)
+        left -= set(free)
+    return order
+
+
+def _check_gain(system: HybridSystem) -> None:
+    """A force must pull its slip towards zero: the diagonal of A is positive on the declared numbers (where they alone decide)."""
+    expression = ca.densify(ca.diag(system.switching.gain)) if system.elements else ca.SX(0, 1)
+    if not system.elements or ca.depends_on(expression, ca.vertcat(system.t, system.x, system.u)):
+        return
+    gain = system._function("gain", expression, "A_ii")
+    diagonal = np.array(gain(0.0, 0.0, 0.0, system.values, 0.0)).ravel()
+    for element, entry in zip(system.elements, diagonal, strict=True):
+        if not entry > 0:
+            raise SceneError(
+                f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
+            )

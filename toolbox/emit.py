@@ -1,0 +1,266 @@
+"""CasADi expressions to machine code through LLVM, with no C compiler on the machine.
+
+A casadi SX function is a straight line of scalar instructions. `inline` writes them as LLVM IR, `compiled` optimises a module of such
+functions and returns their addresses; object code is cached on disk under a hash of the IR, the LLVM version and the processor.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import hashlib
+import os
+import struct
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from toolbox.errors import SceneError
+
+FLAGS = "contract nsz arcp"
+"""Fast-math flags: fused multiply-add and reciprocals, never reassociation; NaN and infinity keep their meaning."""
+
+_BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_INTRINSIC = {ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+_LIBM_1 = {
+    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh", ca.OP_ATANH: "atanh", ca.OP_ERF: "erf", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
+}  # fmt: skip
+_LIBM_2 = {ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot",
+           ca.OP_REMAINDER: "remainder", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax"}  # fmt: skip
+LIBM = sorted({*_LIBM_1.values(), *_LIBM_2.values()} - {"fmin", "fmax"})
+OPERATIONS = {"ADD", "SUB", "MUL", "DIV", "SQRT", "FABS", "FLOOR", "CEIL", "LT", "LE", "EQ", "NE", "EXP", "LOG", "SIN", "COS", "TAN", "ASIN",
+              "ACOS", "ATAN", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "ERF", "LOG1P", "EXPM1", "POW", "CONSTPOW", "ATAN2", "FMOD",
+              "HYPOT", "REMAINDER", "FMIN", "FMAX", "NEG", "TWICE", "SQ", "INV", "NOT", "AND", "OR", "SIGN", "COPYSIGN", "IF_ELSE_ZERO",
+              "ASSIGN", "LIFT", "CONST", "INPUT", "OUTPUT"}  # fmt: skip
+"""Names of the casadi operations that `inline` knows."""
+
+
+def literal(value: float) -> str:
+    """A double as exact LLVM text."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', float(value)))[0]:016X}"
+
+
+class Body:
+    """Text of one LLVM function under construction, with numbered values."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.count = 0
+        self.intrinsics: set[str] = set()
+
+    def value(self, text: str) -> str:
+        """Append an instruction and return the name of its result."""
+        name = f"%v{self.count}"
+        self.count += 1
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def add(self, a: str, b: str) -> str:
+        return self.value(f"fadd {FLAGS} double {a}, {b}")
+
+    def mul(self, a: str, b: str) -> str:
+        return self.value(f"fmul {FLAGS} double {a}, {b}")
+
+    def load(self, pointer: str, index: int) -> str:
+        return self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {index}')}")
+
+    def store(self, value: str, pointer: str, index: int) -> None:
+        target = self.value(f"getelementptr double, ptr {pointer}, i64 {index}")
+        self.lines.append(f"  store double {value}, ptr {target}")
+
+    def call(self, name: str, *args: str) -> str:
+        """Call a scalar function, an LLVM intrinsic or a libm function."""
+        self.intrinsics.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
+        return self.value(f"call {FLAGS} double @{name}({', '.join('double ' + a for a in args)})")
+
+    def truth(self, flag: str) -> str:
+        return self.value(f"select i1 {flag}, double {literal(1.0)}, double {literal(0.0)}")
+
+    def nonzero(self, a: str) -> str:
+        return self.value(f"fcmp une double {a}, {literal(0.0)}")
+
+    def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
+        """base + scale * sum(factor * value), skipping zero factors."""
+        total = ""
+        for factor, value in zip(factors, values, strict=True):
+            if factor:
+                term = self.mul(literal(factor), value)
+                total = self.add(total, term) if total else term
+        if not total:
+            return base
+        total = self.mul(scale, total)
+        return self.add(base, total) if base else total
+
+
+def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Write the instructions of an SX function into `body` and return the values of its outputs.
+
+    arguments: one sequence of value names per input, in the order of its nonzeros. Raises SceneError naming an operation that has
+    no translation.
+    """
+    work: dict[int, str] = {}
+    outputs = [[literal(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        args = function.instruction_input(k)
+        target = function.instruction_output(k)
+        if op == ca.OP_INPUT:
+            work[target[0]] = arguments[args[0]][args[1]]
+        elif op == ca.OP_OUTPUT:
+            outputs[target[0]][target[1]] = work[args[0]]
+        elif op == ca.OP_CONST:
+            work[target[0]] = literal(function.instruction_constant(k))
+        else:
+            work[target[0]] = _operation(body, op, [work[a] for a in args])
+    return outputs
+
+
+def _operation(body: Body, op: int, v: list[str]) -> str:
+    if op in _BINARY:
+        return body.value(f"{_BINARY[op]} {FLAGS} double {v[0]}, {v[1]}")
+    if op == ca.OP_NEG:
+        return body.value(f"fneg {FLAGS} double {v[0]}")
+    if op == ca.OP_SQ:
+        return body.mul(v[0], v[0])
+    if op == ca.OP_TWICE:
+        return body.add(v[0], v[0])
+    if op == ca.OP_INV:
+        return body.value(f"fdiv {FLAGS} double {literal(1.0)}, {v[0]}")
+    if op in (ca.OP_ASSIGN, ca.OP_LIFT):
+        return v[0]
+    if op in _INTRINSIC:
+        return body.call(f"llvm.{_INTRINSIC[op]}.f64", v[0])
+    if op in _LIBM_1:
+        return body.call(_LIBM_1[op], v[0])
+    if op == ca.OP_FMIN or op == ca.OP_FMAX:
+        return body.call("llvm.minnum.f64" if op == ca.OP_FMIN else "llvm.maxnum.f64", *v)
+    if op in _LIBM_2:
+        return body.call(_LIBM_2[op], *v)
+    if op in _COMPARE:
+        return body.truth(body.value(f"fcmp {_COMPARE[op]} double {v[0]}, {v[1]}"))
+    if op == ca.OP_NOT:
+        return body.truth(body.value(f"fcmp oeq double {v[0]}, {literal(0.0)}"))
+    if op in (ca.OP_AND, ca.OP_OR):
+        both = "and" if op == ca.OP_AND else "or"
+        return body.truth(body.value(f"{both} i1 {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
+    if op == ca.OP_IF_ELSE_ZERO:
+        return body.value(f"select i1 {body.nonzero(v[0])}, double {v[1]}, double {literal(0.0)}")
+    if op == ca.OP_COPYSIGN:
+        return body.call("llvm.copysign.f64", *v)
+    if op == ca.OP_SIGN:
+        positive = body.value(f"fcmp ogt double {v[0]}, {literal(0.0)}")
+        negative = body.value(f"fcmp olt double {v[0]}, {literal(0.0)}")
+        below = body.value(f"select i1 {negative}, double {literal(-1.0)}, double {v[0]}")  # keeps zero, and NaN
+        return body.value(f"select i1 {positive}, double {literal(1.0)}, double {below}")
+    names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
+    raise SceneError(f"The casadi operation {'/'.join(names) or op} has no machine code here; write the expression with other functions.")
+
+
+SIGNATURE = "double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr %y"
+"""Arguments of every compiled function: time, step, states, slopes, parameters, modes, output."""
+
+
+def function_text(name: str, body: Body) -> str:
+    """One exported function with the common signature."""
+    return "\n".join([f"define void @{name}({SIGNATURE}) nounwind {{", "entry:", *body.lines, "  ret void", "}"])
+
+
+def cache_directory() -> Path:
+    """Where object code is kept: STICKSLIP_CACHE_DIR, else the user's cache directory."""
+    named = os.environ.get("STICKSLIP_CACHE_DIR")
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
+    return Path(base) / "stickslip"
+
+
+_LOADED: dict[str, Any] = {}
+_MACHINE: list[Any] = []
+
+
+def compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, int]:
+    """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
+
+    instructions: size of the module, which decides how hard the code generator works.
+    """
+    import llvmlite.binding as llvm
+
+    if not _MACHINE:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        _MACHINE.append(llvm.Target.from_default_triple())
+    host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
+    key = hashlib.sha256(f"{host}\n{text}".encode()).hexdigest()[:32]
+    if key not in _LOADED:
+        path = cache_directory() / "objects" / f"{key}.o"
+        image = _cached(path)
+        if image is None:
+            image = _object_code(llvm, text, instructions)
+            _write_atomically(path, hashlib.sha256(image).digest() + image)
+        library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
+        for symbol in LIBM:
+            library = library.import_symbol(symbol, _libm_address(symbol))
+        for name in names:
+            library = library.export_symbol(name)
+        _LOADED[key] = (jit := llvm.create_lljit_compiler(use_jit_link=False), library.link(jit, f"kernel-{key}"))
+    return {name: _LOADED[key][1][name] for name in names}
+
+
+def _object_code(llvm: Any, text: str, instructions: int) -> bytes:
+    large = instructions > 20_000
+    machine = _MACHINE[0].create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=0 if large else 2,
+        codemodel="jitdefault",
+        jit=True,
+        reloc="pic",
+    )
+    module = llvm.parse_assembly(text)
+    module.verify()
+    tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
+    tuning.slp_vectorization = False
+    builder = llvm.create_pass_builder(machine, tuning)
+    builder.getModulePassManager().run(module, builder)
+    return machine.emit_object(module)
+
+
+def _cached(path: Path) -> bytes | None:
+    """Object code from the cache, or None where there is none or the file is damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
+
+
+def _write_atomically(path: Path, image: bytes) -> None:
+    """Keep an object file; a cache that cannot be written only costs time."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(image)
+        os.replace(name, path)
+    except OSError:
+        pass
+
+
+_LIBRARY: list[Any] = []
+
+
+def _libm_address(symbol: str) -> int:
+    if not _LIBRARY:
+        usual = {"linux": "libm.so.6", "win32": "ucrtbase", "darwin": "libSystem.dylib"}
+        try:
+            _LIBRARY.append(ctypes.CDLL(usual.get(sys.platform, "libm.so")))
+        except OSError:
+            _LIBRARY.append(ctypes.CDLL(ctypes.util.find_library("m")))
+    return ctypes.cast(getattr(_LIBRARY[0], symbol), ctypes.c_void_p).value or 0

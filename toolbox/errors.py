@@ -1,0 +1,36 @@
+"""Errors that a caller may want to catch."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+
+class SceneError(ValueError):
+    """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
+
+
+class SimulationError(RuntimeError):
+    """A run that could not be finished. `run` is the trajectory up to the failure (None where nothing was computed)."""
+
+    def __init__(self, message: str, run: Any = None):
+        super().__init__(message)
+        self.run = run
+
+
+class ZenoError(SimulationError):
+    """Endlessly many events in a time too short to resolve."""
+
+
+class BudgetError(SimulationError):
+    """A run that used up its budget of steps."""
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """The tail of an error message about an unknown name: the nearest known names."""
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    if near:
+        return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
+    return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")

@@ -1,0 +1,94 @@
+"""Inputs in time: tables and named shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.elements import is_finite_number
+from toolbox.errors import SceneError
+
+
+@dataclass(frozen=True)
+class Table:
+    """Linear between nodes, constant outside; a repeated time is a jump. `times` [s] non-decreasing, same length as `values`."""
+
+    times: np.ndarray
+    values: np.ndarray
+
+    @staticmethod
+    def of(name: str, times: Sequence[float], values: Sequence[float]) -> Table:
+        """A checked table; raises SceneError naming the input."""
+        try:
+            t, v = np.array(times, float), np.array(values, float)
+        except (TypeError, ValueError):
+            raise SceneError(f"Argument `{name}` must be (times, values) of numbers, but it is ({times!r}, {values!r}).") from None
+        if t.ndim != 1 or t.shape != v.shape or not t.size:
+            raise SceneError(f"Argument `{name}` must have as many times as values, but it has shapes {t.shape} and {v.shape}.")
+        if not (np.isfinite(t).all() and np.isfinite(v).all()):
+            raise SceneError(f"Argument `{name}` must be finite, but its table holds NaN or infinity.")
+        if (np.diff(t) < 0).any():
+            raise SceneError(f"Argument `{name}` must have non-decreasing times.")
+        return Table(t, v)
+
+    def segments(self) -> list[tuple[float, float, float, float]]:
+        """(begin, value there, slope, time of that value) for every linear piece; the first begins at -infinity."""
+        pieces = [(-np.inf, float(self.values[0]), 0.0, 0.0)]
+        for i in range(self.times.size):
+            t, v = float(self.times[i]), float(self.values[i])
+            if i + 1 < self.times.size and self.times[i + 1] > t:
+                pieces.append((t, v, (float(self.values[i + 1]) - v) / (float(self.times[i + 1]) - t), t))
+            elif i + 1 == self.times.size:
+                pieces.append((t, v, 0.0, t))
+        return pieces
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A formula of time with coefficients: another coefficient never recompiles."""
+
+    kind: str
+    coefficients: tuple[float, ...]
+
+    def expression(self, t: ca.SX, c: ca.SX) -> ca.SX:
+        """The formula in the symbols of time and coefficients."""
+        return _FORMULAS[self.kind](t, c)
+
+
+_FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
+    "sine": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * c[2] * t + c[3]),
+    "sweep": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * (c[2] + (c[3] - c[2]) * t / (2 * c[4])) * t),
+}
+
+
+def step(before: float, after: float, at: float) -> Table:
+    """A jump from `before` to `after` at time `at` [s]."""
+    return Table.of("step", (at, at), (before, after))
+
+
+def ramp(start: float, end: float, begin: float, finish: float) -> Table:
+    """Linear from `start` at time `begin` to `end` at time `finish` [s], constant outside."""
+    return Table.of("ramp", (begin, finish), (start, end))
+
+
+def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> Shape:
+    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    return Shape("sine", _checked("sine", mean, amplitude, frequency, phase))
+
+
+def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
+    """A sine around `mean` whose frequency grows linearly from `start` to `end` [Hz] over `duration` [s], and goes on growing."""
+    if not is_finite_number(duration) or duration <= 0:
+        raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
+    return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
+
+
+def _checked(kind: str, *numbers: Any) -> tuple[float, ...]:
+    for number in numbers:
+        if not is_finite_number(number):
+            raise SceneError(f"The numbers of a {kind} must be finite, but one is {number!r}.")
+    return tuple(float(number) for number in numbers)

@@ -1,0 +1,198 @@
+"""The function set of one closed scene as machine code, with one signature for all models.
+
+Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubles:
+
+    field    y = [ - | dx | guards | guard rates]                      at (t, x)
+    step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t)
+    project  y = [x with zero slip in sticking elements]
+    probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
+    update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from toolbox.elements import Element
+from toolbox.emit import SIGNATURE, Body, compiled, function_text, inline, literal
+from toolbox.hybrid import Switching
+from toolbox.runge_kutta import Pair
+
+UNROLLED = 600
+"""Steps with at most this many state-stage products are written without loops."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Addresses of a compiled function set and the sizes its arrays need."""
+
+    states: int
+    elements: int
+    guards: int
+    addresses: tuple[int, ...]
+    updates: tuple[int, ...]
+    instructions: int
+
+
+def machine(
+    t: ca.SX,
+    x: ca.SX,
+    p: ca.SX,
+    elements: Sequence[Element],
+    form: Switching,
+    pair: Pair,
+    updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
+) -> Machine:
+    """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
+
+    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z.
+    """
+    m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
+    rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
+    slopes = ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))
+    field = ca.Function("field", [t, x, p, m], [slopes])
+    project = ca.Function("project", [t, x, p, m], [ca.densify(form.projected)])
+    pace = ca.diag(form.gain) * form.static  # the acceleration that a force at its bound makes
+    probed = ca.vertcat(*map(ca.densify, (form.slip, form.slip_rate, form.force, form.static, pace)))
+    probe = ca.Function("probe", [t, x, p, m], [probed])
+    n = x.numel()
+
+    bodies: dict[str, list[Body]] = {}
+    texts: list[str] = []
+    if n * len(pair.b) <= UNROLLED:
+        bodies["step"] = [_unrolled_step(pair, rhs, field, n)]
+    else:
+        step, inner = _looped_step(pair, rhs, field, n)
+        bodies["step"] = [step]
+        texts.append(inner)
+    bodies["field"] = [_plain(field, n)]
+    bodies["project"] = [_plain(project, 0)]
+    bodies["probe"] = [_plain(probe, 0)]
+    for i, (z, following, outputs) in enumerate(updates):
+        update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
+        bodies[f"update_{i}"] = [_plain(update, 0)]
+    declared: set[str] = set()
+    for name, (body,) in bodies.items():
+        texts.append(function_text(name, body))
+        declared |= body.intrinsics
+    if n * len(pair.b) > UNROLLED:
+        declared |= _declared_by(rhs)
+    count = sum(body.count for (body,) in bodies.values())
+    found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
+    return Machine(
+        n,
+        len(elements),
+        form.guards.numel(),
+        tuple(found[name] for name in ("field", "step", "project", "probe")),
+        tuple(found[f"update_{i}"] for i in range(len(updates))),
+        count,
+    )
+
+
+def _arguments(body: Body, function: ca.Function) -> list[list[str]]:
+    """Values of the inputs (t, x, p, m and, for updates, the controller state in k)."""
+    pointers = ["", "%x", "%p", "%m", "%k"]
+    values = [["%t"]]
+    for i in range(1, function.n_in()):
+        values.append([body.load(pointers[i], j) for j in range(function.numel_in(i))])
+    return values
+
+
+def _plain(function: ca.Function, offset: int) -> Body:
+    body = Body()
+    (values,) = inline(body, function, _arguments(body, function))
+    for i, value in enumerate(values):
+        body.store(value, "%y", offset + i)
+    return body
+
+
+def _unrolled_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> Body:
+    body = Body()
+    _, x, p, m = _arguments(body, rhs)
+    slopes = [[body.load("%k", i) for i in range(n)]]
+    for c, row in zip(pair.c[1:], pair.a[1:], strict=True):
+        stage = [body.combination(x[i], "%h", row, [k[i] for k in slopes]) for i in range(n)]
+        now = body.combination("%t", "%h", [c], [literal(1.0)])
+        slopes += inline(body, rhs, [[now], stage, p, m])
+    new = [body.combination(x[i], "%h", pair.b, [k[i] for k in slopes]) for i in range(n)]
+    (end,) = inline(body, field, [[body.add("%t", "%h")], new, p, m])
+    for i, value in enumerate([*new, *end]):
+        body.store(value, "%y", i)
+    base = n + len(end)
+    for weights in (pair.error, pair.error_low):
+        used = [*slopes, end[:n]][: len(weights)]
+        for i in range(n if weights else 0):
+            body.store(body.combination("", "%h", weights, [k[i] for k in used]), "%y", base + i)
+        base += n
+    return body
+
+
+def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tuple[Body, str]:
+    """A step whose right-hand side is one function and whose stages are loops over the states; returns the text of that function too."""
+    slope = Body()
+    arguments = _arguments(slope, rhs)
+    (values,) = inline(slope, rhs, arguments)
+    for i, value in enumerate(values):
+        slope.store(value, "%y", i)
+    ends = Body()
+    (values,) = inline(ends, field, _arguments(ends, field))
+    for i, value in enumerate(values):
+        ends.store(value, "%y", n + i)
+    inner = function_text("slope", slope) + "\n" + function_text("ends", ends)
+    inner = inner.replace("define void", "define internal void")
+
+    body = Body()
+    stage = body.value(f"alloca [{n} x double], align 64")
+    slopes = ["%k"] + [body.value(f"alloca [{n} x double], align 64") for _ in pair.b[1:]]
+    for s in range(1, len(pair.b)):
+        _loop(body, n, stage, "%x", pair.a[s], slopes[:s])
+        now = body.combination("%t", "%h", [pair.c[s]], [literal(1.0)])
+        body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {slopes[s]})")
+    _loop(body, n, stage, "%x", pair.b, slopes)
+    end = body.add("%t", "%h")
+    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    _loop(body, n, "%y", stage, (), ())
+    base = field.numel_out(0) + n
+    last = body.value(f"getelementptr double, ptr %y, i64 {n}")
+    for weights in (pair.error, pair.error_low):
+        if weights:
+            target = body.value(f"getelementptr double, ptr %y, i64 {base}")
+            _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
+        base += n
+    body.intrinsics |= ends.intrinsics
+    return body, inner
+
+
+def _declared_by(rhs: ca.Function) -> set[str]:
+    body = Body()
+    inline(body, rhs, _arguments(body, rhs))
+    return body.intrinsics
+
+
+def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str]) -> None:
+    """target[i] = base[i] + h * sum(factor * source[i]) for all i, left to LLVM to vectorise."""
+    label = f"l{body.count}"
+    body.lines += [f"  br label %{label}a", f"{label}a:", f"  br label %{label}", f"{label}:"]
+    body.lines.append(f"  %{label}i = phi i64 [0, %{label}a], [%{label}n, %{label}]")
+
+    def at(pointer: str) -> str:
+        place = body.value(f"getelementptr double, ptr {pointer}, i64 %{label}i")
+        return body.value(f"load double, ptr {place}")
+
+    start = at(base) if base else ""
+    used = [(f, s) for f, s in zip(factors, sources, strict=True) if f]
+    value = body.combination(start, "%h", [f for f, _ in used], [at(s) for _, s in used])
+    place = body.value(f"getelementptr double, ptr {target}, i64 %{label}i")
+    body.lines += [
+        f"  store double {value}, ptr {place}",
+        f"  %{label}n = add i64 %{label}i, 1",
+        f"  %{label}c = icmp ult i64 %{label}n, {n}",
+        f"  br i1 %{label}c, label %{label}, label %{label}z",
+        f"{label}z:",
+    ]
+
+
+__all__ = ["SIGNATURE", "Machine", "machine"]

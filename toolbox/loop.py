@@ -1,0 +1,696 @@
+"""The event loop: adaptive steps, guards, modes, samples and outputs, compiled once per machine.
+
+The loop knows no model. It calls the machine code of `toolbox.kernel` through raw addresses, keeps one armed flag per guard, ends steps exactly
+on events, and decides modes by forces alone. Everything it calls stands in this file, because numba's cache does not see edits elsewhere.
+
+How an event is found: an armed guard that changes sign over a step, or whose cubic Hermite interpolant dips below zero inside it, is located by
+stepping again from the start of the step to the root of that interpolant, with shrinking brackets. No dense output is involved, so
+the accuracy at an event, like at an output time, is that of a step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+# --- status codes of `advance`
+DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
+
+# --- indices into `Work.ints`: sizes, addresses, counters
+(N, NE, NG, FIELD, STEP, PROJECT, PROBE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE, BUDGET,
+ CULPRIT, STARTED, NODES) = range(21)  # fmt: skip
+
+# --- indices into `Work.reals`
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, POWER, SMOOTHING, LAST_EVENT = range(8)
+
+# --- columns of `Work.samplers`, one row per sampled controller
+ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS = range(7)
+
+EPS = 2.220446049250313e-16
+
+
+class Work(NamedTuple):
+    """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
+
+    ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s: a spare state;
+    scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
+    g, g_low, g_high: guards then rates;  guard_scale, side, armed: per guard;  zero, before: per element;
+    rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
+    jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
+    period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
+    """
+
+    ints: np.ndarray
+    reals: np.ndarray
+    x: np.ndarray
+    k: np.ndarray
+    p: np.ndarray
+    m: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    s: np.ndarray
+    scale: np.ndarray
+    noise: np.ndarray
+    group: np.ndarray
+    group_scale: np.ndarray
+    g: np.ndarray
+    g_low: np.ndarray
+    g_high: np.ndarray
+    guard_scale: np.ndarray
+    side: np.ndarray
+    armed: np.ndarray
+    zero: np.ndarray
+    before: np.ndarray
+    rec_t: np.ndarray
+    rec_x: np.ndarray
+    rec_m: np.ndarray
+    rec_p: np.ndarray
+    ev_t: np.ndarray
+    ev_i: np.ndarray
+    ev_m: np.ndarray
+    jump_t: np.ndarray
+    jump_first: np.ndarray
+    jump_index: np.ndarray
+    jump_value: np.ndarray
+    out_t: np.ndarray
+    samplers: np.ndarray
+    clocks: np.ndarray
+    memory: np.ndarray
+    queue: np.ndarray
+
+
+@intrinsic
+def _call(typingctx, address, t, h, x, k, p, m, y):  # pragma: no cover - compiled
+    """Call void f(double, double, x, k, p, m, y) at a raw address; the arrays are passed by their data pointers."""
+    signature = types.void(types.int64, types.float64, types.float64, x, k, p, m, y)
+
+    def codegen(context, builder, sig, args):
+        from llvmlite import ir
+
+        pointer = ir.IntType(8).as_pointer()
+        double = ir.DoubleType()
+        data = [
+            builder.bitcast(cgutils.create_struct_proxy(sig.args[i])(context, builder, value=args[i]).data, pointer) for i in range(3, 8)
+        ]
+        kind = ir.FunctionType(ir.VoidType(), [double, double] + [pointer] * 5)
+        function = builder.inttoptr(args[0], kind.as_pointer())
+        builder.call(function, [args[1], args[2], *data])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_descent(a, da, b, db):
+    """First fraction in (0, 1] at which the cubic Hermite interpolant, once positive, is no longer; 2 where there is none.
+
+    a, b: values at 0 and 1;  da, db: slopes times the step.
+    """
+    c2 = 3.0 * (b - a) - 2.0 * da - db
+    c3 = 2.0 * (a - b) + da + db
+    # critical points of a + da s + c2 s^2 + c3 s^3 split (0, 1) into monotone pieces
+    s1, s2 = 1.0, 1.0
+    disc = c2 * c2 - 3.0 * c3 * da
+    if disc > 0.0:
+        q = -(c2 + math.copysign(math.sqrt(disc), c2))
+        r1 = q / (3.0 * c3) if c3 != 0.0 else 2.0
+        r2 = da / q if q != 0.0 else 2.0
+        if r1 > r2:
+            r1, r2 = r2, r1
+        if 0.0 < r1 < 1.0:
+            s1 = r1
+        if 0.0 < r2 < 1.0:
+            s2 = r2
+            if s1 == 1.0:
+                s1 = s2
+                s2 = 1.0
+    left, f_left = 0.0, a
+    for piece in range(3):
+        right = s1 if piece == 0 else (s2 if piece == 1 else 1.0)
+        f_right = b if right == 1.0 else a + right * (da + right * (c2 + right * c3))
+        if f_left > 0.0 and f_right <= 0.0:
+            low, high, f_low, f_high = left, right, f_left, f_right
+            s = right
+            for _ in range(60):  # Illinois
+                if f_high == 0.0:
+                    return high
+                s = high - f_high * (high - low) / (f_high - f_low)
+                if not low < s < high:
+                    s = 0.5 * (low + high)
+                f = a + s * (da + s * (c2 + s * c3))
+                if f > 0.0:
+                    if abs(f) < 1e-15 * abs(a - b) or s - low < 1e-15:
+                        return s
+                    low, f_low = s, f
+                    f_high *= 0.5
+                else:
+                    if abs(f) < 1e-15 * abs(a - b) or high - s < 1e-15:
+                        return s
+                    high, f_high = s, f
+                    f_low *= 0.5
+            return s
+        if right == 1.0:
+            break
+        left, f_left = right, f_right
+    return 2.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _decide(w, t):
+    """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
+
+    Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. Returns False where
+    no consistent set is found.
+    """
+    ne = w.ints[NE]
+    together = 20 + 4 * ne
+    for attempt in range(together + 60 + 20 * ne):
+        _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        changed = False
+        for j in range(ne):
+            i = j if attempt % 2 == 0 else ne - 1 - j
+            if not w.zero[i] or (changed and attempt > together):
+                continue
+            rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+            if w.m[i] == 0.0:
+                if not abs(force) <= static * (1.0 + 1e-9):
+                    w.m[i] = -1.0 if force > 0.0 else 1.0
+                    changed = True
+            elif w.m[i] * rate < -1e-7 * abs(pace):
+                # a contact released exactly at its limit starts with zero slip rate and must not fall back
+                w.m[i] = 0.0
+                changed = True
+        if not changed:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _project(w, t):
+    """Set the slip of sticking elements to exactly zero, if there are any."""
+    for i in range(w.ints[NE]):
+        if w.m[i] == 0.0:
+            _call(w.ints[PROJECT], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+            for j in range(w.ints[N]):
+                w.x[j] = w.z[j]
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _refresh(w):
+    """Slopes, guards and armed flags at the current point."""
+    n, ng = w.ints[N], w.ints[NG]
+    _call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        w.k[i] = w.z[n + i]
+        size = abs(w.x[i])
+        if size > w.scale[i]:
+            w.scale[i] = size
+            if size > w.group_scale[w.group[i]]:
+                w.group_scale[w.group[i]] = size
+    for j in range(2 * ng):
+        w.g[j] = w.z[2 * n + j]
+    for j in range(ng):
+        size = abs(w.g[j])
+        if size > w.guard_scale[j]:
+            w.guard_scale[j] = size
+        w.armed[j] = w.side[j] * w.g[j] > 1e-13 * w.guard_scale[j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tolerance(w, i):
+    return w.reals[RTOL] * max(w.scale[i], 1e-6 * w.group_scale[w.group[i]], 1e-14)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_step(w):
+    """Size of round-off in the slopes, and a first step size by Hairer's rule."""
+    n, t = w.ints[N], w.reals[TIME]
+    d0, d1, d2 = 0.0, 0.0, 0.0
+    for i in range(n):
+        tol = _tolerance(w, i)
+        d0 += (w.x[i] / tol) ** 2
+        d1 += (w.k[i] / tol) ** 2
+        # a relative change of every state shows how large the terms are that cancel in a slope
+        w.y[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 3)))
+    _call(w.ints[FIELD], t, 0.0, w.y, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        w.noise[i] = 1e7 * abs(w.z[n + i] - w.k[i]) * 4.0 * EPS
+    h0 = 1e-6 if d0 < 1e-10 or d1 < 1e-10 else 0.01 * math.sqrt(d0 / d1)
+    h0 = min(h0, w.reals[END] - t)
+    for i in range(n):
+        w.y[i] = w.x[i] + h0 * w.k[i]
+    _call(w.ints[FIELD], t + h0, 0.0, w.y, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        d2 += ((w.z[n + i] - w.k[i]) / _tolerance(w, i)) ** 2
+    d1 = math.sqrt(d1 / n)
+    d2 = math.sqrt(d2 / n) / h0 if h0 > 0.0 else 0.0
+    top = max(d1, d2)
+    h1 = (0.01 / top) ** (1.0 / w.ints[ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
+    h = min(100.0 * h0, h1)
+    w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
+    w.reals[ERROR_OLD] = 1e-4
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _record(w, t, x):
+    r = w.ints[RECORDS]
+    w.rec_t[r] = t
+    for i in range(w.ints[N]):
+        w.rec_x[r, i] = x[i]
+    for i in range(w.ints[NE]):
+        w.rec_m[r, i] = np.int8(w.m[i])
+    first = w.ints[FIRST_HELD]
+    for i in range(w.p.size - first):
+        w.rec_p[r, i] = w.p[first + i]
+    w.ints[RECORDS] = r + 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _settle(w, t):
+    """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent."""
+    if not _decide(w, t):
+        return False
+    for i in range(w.ints[NE]):
+        if w.m[i] != w.before[i]:
+            e = w.ints[EVENTS]
+            w.ev_t[e] = t
+            w.ev_i[e] = i
+            w.ev_m[e, 0] = np.int8(w.before[i])
+            w.ev_m[e, 1] = np.int8(w.m[i])
+            w.ints[EVENTS] = e + 1
+            w.ints[CULPRIT] = i
+    _refresh(w)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inputs_changed(w, t):
+    """After a parameter jumped: elements whose slip jumped away from zero slide, the others are decided by force."""
+    ne = w.ints[NE]
+    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    wrong = False
+    for i in range(ne):
+        w.before[i] = w.m[i]
+        slip, force, static = w.z[i], w.z[2 * ne + i], w.z[3 * ne + i]
+        w.zero[i] = w.m[i] == 0.0
+        if w.m[i] == 0.0:
+            if abs(slip) > 1e-9 * w.guard_scale[2 * i] and slip != 0.0:
+                w.m[i] = math.copysign(1.0, slip)
+                w.zero[i] = False
+                wrong = True
+            elif not abs(force) <= static * (1.0 + 1e-9):
+                wrong = True
+        elif w.m[i] * slip < 0.0:
+            w.m[i] = -w.m[i]
+            wrong = True
+    if wrong:
+        return _settle(w, t)
+    _refresh(w)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _due(w, t):
+    """Parameter jumps, samples and applications due at time t. Returns (status, whether the slopes must be refreshed, whether a jump came)."""
+    changed, jumped = False, False
+    while w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
+        j = w.ints[JUMP]
+        for q in range(w.jump_first[j], w.jump_first[j + 1]):
+            w.p[w.jump_index[q]] = w.jump_value[q]
+        w.ints[JUMP] = j + 1
+        changed, jumped = True, True
+    for c in range(w.samplers.shape[0]):
+        s = w.samplers[c]
+        period, delay = w.clocks[c, 0], w.clocks[c, 1]
+        if s[TAKEN] * period <= t and t < w.reals[END]:
+            if s[ADDRESS] == 0:
+                w.ints[CULPRIT] = c
+                return SAMPLE_DUE, changed, jumped
+            states, outputs = s[STATES], s[OUTPUTS]
+            memory = w.memory[s[FIRST_STATE] :]
+            _call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
+            for i in range(states):
+                memory[i] = w.z[i]
+            slot = s[TAKEN] % w.queue.shape[1]
+            for i in range(outputs):
+                w.queue[c, slot, i] = w.z[states + i]
+            s[TAKEN] += 1
+        while s[APPLIED] < s[TAKEN] and s[APPLIED] * period + delay <= t:
+            slot = s[APPLIED] % w.queue.shape[1]
+            for i in range(s[OUTPUTS]):
+                w.p[s[FIRST_OUTPUT] + i] = w.queue[c, slot, i]
+            s[APPLIED] += 1
+            changed = True
+    return DONE, changed, jumped
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _next_stop(w):
+    """The next instant at which a step must end: end of the run, parameter jump, sample or application of a delayed output."""
+    stop = w.reals[END]
+    if w.ints[JUMP] < w.jump_t.size:
+        stop = min(stop, w.jump_t[w.ints[JUMP]])
+    for c in range(w.samplers.shape[0]):
+        s = w.samplers[c]
+        stop = min(stop, s[TAKEN] * w.clocks[c, 0])
+        if s[APPLIED] < s[TAKEN]:
+            stop = min(stop, s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
+    return stop
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _outputs_before(w, end, t_new):
+    """Record the output times inside the step (t, t_new) by stepping to each of them."""
+    t = w.reals[TIME]
+    while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
+        if w.ints[RECORDS] >= w.rec_t.size:
+            return False
+        target = w.out_t[w.ints[OUTPUT]]
+        _call(w.ints[STEP], t, target - t, w.x, w.k, w.p, w.m, w.z)
+        x = w.z
+        for i in range(w.ints[NE]):
+            if w.m[i] == 0.0:
+                for j in range(w.ints[N]):
+                    w.s[j] = w.z[j]
+                _call(w.ints[PROJECT], target, 0.0, w.s, w.k, w.p, w.m, w.z)
+                break
+        _record(w, target, x)
+        w.ints[OUTPUT] += 1
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _candidate(w, h, low, high, width, whole):
+    """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
+    ng = w.ints[NG]
+    best = 2.0
+    for j in range(ng):
+        a, b = w.side[j] * low[j], w.side[j] * high[j]
+        if w.armed[j] or not whole:
+            if not (b <= 0.0 or (low[ng + j] * w.side[j] < 0.0 and high[ng + j] * w.side[j] > 0.0)):
+                continue
+            if not w.armed[j] and b > 0.0:
+                continue
+        elif b >= -1e-12 * w.guard_scale[j]:
+            continue
+        elif low[ng + j] * w.side[j] <= 0.0:
+            return 0.0  # a disarmed guard that goes the wrong way from its start
+        s = _first_descent(a, w.side[j] * low[ng + j] * width * h, b, w.side[j] * high[ng + j] * width * h)
+        if s > 1.0 and b <= 0.0:
+            s = 1.0
+        best = min(best, s)
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _locate(w, h):
+    """Step from the current point to the first event inside the step h, whose end guards are in `g_high`; its result is left in `y`.
+
+    Returns the size of the step, 0 for an event at its start, or -1 where the interpolated dip turns out not to reach zero.
+    """
+    ng, t = w.ints[NG], w.reals[TIME]
+    n = w.ints[N]
+    low, high = 0.0, 1.0
+    for j in range(2 * ng):
+        w.g_low[j] = w.g[j]
+    whole = True
+    for attempt in range(60):
+        width = high - low
+        s = _candidate(w, h, w.g_low, w.g_high, width, whole)
+        if s > 1.0:
+            return -1.0
+        if s == 0.0 and whole:
+            return 0.0
+        s = min(s, 1.0)
+        if attempt > 12:
+            s = 0.5
+        fraction = low + s * width
+        if fraction <= low:
+            fraction = low + 0.5 * width
+        _call(w.ints[STEP], t, fraction * h, w.x, w.k, w.p, w.m, w.y)
+        below, near = False, False
+        for j in range(ng):
+            if not w.armed[j] and not w.g_low[j] * w.side[j] > 1e-13 * w.guard_scale[j] and whole and w.y[2 * n + ng + j] * w.side[j] >= 0.0:
+                continue
+            value = w.side[j] * w.y[2 * n + j]
+            close = max(1e-5 * w.reals[RTOL], 1e-13) * w.guard_scale[j]
+            if abs(value) <= close and w.side[j] * w.y[2 * n + ng + j] < 0.0:
+                near = True
+            elif value < 0.0:
+                below = True
+        if (near and not below) or width * h <= 4.0 * EPS * (abs(t) + h):
+            return fraction * h
+        if below:
+            high = fraction
+            for j in range(2 * ng):
+                w.g_high[j] = w.y[2 * n + j]
+        else:
+            low = fraction
+            for j in range(2 * ng):
+                w.g_low[j] = w.y[2 * n + j]
+            whole = False
+    return fraction * h
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fire(w, t):
+    """Handle every guard that is at zero now: kinks change side, elements are put at zero slip or released, and modes are decided."""
+    ne, ng = w.ints[NE], w.ints[NG]
+    for i in range(ne):
+        w.before[i] = w.m[i]
+        w.zero[i] = w.m[i] == 0.0
+    for j in range(ng):
+        g, rate = w.side[j] * w.g[j], w.side[j] * w.g[ng + j]
+        if not (g <= 1e-9 * w.guard_scale[j] and rate <= 0.0):
+            continue
+        if j >= 2 * ne:
+            w.side[j] = -w.side[j]
+        elif w.before[j // 2] != 0.0 and j % 2 == 0:
+            w.m[j // 2] = 0.0
+            w.zero[j // 2] = True
+    _project(w, t)
+    for j in range(2 * ne):
+        i = j // 2
+        if w.before[i] == 0.0 and w.g[j] <= 1e-9 * w.guard_scale[j] and w.g[ng + j] <= 0.0:
+            w.m[i] = -1.0 if j % 2 == 0 else 1.0
+    return _settle(w, t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(w):
+    """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
+
+    An element slides where its slip is not zero; at zero slip force decides.
+    """
+    ne, ng = w.ints[NE], w.ints[NG]
+    t = w.reals[TIME]
+    largest = 0.0
+    for i in range(w.ints[N]):
+        largest = max(largest, abs(w.x[i]))
+    for i in range(ne):
+        w.m[i] = 0.0
+    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        slip = w.z[i]
+        w.zero[i] = abs(slip) <= 2.0 * EPS * largest
+        w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+    _project(w, t)
+    if not _decide(w, t):
+        return False
+    _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    n = w.ints[N]
+    for j in range(2 * ne, ng):
+        g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
+        w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
+    _refresh(w)
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(w):
+    """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
+    n, ng, ne = w.ints[N], w.ints[NG], w.ints[NE]
+    every_node = w.ints[NODES] == 1
+    two = w.ints[TWO_ERRORS] == 1
+    budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
+    power, smoothing = w.reals[POWER], w.reals[SMOOTHING]
+    while True:
+        t = w.reals[TIME]
+        if w.ints[RECORDS] + 4 > w.rec_t.size:
+            return RECORDS_FULL
+        if w.ints[EVENTS] + 2 * ne + 1 > w.ev_t.size:
+            return EVENTS_FULL
+        # --- everything due at this instant: events came first, then samples, then updates, then hold
+        status, changed, jumped = _due(w, t)
+        if changed:
+            if not _inputs_changed(w, t):
+                return INCONSISTENT
+            if jumped:
+                _first_step(w)
+            if every_node:
+                if not jumped and w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
+                    w.ints[RECORDS] -= 1
+                _record(w, t, w.x)
+        if status == SAMPLE_DUE:
+            return SAMPLE_DUE
+        if w.ints[STARTED] == 0:
+            w.ints[STARTED] = 1
+            _first_step(w)
+            if every_node and not changed:
+                _record(w, t, w.x)
+        while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
+            _record(w, t, w.x)
+            w.ints[OUTPUT] += 1
+            if w.ints[RECORDS] + 4 > w.rec_t.size:
+                return RECORDS_FULL
+        if t >= w.reals[END]:
+            return DONE
+        if w.ints[ACCEPTED] + w.ints[REJECTED] >= budget:
+            return PAUSED
+
+        # --- one step
+        stop = _next_stop(w)
+        h_wanted = w.reals[STEP_SIZE]
+        h, t_new = h_wanted, t + h_wanted
+        if t_new >= stop or stop - t_new < 1e-3 * h:
+            h, t_new = stop - t, stop
+        if h < 1e-14 * abs(t) or h < 1e-300:
+            if stop - t <= 1e-13 * abs(t):  # the next stop is closer than can be resolved
+                w.reals[TIME] = stop
+                continue
+            return UNDERFLOW
+        _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        sum1, sum2 = 0.0, 0.0
+        base = 2 * n + 2 * ng
+        floor = w.reals[RTOL]
+        for i in range(n):
+            size = max(w.scale[i], abs(w.y[i]), 1e-6 * w.group_scale[w.group[i]], 1e-14)
+            tol = 1.0 / (floor * size + w.noise[i] * h)
+            e = w.y[base + i] * tol
+            sum1 += e * e
+            if two:
+                e = w.y[base + n + i] * tol
+                sum2 += e * e
+        if two:
+            bottom = sum1 + 0.01 * sum2
+            error = sum1 / math.sqrt(bottom * n) if bottom > 0.0 else 0.0
+        else:
+            error = math.sqrt(sum1 / n)
+        if not error <= 1.0:
+            w.ints[REJECTED] += 1
+            shrink = 0.9 * error ** (-power) if math.isfinite(error) else 0.1
+            w.reals[STEP_SIZE] = h * max(shrink, 0.1)
+            continue
+
+        # --- guards over the step
+        end = 2 * n
+        hit = False
+        for j in range(ng):
+            a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
+            if w.armed[j]:
+                if b <= 0.0:
+                    hit = True
+                elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0:
+                    hit = hit or _first_descent(a, w.side[j] * w.g[ng + j] * h, b, w.side[j] * w.y[end + ng + j] * h) <= 1.0
+            elif b < -1e-12 * w.guard_scale[j]:
+                hit = True
+        event = False
+        if hit:
+            for j in range(2 * ng):
+                w.g_high[j] = w.y[end + j]
+            size = _locate(w, h)
+            if size < 0.0:
+                _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+            else:
+                event = True
+                h = size
+                t_new = t + h if h < stop - t else stop
+        if not _outputs_before(w, t, t_new):
+            return RECORDS_FULL
+        w.ints[ACCEPTED] += 1
+        if not event:
+            factor = 10.0
+            if error > 0.0:
+                factor = 0.9 * error ** (-power + 0.75 * smoothing) * w.reals[ERROR_OLD] ** smoothing
+                factor = min(10.0 if not two else 6.0, max(0.2, factor))
+            w.reals[ERROR_OLD] = max(error, 1e-4)
+            grown = h * factor
+            w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
+
+        # --- accept
+        if h > 0.0:
+            for i in range(n):
+                w.x[i] = w.y[i]
+                w.k[i] = w.y[n + i]
+                size = abs(w.x[i])
+                if size > w.scale[i]:
+                    w.scale[i] = size
+                    if size > w.group_scale[w.group[i]]:
+                        w.group_scale[w.group[i]] = size
+            for j in range(2 * ng):
+                w.g[j] = w.y[end + j]
+            for j in range(ng):
+                size = abs(w.g[j])
+                if size > w.guard_scale[j]:
+                    w.guard_scale[j] = size
+                if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * w.guard_scale[j]:
+                    w.armed[j] = True
+        w.reals[TIME] = t_new
+        _project(w, t_new)
+        if every_node and h > 0.0:
+            _record(w, t_new, w.x)
+        if event:
+            if t_new - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t_new), w.reals[END]):
+                w.ints[CLOSE] += 1
+                if w.ints[CLOSE] > 50 + 20 * ne:
+                    return ENDLESS
+            else:
+                w.ints[CLOSE] = 0
+            w.reals[LAST_EVENT] = t_new
+            if not _fire(w, t_new):
+                return INCONSISTENT
+            _first_step(w)
+            if every_node:
+                _record(w, t_new, w.x)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def evaluate(step, project, field, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
+    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector."""
+    x, k, m = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+    y = np.zeros(4 * n + 2 * ng)
+    last = -1
+    for q in range(times.size):
+        r = np.searchsorted(node_t, times[q], side="right") - 1
+        if r < 0:
+            r = 0
+        if r != last:
+            for i in range(n):
+                x[i] = node_x[r, i]
+            for i in range(ne):
+                m[i] = node_m[r, i]
+            for i in range(node_p.shape[1]):
+                p[first_held + i] = node_p[r, i]
+            _call(field, node_t[r], 0.0, x, k, p, m, y)
+            for i in range(n):
+                k[i] = y[n + i]
+            last = r
+        h = times[q] - node_t[r]
+        if h == 0.0:
+            x_out[q] = x
+            continue
+        _call(step, node_t[r], h, x, k, p, m, y)
+        for i in range(n):
+            x_out[q, i] = y[i]
+        for i in range(ne):
+            if m[i] == 0.0:
+                _call(project, times[q], 0.0, x_out[q], k, p, m, y)
+                for j in range(n):
+                    x_out[q, j] = y[j]
+                break

@@ -1,0 +1,504 @@
+"""The one verb: a plant, a duration and perhaps a controller in, a trajectory out."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
+from toolbox.compose import Component, HybridSystem, _numbers, _structure, compose
+from toolbox.elements import is_finite_number
+from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
+from toolbox.hybrid import switching
+from toolbox.inputs import Shape, Table
+from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.trajectory import Trajectory
+
+MAX_STEPS = 50_000_000
+"""Steps after which a run ends in a BudgetError."""
+
+
+@dataclass
+class Program:
+    """A closed system compiled for one kind of inputs: everything about a run but its numbers.
+
+    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
+    signals, then (value, slope, time) of every table.
+    """
+
+    system: HybridSystem
+    pair: Pair
+    machine: Any
+    p_size: int
+    coefficient_slot: dict[str, int]
+    held_slot: int
+    table_slot: dict[str, int]
+    first_held: int
+    groups: np.ndarray
+    group_count: int
+    outputs: dict[str, Any]
+    expressions: tuple[ca.SX, ...]
+
+
+def _program(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair) -> Program:
+    """The compiled program of a closed system for inputs of the given kinds (see `_input_kinds`); cached with the system's structure."""
+    key = ("program", kinds, pair.name)
+    found = system.kernels.get(key)
+    if found is not None:
+        return found
+    from toolbox.kernel import machine
+
+    given = dict(kinds)
+    coefficients: list[ca.SX] = []
+    tables: list[ca.SX] = []
+    coefficient_slot: dict[str, int] = {}
+    table_slot: dict[str, int] = {}
+    base = system.p.numel()
+    inputs: list[ca.SX] = []
+    for name, entry in system.inputs.items():
+        kind = given.get(name)
+        if kind is None:
+            inputs.append(entry.default)
+        elif kind == "table":
+            table_slot[name] = 3 * len(tables)
+            piece = ca.SX.sym(name, 3)
+            tables.append(piece)
+            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
+        elif isinstance(kind, ExpressionKey):
+            inputs.append(kind.expression)
+        else:
+            size = 1 if kind == "number" else kind[1]
+            symbol = ca.SX.sym(name, size)
+            coefficient_slot[name] = base + sum(c.numel() for c in coefficients)
+            coefficients.append(symbol)
+            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
+    u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    first_held = base + sum(c.numel() for c in coefficients)
+    held_size = system.held.numel()
+    p = ca.vertcat(system.p, *coefficients, system.held, *tables)
+
+    def closed(expression: ca.SX) -> ca.SX:
+        return ca.substitute(expression, system.u, u) if inputs else expression
+
+    elements = []
+    for element in system.elements:
+        twin = copy.copy(element)
+        twin.slip, twin.static, twin.kinetic = closed(element.slip), closed(element.static), closed(element.kinetic)
+        elements.append(twin)
+    form = switching(system.t, system.x, closed(system.flow), elements)
+    updates = []
+    for update in system.updates:
+        following, outputs = (
+            ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
+        )
+        updates.append((update.memory, following, outputs))
+    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
+    known = sorted(set(units))
+    program = Program(
+        system=system,
+        pair=pair,
+        machine=machine(system.t, system.x, p, elements, form, pair, updates),
+        p_size=p.numel(),
+        coefficient_slot=coefficient_slot,
+        held_slot=first_held,
+        table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
+        first_held=first_held,
+        groups=np.array([known.index(unit) for unit in units], np.int64),
+        group_count=len(known),
+        outputs={},
+        expressions=(p, u, form.force),
+    )
+    system.kernels[key] = program
+    return program
+
+
+@dataclass(frozen=True, eq=False)
+class ExpressionKey:
+    """A casadi expression of time as part of a program's key: equal where the expressions are."""
+
+    expression: ca.SX
+
+    def __hash__(self) -> int:
+        return hash(str(self.expression))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))
+
+
+@dataclass
+class Run:
+    """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times."""
+
+    plant: HybridSystem
+    system: HybridSystem
+    duration: float
+    start: dict[str, Any]
+    inputs: dict[str, Any]
+    kinds: tuple[tuple[str, Any], ...]
+    clocks: list[tuple[float, float]]
+    laws: list[Any]
+    accuracy: float
+    output_times: np.ndarray | None
+
+
+def simulate(
+    plant: HybridSystem,
+    duration: float,
+    *,
+    start: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+    sample_time: float | None = None,
+    method: str = "event",
+    accuracy: float = 1e-6,
+    output_times: Sequence[float] | np.ndarray | None = None,
+) -> Trajectory:
+    """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
+
+    start: {state or signal that is a state: value}, all else 0.  inputs: {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi
+    expression of `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared
+    values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without
+    `sample_time` [s] a Controller acts continuously.  method: "event".  accuracy: target for the global error, states scaled by their size.
+    output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
+
+    Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
+    the trajectory so far in `.run`, for a run that cannot be finished.
+    """
+    return _run(_prepared(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times))
+
+
+def _prepared(
+    plant: HybridSystem,
+    duration: float,
+    start: Mapping[str, Any] | None,
+    inputs: Mapping[str, Any] | None,
+    parameters: Mapping[str, Any] | None,
+    controller: Any,
+    sample_time: float | None,
+    method: str,
+    accuracy: float,
+    output_times: Any,
+) -> Run:
+    if not isinstance(plant, HybridSystem):
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+    if not is_finite_number(duration) or duration < 0:
+        raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
+    if method != "event":
+        raise SceneError(f'Argument `method` must be "event", but it is {method!r}.')
+    if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
+        raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
+    if sample_time is not None and controller is None:
+        raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    grid = None
+    if output_times is not None:
+        grid = np.array(output_times, float).ravel()
+        if not grid.size or not np.isfinite(grid).all() or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
+            raise SceneError(f"Argument `output_times` must be increasing times between 0 and {duration:g} s.")
+    declared = plant
+    if parameters:
+        own = {name: value for name, value in parameters.items() if not (inputs and name in inputs)}
+        if len(own) < len(parameters):
+            both = next(name for name in parameters if name not in own)
+            raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
+        plant = plant.with_parameters(parameters)
+    system, clocks, laws = _closed(declared, plant, controller, sample_time)
+    kinds, values = _input_kinds(system, inputs or {})
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid)
+
+
+def _closed(
+    declared: HybridSystem, plant: HybridSystem, controller: Any, sample_time: float | None
+) -> tuple[HybridSystem, list[tuple[float, float]], list[Any]]:
+    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, and the Python callables."""
+    if controller is None:
+        return plant, [], []
+    parts: list[Component] = []
+    clocks: list[tuple[float, float]] = []
+    laws: list[Any] = []
+    for given in controller if isinstance(controller, (list, tuple)) else (controller,):
+        sampled = given
+        if not isinstance(given, Sampled):
+            sampled = Sampled(given, sample_time) if sample_time is not None else None
+        law = given.law if isinstance(given, Sampled) else given
+        if sampled is not None:
+            sampled.check()
+        if isinstance(law, Controller):
+            law = law.design(declared)
+            law.check()
+            parts.append(law if sampled is None else Held(law, float(sampled.period)))
+        elif callable(law):
+            if sampled is None:
+                raise SceneError("A callable controller must come with `sample_time`, but there is none.")
+            parts.append(callable_law(law, declared))
+            laws.append(law)
+        else:
+            raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")
+        if sampled is not None:
+            clocks.append((float(sampled.period), float(sampled.delay)))
+    key = ("closed", tuple(_structure(part) for part in parts))
+    found = plant.kernels.get(key)
+    if found is None:
+        closed = compose(*plant.parts, *parts)
+        by_name = {p.name: p.offset for p in plant.parameters.values()}
+        source, target = [], []
+        for entry in closed.parameters.values():
+            if entry.name in by_name and entry.name in plant.parameters:
+                size = entry.size or 1
+                target.extend(range(entry.offset, entry.offset + size))
+                source.extend(range(by_name[entry.name], by_name[entry.name] + size))
+        first = sum(len(_numbers(part)) for part in plant.parts)
+        found = plant.kernels[key] = (closed, np.array(source), np.array(target), first)
+    shared, source, target, first = found
+    closed = copy.copy(shared)
+    closed.parts = (*plant.parts, *parts)
+    closed.values = shared.values.copy()
+    closed.values[target] = plant.values[source]
+    numbers = [value for part in parts for value in _numbers(part)]
+    closed.values[first : first + len(numbers)] = numbers
+    for entry in closed.parameters.values():
+        if first <= entry.offset < first + len(numbers):
+            size = entry.size or 1
+            entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
+    return closed, clocks, laws
+
+
+def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
+    """How each input is given (number, table, shape with its size, expression), which is structure, and the checked values."""
+    kinds: list[tuple[str, Any]] = []
+    values: dict[str, Any] = {}
+    for name, value in inputs.items():
+        entry = system.inputs.get(name)
+        if entry is None:
+            if name in system.signals:
+                raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
+            raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
+        if isinstance(value, tuple) and len(value) == 2:
+            value = Table.of(name, *value)
+        if isinstance(value, Table):
+            kinds.append((name, "table"))
+        elif isinstance(value, Shape):
+            kinds.append((name, (value.kind, len(value.coefficients))))
+        elif isinstance(value, ca.SX):
+            strangers = [str(s) for s in ca.symvar(value) if not ca.is_equal(s, system.t)]
+            if strangers or value.numel() != 1:
+                raise SceneError(f"Argument `{name}` must be a scalar expression of `toolbox.time`, but it is {value}.")
+            kinds.append((name, ExpressionKey(value)))
+        elif is_finite_number(value):
+            kinds.append((name, "number"))
+            value = float(value)
+            bounds = system.parameters.get(name)
+            if bounds is not None:
+                bounds.check(value)
+        else:
+            raise SceneError(f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}.")
+        values[name] = value
+    return tuple(sorted(kinds, key=lambda pair: pair[0])), values
+
+
+def _run(run: Run, progress: Callable[[float], None] | None = None) -> Trajectory:
+    from toolbox import loop
+
+    system = run.system
+    pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    if system.updates and run.accuracy < 1e-9:
+        pair = DOP853
+    program = _program(system, run.kinds, pair)
+    work = _work(loop, run, program)
+    began = clock.perf_counter()
+    if not loop.begin(work):
+        raise _failure(loop, loop.INCONSISTENT, run, program, work, began)
+    laws = [copy.deepcopy(law) if not hasattr(law, "__code__") else law for law in run.laws]
+    status = loop.PAUSED
+    while True:
+        status = loop.advance(work)
+        if status == loop.DONE:
+            break
+        if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
+            work = _grown(loop, work, status == loop.RECORDS_FULL)
+        elif status == loop.SAMPLE_DUE:
+            _sample(loop, run, program, work, laws)
+        elif status == loop.PAUSED:
+            if work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] >= MAX_STEPS:
+                raise _failure(loop, status, run, program, work, began)
+            if progress is not None:
+                progress(float(work.reals[loop.TIME]))
+        else:
+            raise _failure(loop, status, run, program, work, began)
+    return _trajectory(loop, run, program, work, began)
+
+
+def _work(loop: Any, run: Run, program: Program) -> Any:
+    """All arrays of a run, filled with its numbers."""
+    system, machine = program.system, program.machine
+    n, ne, ng = machine.states, machine.elements, machine.guards
+    p = np.empty(program.p_size)
+    base = system.values.size
+    p[:base] = system.values
+    p[program.first_held :] = 0.0
+    jumps: list[tuple[float, int, float]] = []
+    for name, value in run.inputs.items():
+        if isinstance(value, Table):
+            slot = program.table_slot[name]
+            for begin, a, b, t0 in value.segments():
+                if begin <= 0.0:
+                    p[slot : slot + 3] = a, b, t0
+                else:
+                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
+        elif isinstance(value, Shape):
+            slot = program.coefficient_slot[name]
+            p[slot : slot + len(value.coefficients)] = value.coefficients
+        elif not isinstance(value, ca.SX):
+            p[program.coefficient_slot[name]] = value
+    jumps.sort(key=lambda jump: jump[0])
+    times = np.array(sorted({jump[0] for jump in jumps}))
+    first = np.array([*(next(i for i, j in enumerate(jumps) if j[0] == t) for t in times), len(jumps)], np.int64)
+
+    ints = np.zeros(21, np.int64)
+    ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
+    ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE] = machine.addresses
+    ints[loop.ORDER] = program.pair.order
+    ints[loop.TWO_ERRORS] = 1 if program.pair.error_low else 0
+    ints[loop.FIRST_HELD] = program.first_held
+    ints[loop.NODES] = 1 if run.output_times is None else 0
+    ints[loop.BUDGET] = 200_000
+    reals = np.zeros(8)
+    reals[loop.END] = run.duration
+    reals[loop.RTOL] = run.accuracy * LOCAL[program.pair.name]
+    reals[loop.POWER] = program.pair.power
+    reals[loop.SMOOTHING] = program.pair.smoothing
+    reals[loop.LAST_EVENT] = -np.inf
+
+    samplers = np.zeros((len(system.updates), 7), np.int64)
+    clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
+    memory_size = 0
+    for c, update in enumerate(system.updates):
+        size = update.memory.numel()
+        samplers[c] = 0 if update.external else machine.updates[c], 0, 0, memory_size, size, program.held_slot + update.first_held, len(update.names)
+        memory_size += size
+    depth = 1 + int(max((np.ceil(d / h) for h, d in clocks), default=0)) + 1
+    widest = max((len(u.names) for u in system.updates), default=1)
+    room = max(4 * n + 2 * ng, 5 * ne, memory_size + widest, n) + 8
+    capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    x = np.zeros(n)
+    for name, value in run.start.items():
+        _place(system, x, name, value)
+    work = loop.Work(
+        ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n),
+        scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(ng), side=np.ones(ng),
+        armed=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), before=np.zeros(ne),
+        rec_t=np.empty(capacity), rec_x=np.empty((capacity, n)), rec_m=np.empty((capacity, ne), np.int8),
+        rec_p=np.empty((capacity, program.p_size - program.first_held)),
+        ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
+        jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
+        out_t=run.output_times if run.output_times is not None else np.empty(0),
+        samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
+    )  # fmt: skip
+    return work
+
+
+LOCAL = {"dopri5": 0.1, "dop853": 0.1}
+"""Local tolerance as a fraction of the accuracy asked."""
+
+
+def _place(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
+    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
+    target: Any = None
+    head, _, tail = name.rpartition(".")
+    if name in system.states:
+        offset, size, _ = system.states[name]
+        target = slice(offset, offset + (size or 1))
+    elif head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
+        target = slice(system.states[head][0] + int(tail), system.states[head][0] + int(tail) + 1)
+    elif name in system.signals:
+        expression = system.signals[name][0]
+        if expression.numel() == 1 and expression.is_symbolic():
+            (place,) = np.nonzero(np.array(ca.DM(ca.jacobian(system.x, expression))).ravel()) or ((),)
+            if len(place) == 1:
+                target = slice(place[0], place[0] + 1)
+    if target is None:
+        if name in system.signals:
+            raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
+        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
+    array = np.asarray(value, float)
+    if not np.isfinite(array).all():
+        raise SceneError(f"Argument `{name}` must be finite, but it is {value!r}.")
+    if array.ndim and array.shape != x[target].shape:
+        raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
+    x[target] = array
+
+
+def _grown(loop: Any, work: Any, records: bool) -> Any:
+    """The work arrays with twice the room for records, or for events."""
+    names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
+    bigger = {}
+    for name in names:
+        old = getattr(work, name)
+        new = np.empty((2 * old.shape[0], *old.shape[1:]), old.dtype)
+        new[: old.shape[0]] = old
+        bigger[name] = new
+    return work._replace(**bigger)
+
+
+def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any]) -> None:
+    """Evaluate a Python controller at the current instant and queue its outputs."""
+    c = int(work.ints[loop.CULPRIT])
+    row = work.samplers[c]
+    part = [part for part in program.system.parts if isinstance(part, (Held, External))][c]
+    index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
+    point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
+    y = np.array([point[name] for name in part.measures])
+    u = np.asarray(laws[index](float(work.reals[loop.TIME]), y), float).ravel()
+    if u.size != row[loop.OUTPUTS] or not np.isfinite(u).all():
+        raise SimulationError(
+            f"The controller must return {row[loop.OUTPUTS]} finite value(s) for {part.drives}, but at t = {work.reals[loop.TIME]:g} s it returned {u}."
+        )
+    work.queue[c, row[loop.TAKEN] % work.queue.shape[1], : u.size] = u
+    row[loop.TAKEN] += 1
+
+
+def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float) -> Trajectory:
+    r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
+    return Trajectory(
+        run=run,
+        program=program,
+        time=work.rec_t[:r].copy(),
+        states=work.rec_x[:r].copy(),
+        mode=work.rec_m[:r].copy(),
+        held=work.rec_p[:r].copy(),
+        parameters=work.p,
+        event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
+        last_mode=work.m,
+        steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
+        wall_time=clock.perf_counter() - began,
+    )
+
+
+def _failure(loop: Any, status: int, run: Run, program: Program, work: Any, began: float) -> SimulationError:
+    so_far = _trajectory(loop, run, program, work, began)
+    t = float(work.reals[loop.TIME])
+    names = [element.name for element in program.system.elements]
+    if status == loop.ENDLESS:
+        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
+    if status == loop.PAUSED:
+        return BudgetError(f"The run used {MAX_STEPS} steps and reached t = {t:.9g} s of {run.duration:g} s.", so_far)
+    if status == loop.INCONSISTENT:
+        return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
+    labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
+    finite = np.isfinite(work.k)
+    if not finite.all():
+        return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
+    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)
+
+
+def again(run: Run, **changes: Any) -> Trajectory:
+    """The same run with some arguments changed, e.g. another accuracy."""
+    return _run(dataclasses.replace(run, **changes))

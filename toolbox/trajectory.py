@@ -1,0 +1,300 @@
+"""Results: signals in time, modes, events, and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+
+MODES = ("slip-", "stick", "slip+")
+
+
+class Event(NamedTuple):
+    """A switch of an element: time [s], element name, mode before and after."""
+
+    time: float
+    element: str
+    before: str
+    after: str
+
+
+class Samples:
+    """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
+
+    Taken at a single time, entries are floats (or shape (n,)).
+    """
+
+    def __init__(self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool):
+        self.program = program
+        self.time = time
+        self.states = states
+        self.mode = mode
+        self.held = held
+        self._constants = parameters[: program.first_held]
+        self._single = single
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all signals: of the plant, of its inputs and of its elements."""
+        system = self.program.system
+        return [*system.signals, *system.inputs]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.program.system.signals or name in self.program.system.inputs
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal; raises SceneError for an unknown name."""
+        system = self.program.system
+        if name in system.signals:
+            return system.signals[name][1]
+        if name in system.inputs:
+            return system.inputs[name].unit
+        head, _, tail = name.rpartition(".")
+        if head in system.states and tail.isdigit():
+            return system.states[head][2]
+        raise SceneError(f"There is no signal `{name}`: {suggest(name, self.names)}")
+
+    def __getitem__(self, name: str) -> Any:
+        system = self.program.system
+        if name in system.states:
+            offset, size, _ = system.states[name]
+            values = self.states[:, offset] if size is None else self.states[:, offset : offset + size]
+        else:
+            head, _, tail = name.rpartition(".")
+            if head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
+                values = self.states[:, system.states[head][0] + int(tail)]
+            else:
+                values = self._computed(name)
+        if self._single:
+            return float(values[0]) if values.ndim == 1 else values[0]
+        return values
+
+    def _computed(self, name: str) -> np.ndarray:
+        function = output_function(self.program, name)
+        if not self.time.size:
+            return np.empty(0)
+        # casadi maps over columns
+        result = function(self.time[None, :], self.states.T, self._constants, self.held.T, self.mode.T.astype(float))
+        values = np.array(result)
+        return values[0] if values.shape[0] == 1 else values.T
+
+
+def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
+    """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
+    system = program.system
+    found = program.outputs.get(name)
+    if found is not None:
+        return found
+    p, u, force = program.expressions
+    if expression is None:
+        if name in system.signals:
+            expression = system.signals[name][0]
+        elif name in system.inputs:
+            expression = system.inputs[name].symbol
+        else:
+            raise SceneError(f"There is no signal `{name}`: {suggest(name, [*system.signals, *system.inputs])}")
+    expression = ca.densify(ca.SX(expression))
+    if system.elements:
+        expression = ca.substitute(expression, system.F, force)
+    if system.inputs:
+        expression = ca.substitute(expression, system.u, u)
+    first = program.first_held
+    arguments = [system.t, system.x, p[:first], p[first:], system.m]
+    made = program.outputs[name] = ca.Function("signal", arguments, [expression])
+    return made
+
+
+class Trajectory(Samples):
+    """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
+
+    time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
+    wall_time: seconds spent in the event loop;  steps: (accepted, rejected).
+    """
+
+    def __init__(
+        self,
+        *,
+        run: Any,
+        program: Any,
+        time: np.ndarray,
+        states: np.ndarray,
+        mode: np.ndarray,
+        held: np.ndarray,
+        parameters: np.ndarray,
+        event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
+        last_mode: np.ndarray,
+        steps: tuple[int, int],
+        wall_time: float,
+    ):
+        super().__init__(program, time, states, mode, held, parameters, False)
+        self.run = run
+        self.parameters = parameters
+        self.steps = steps
+        self.wall_time = wall_time
+        self._event_arrays = event_arrays
+        self._last_mode = last_mode
+
+    @staticmethod
+    def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
+        """Signals at one instant of a run under way."""
+        held = p[program.first_held :]
+        return Samples(program, np.array([t]), x[None, :].copy(), m[None, :], held[None, :].copy(), p, True)
+
+    @property
+    def duration(self) -> float:
+        """Duration asked for [s]."""
+        return self.run.duration
+
+    @property
+    def accuracy(self) -> float:
+        """Accuracy asked for."""
+        return self.run.accuracy
+
+    @cached_property
+    def events(self) -> list[Event]:
+        """Every switch of every element, in order of time."""
+        names = self._elements
+        times, index, modes = self._event_arrays
+        return [Event(float(t), names[i], MODES[b + 1], MODES[a + 1]) for t, i, (b, a) in zip(times, index, modes, strict=True)]
+
+    @cached_property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"."""
+        words = np.array(MODES)
+        return {name: words[self.mode[:, i] + 1] for i, name in enumerate(self._elements)}
+
+    @property
+    def _elements(self) -> list[str]:
+        return [element.name for element in self.program.system.elements]
+
+    def intervals(self, element: str) -> list[tuple[float, float, str]]:
+        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
+        if element not in self._elements:
+            raise SceneError(f"There is no element `{element}`: {suggest(element, self._elements)}")
+        index = self._elements.index(element)
+        own = [event for event in self.events if event.element == element]
+        end = float(self.duration if not len(self.time) else max(self.time[-1], own[-1].time if own else 0.0))
+        mode = own[0].before if own else MODES[int(self._last_mode[index]) + 1]
+        out, begin = [], 0.0
+        for event in own:
+            out.append((begin, event.time, mode))
+            begin, mode = event.time, event.after
+        out.append((begin, end, mode))
+        return [piece for piece in out if piece[1] > piece[0]]
+
+    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run)."""
+        if mode not in MODES:
+            raise SceneError(f"There is no mode `{mode}`: {suggest(mode, MODES)}")
+        last = np.inf if until is None else until
+        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in self.intervals(element) if word == mode))
+
+    def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
+        """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
+        from toolbox import loop
+
+        times = np.atleast_1d(np.asarray(time, float))
+        if not np.isfinite(times).all() or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.duration:
+            raise SceneError(f"Argument `time` must be between 0 and {self.duration:g} s, but it is {time!r}.")
+        nodes = self.nodes
+        machine = self.program.machine
+        states = np.empty((times.size, machine.states))
+        field, step, project, _ = machine.addresses
+        loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, nodes.time, nodes.states, nodes.mode, nodes.held,
+                      self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
+        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
+        return Samples(self.program, times, states, nodes.mode[row], nodes.held[row], self.parameters, np.ndim(time) == 0)
+
+    @cached_property
+    def nodes(self) -> Trajectory:
+        """The same run with every step recorded (itself, unless output times were given)."""
+        if self.run.output_times is None:
+            return self
+        from toolbox.simulate import again
+
+        return again(self.run, output_times=None)
+
+    @cached_property
+    def error(self) -> float:
+        """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run."""
+        from toolbox.simulate import again
+
+        nodes = self.nodes
+        better = again(self.run, accuracy=max(self.accuracy / 100, 1e-13), output_times=None)
+        times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
+        mine, theirs = nodes.at(times).states, better.at(times).states
+        size = np.abs(theirs).max(axis=0)
+        difference = np.abs(mine - theirs).max(axis=0)
+        return float(np.max(difference[size > 0] / size[size > 0], initial=0.0))
+
+    def plot(self, *signals: str, ax: Any = None) -> Any:
+        """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
+        from toolbox.plot import traces
+
+        return traces(self, *signals, ax=ax)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
+        columns: dict[str, np.ndarray] = {}
+        for name in self.names:
+            values = self[name]
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def save(self, path: str | Path) -> Path:
+        """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all.
+
+        Keys: `time` [s]; one array per signal, named by it; `<element>.mode` with 1, 0, -1 for slip+, stick, slip-; `event.time`,
+        `event.element`, `event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal.
+        """
+        from toolbox.files import replaced
+
+        arrays: dict[str, np.ndarray] = {"time": self.time}
+        arrays |= {name: self[name] for name in self.names}
+        arrays |= {f"{name}.mode": self.mode[:, i] for i, name in enumerate(self._elements)}
+        arrays["event.time"] = np.array([event.time for event in self.events])
+        for field in ("element", "before", "after"):
+            arrays[f"event.{field}"] = np.array([getattr(event, field) for event in self.events], dtype=np.str_)
+        arrays["unit.names"] = np.array(self.names, dtype=np.str_)
+        arrays["unit.values"] = np.array([self.unit(name) for name in self.names], dtype=np.str_)
+        target = Path(path)
+        with replaced(target) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        return target
+
+    def __repr__(self) -> str:
+        return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"
+
+    def __str__(self) -> str:
+        lines = [
+            f"{type(self).__name__} of {', '.join(type(part).__name__ for part in self.program.system.parts)}",
+            f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
+            f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+        ]
+        for name in self._elements:
+            parts = [f"{mode} {self.time_in(name, mode):.4g} s" for mode in reversed(MODES) if self.time_in(name, mode) > 0]
+            lines.append(f"  {name}: {', '.join(parts) or 'no time'}")
+        if self.time.size:
+            for name in self.names:
+                values = self[name]
+                if values.ndim == 1:
+                    lines.append(f"  {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
+        return "\n".join(lines)
+

@@ -26,7 +26,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
  CULPRIT, STARTED, NODES) = range(21)  # fmt: skip
 
 # --- indices into `Work.reals`
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, POWER, SMOOTHING, LAST_EVENT = range(8)
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
 
 # --- columns of `Work.samplers`, one row per sampled controller
 ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS = range(7)
@@ -105,7 +105,63 @@ def _call(typingctx, address, t, h, x, k, p, m, y):  # pragma: no cover - compil
     return signature, codegen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@intrinsic
+def _borrowed(typingctx, array):  # pragma: no cover - compiled
+    """The same array without its reference count: the caller keeps it alive, and the loop is spared an atomic operation per access."""
+
+    def codegen(context, builder, sig, args):
+        view = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=args[0])
+        view.meminfo = cgutils.get_null_value(view.meminfo.type)
+        view.parent = cgutils.get_null_value(view.parent.type)
+        return view._getvalue()
+
+    return array(array), codegen
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _borrowed_all(w):
+    return Work(
+        _borrowed(w.ints),
+        _borrowed(w.reals),
+        _borrowed(w.x),
+        _borrowed(w.k),
+        _borrowed(w.p),
+        _borrowed(w.m),
+        _borrowed(w.y),
+        _borrowed(w.z),
+        _borrowed(w.s),
+        _borrowed(w.scale),
+        _borrowed(w.noise),
+        _borrowed(w.group),
+        _borrowed(w.group_scale),
+        _borrowed(w.g),
+        _borrowed(w.g_low),
+        _borrowed(w.g_high),
+        _borrowed(w.guard_scale),
+        _borrowed(w.side),
+        _borrowed(w.armed),
+        _borrowed(w.zero),
+        _borrowed(w.before),
+        _borrowed(w.rec_t),
+        _borrowed(w.rec_x),
+        _borrowed(w.rec_m),
+        _borrowed(w.rec_p),
+        _borrowed(w.ev_t),
+        _borrowed(w.ev_i),
+        _borrowed(w.ev_m),
+        _borrowed(w.jump_t),
+        _borrowed(w.jump_first),
+        _borrowed(w.jump_index),
+        _borrowed(w.jump_value),
+        _borrowed(w.out_t),
+        _borrowed(w.samplers),
+        _borrowed(w.clocks),
+        _borrowed(w.memory),
+        _borrowed(w.queue),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _first_descent(a, da, b, db):
     """First fraction in (0, 1] at which the cubic Hermite interpolant, once positive, is no longer; 2 where there is none.
 
@@ -160,7 +216,7 @@ def _first_descent(a, da, b, db):
     return 2.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
@@ -190,7 +246,7 @@ def _decide(w, t):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
     for i in range(w.ints[NE]):
@@ -201,7 +257,7 @@ def _project(w, t):
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _refresh(w):
     """Slopes, guards and armed flags at the current point."""
     n, ng = w.ints[N], w.ints[NG]
@@ -222,12 +278,12 @@ def _refresh(w):
         w.armed[j] = w.side[j] * w.g[j] > 1e-13 * w.guard_scale[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _tolerance(w, i):
     return w.reals[RTOL] * max(w.scale[i], 1e-6 * w.group_scale[w.group[i]], 1e-14)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _first_step(w):
     """Size of round-off in the slopes, and a first step size by Hairer's rule."""
     n, t = w.ints[N], w.reals[TIME]
@@ -254,10 +310,10 @@ def _first_step(w):
     h1 = (0.01 / top) ** (1.0 / w.ints[ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
     h = min(100.0 * h0, h1)
     w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
-    w.reals[ERROR_OLD] = 1e-4
+    w.reals[STEP_OLD] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _record(w, t, x):
     r = w.ints[RECORDS]
     w.rec_t[r] = t
@@ -271,7 +327,7 @@ def _record(w, t, x):
     w.ints[RECORDS] = r + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _settle(w, t):
     """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent."""
     if not _decide(w, t):
@@ -289,7 +345,7 @@ def _settle(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _inputs_changed(w, t):
     """After a parameter jumped: elements whose slip jumped away from zero slide, the others are decided by force."""
     ne = w.ints[NE]
@@ -315,7 +371,7 @@ def _inputs_changed(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _due(w, t):
     """Parameter jumps, samples and applications due at time t. Returns (status, whether the slopes must be refreshed, whether a jump came)."""
     changed, jumped = False, False
@@ -350,7 +406,7 @@ def _due(w, t):
     return DONE, changed, jumped
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _next_stop(w):
     """The next instant at which a step must end: end of the run, parameter jump, sample or application of a delayed output."""
     stop = w.reals[END]
@@ -364,7 +420,32 @@ def _next_stop(w):
     return stop
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _error(w, h):
+    """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
+
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run.
+    """
+    n = w.ints[N]
+    base = 2 * n + 2 * w.ints[NG]
+    two = w.ints[TWO_ERRORS] == 1
+    sum1, sum2 = 0.0, 0.0
+    share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14)
+    for i in range(n):
+        size = max(w.scale[i], abs(w.y[i]), 1e-6 * w.group_scale[w.group[i]], 1e-14)
+        tol = 1.0 / (share * size + w.noise[i] * h)
+        e = w.y[base + i] * tol
+        sum1 += e * e
+        if two:
+            e = w.y[base + n + i] * tol
+            sum2 += e * e
+    if not two:
+        return math.sqrt(sum1 / n)
+    bottom = sum1 + 0.01 * sum2
+    return sum1 / math.sqrt(bottom * n) if bottom > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _outputs_before(w, end, t_new):
     """Record the output times inside the step (t, t_new) by stepping to each of them."""
     t = w.reals[TIME]
@@ -385,7 +466,7 @@ def _outputs_before(w, end, t_new):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _candidate(w, h, low, high, width, whole):
     """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
     ng = w.ints[NG]
@@ -408,7 +489,7 @@ def _candidate(w, h, low, high, width, whole):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _locate(w, h):
     """Step from the current point to the first event inside the step h, whose end guards are in `g_high`; its result is left in `y`.
 
@@ -458,7 +539,7 @@ def _locate(w, h):
     return fraction * h
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _fire(w, t):
     """Handle every guard that is at zero now: kinks change side, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
@@ -488,6 +569,7 @@ def begin(w):
 
     An element slides where its slip is not zero; at zero slip force decides.
     """
+    w = _borrowed_all(w)
     ne, ng = w.ints[NE], w.ints[NG]
     t = w.reals[TIME]
     largest = 0.0
@@ -515,11 +597,11 @@ def begin(w):
 @njit(cache=True, nogil=True, error_model="numpy")
 def advance(w):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
+    w = _borrowed_all(w)
     n, ng, ne = w.ints[N], w.ints[NG], w.ints[NE]
     every_node = w.ints[NODES] == 1
-    two = w.ints[TWO_ERRORS] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
-    power, smoothing = w.reals[POWER], w.reals[SMOOTHING]
+    power = w.reals[POWER]
     while True:
         t = w.reals[TIME]
         if w.ints[RECORDS] + 4 > w.rec_t.size:
@@ -566,32 +648,11 @@ def advance(w):
                 continue
             return UNDERFLOW
         _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-        sum1, sum2 = 0.0, 0.0
-        base = 2 * n + 2 * ng
-        floor = w.reals[RTOL]
-        for i in range(n):
-            size = max(w.scale[i], abs(w.y[i]), 1e-6 * w.group_scale[w.group[i]], 1e-14)
-            tol = 1.0 / (floor * size + w.noise[i] * h)
-            e = w.y[base + i] * tol
-            sum1 += e * e
-            if two:
-                e = w.y[base + n + i] * tol
-                sum2 += e * e
-        if two:
-            bottom = sum1 + 0.01 * sum2
-            error = sum1 / math.sqrt(bottom * n) if bottom > 0.0 else 0.0
-        else:
-            error = math.sqrt(sum1 / n)
-        if not error <= 1.0:
-            w.ints[REJECTED] += 1
-            shrink = 0.9 * error ** (-power) if math.isfinite(error) else 0.1
-            w.reals[STEP_SIZE] = h * max(shrink, 0.1)
-            continue
-
-        # --- guards over the step
+        error = _error(w, h)
         end = 2 * n
         hit = False
-        for j in range(ng):
+        # --- guards over the step; a step too long to be trusted may still show where an event cuts it short
+        for j in range(ng if error < 1e4 else 0):
             a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
             if w.armed[j]:
                 if b <= 0.0:
@@ -605,21 +666,31 @@ def advance(w):
             for j in range(2 * ng):
                 w.g_high[j] = w.y[end + j]
             size = _locate(w, h)
-            if size < 0.0:
-                _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-            else:
+            if size >= 0.0:
                 event = True
+                if size > 0.0:
+                    error = _error(w, size)
+                else:
+                    error = 0.0
+                t_new = t + size if size < h else t_new
                 h = size
-                t_new = t + h if h < stop - t else stop
+            elif error <= 1.0:
+                _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        if not error <= 1.0:
+            w.ints[REJECTED] += 1
+            shrink = 0.9 * error ** (-power) if error < 1e30 else 0.1
+            w.reals[STEP_SIZE] = h * max(shrink, 0.1)
+            continue
         if not _outputs_before(w, t, t_new):
             return RECORDS_FULL
         w.ints[ACCEPTED] += 1
         if not event:
-            factor = 10.0
-            if error > 0.0:
-                factor = 0.9 * error ** (-power + 0.75 * smoothing) * w.reals[ERROR_OLD] ** smoothing
-                factor = min(10.0 if not two else 6.0, max(0.2, factor))
-            w.reals[ERROR_OLD] = max(error, 1e-4)
+            error = max(error, 1e-10)
+            factor = error ** (-power)
+            if w.reals[STEP_OLD] > 0.0:  # Gustafsson's prediction from the last two steps
+                factor = min(factor, h / w.reals[STEP_OLD] * (w.reals[ERROR_OLD] / error) ** power * factor)
+            factor = min(10.0, max(0.2, 0.9 * factor))
+            w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(error, 1e-4), h
             grown = h * factor
             w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
 

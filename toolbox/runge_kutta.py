@@ -14,7 +14,7 @@ class Pair:
     """Nodes c, stage rows a (row s combines slopes 0..s-1), weights b of the solution, and error weights.
 
     `error` and `error_low` weigh the slopes into error estimates; `error` of a pair with `last_is_first` has one weight more, for the slope
-    at the new state. `power` is the exponent of the step-size rule, `smoothing` Hairer's beta.
+    at the new state. `power` is the exponent of the step-size rule, for the error per unit step.
     """
 
     name: str
@@ -25,7 +25,6 @@ class Pair:
     error: tuple[float, ...]
     error_low: tuple[float, ...]
     power: float
-    smoothing: float
 
 
 # fmt: off
@@ -44,8 +43,7 @@ DOPRI5 = Pair(
     b=(35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
     error=(71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40),
     error_low=(),
-    power=1 / 5,
-    smoothing=0.04,
+    power=1 / 4,
 )
 
 DOP853 = Pair(
@@ -69,7 +67,6 @@ DOP853 = Pair(
     b=(0.054293734116568765, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003, -5.801203960010585, 0.3111643669578199, -0.1521609496625161, 0.20136540080403034, 0.04471061572777259),
     error=(0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294),
     error_low=(-0.18980075407240762, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082),
-    power=1 / 8,
-    smoothing=0.0,
+    power=1 / 7,
 )
 # fmt: on

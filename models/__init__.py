@@ -2,7 +2,8 @@
 
 from models import wells
 from models.belt import BlockOnBelt
+from models.disks import TwoDisks
 from models.drill_string import BitRock, TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 
-__all__ = ["BitRock", "BlockOnBelt", "Coulomb", "CubicStribeck", "Exponential", "Hyperbolic", "TorsionalChain", "wells"]
+__all__ = ["BitRock", "BlockOnBelt", "Coulomb", "CubicStribeck", "Exponential", "Hyperbolic", "TorsionalChain", "TwoDisks", "wells"]

@@ -1,24 +1,33 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
-from toolbox.compose import Component, Equations, HybridSystem, compose
+from toolbox.closed_loop import Controller, Sampled
+from toolbox.compose import Component, Equations, HybridSystem, Update, compose
 from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
+from toolbox.inputs import ramp, sine, step, sweep
 from toolbox.simulate import simulate
 
 __all__ = [
     "BudgetError",
     "Component",
+    "Controller",
     "DryFriction",
     "Equations",
     "FrictionLaw",
     "HybridSystem",
     "Relay",
+    "Sampled",
     "SceneError",
     "SimulationError",
+    "Update",
     "ZenoError",
     "compose",
     "quantity",
+    "ramp",
     "simulate",
+    "sine",
     "state",
+    "step",
+    "sweep",
     "time",
 ]

@@ -246,7 +246,7 @@ class HybridSystem:
         offset = 0
         for part in self.parts:
             yield offset
-            offset += len(_numbers(part))
+            offset += len(numbers_of(part))
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -261,8 +261,20 @@ def compose(*components: Component) -> HybridSystem:
     for component in components:
         if not isinstance(component, Component):
             raise SceneError(f"Argument `components` must be Component objects, but one is {component!r}.")
+    if any(hasattr(component, "design") for component in components):
+        plant = [component for component in components if not hasattr(component, "design")]
+        if not plant:
+            raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
+        declared = compose(*plant)
+        components = tuple(c.design(declared) if hasattr(c, "design") else c for c in components)
+    return assembled(components)
+
+
+def assembled(components: tuple[Component, ...]) -> HybridSystem:
+    """The system of parts whose controllers have been designed."""
+    for component in components:
         component.check()
-    key = tuple(_structure(component) for component in components)
+    key = tuple(structure_of(component) for component in components)
     shared = _COMPOSED.get(key)
     if shared is None:
         shared = _Composer(components).system()
@@ -271,7 +283,7 @@ def compose(*components: Component) -> HybridSystem:
         _COMPOSED[key] = shared
     system = copy.copy(shared)
     system.parts = components
-    numbers = [value for component in components for value in _numbers(component)]
+    numbers = [value for component in components for value in numbers_of(component)]
     for entry in system.parameters.values():
         if entry.offset < len(numbers):
             values = numbers[entry.offset] if entry.size is None else tuple(numbers[entry.offset : entry.offset + entry.size])
@@ -292,13 +304,13 @@ def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
     return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
 
 
-def _numbers(part: Any) -> list[float]:
+def numbers_of(part: Any) -> list[float]:
     """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
     out: list[float] = []
     for spec in dataclasses.fields(part):
         value = getattr(part, spec.name)
         if isinstance(value, (FrictionLaw, Component)):
-            out.extend(_numbers(value))
+            out.extend(numbers_of(value))
         elif _is_numeric(spec, value):
             if isinstance(value, tuple):
                 out.extend(value)
@@ -307,13 +319,13 @@ def _numbers(part: Any) -> list[float]:
     return out
 
 
-def _structure(part: Any) -> Any:
+def structure_of(part: Any) -> Any:
     """Everything about a part but its numbers, as a hashable key."""
     key: list[Any] = [type(part)]
     for spec in dataclasses.fields(part):
         value = getattr(part, spec.name)
         if isinstance(value, (FrictionLaw, Component)):
-            key.append(_structure(value))
+            key.append(structure_of(value))
         elif _is_numeric(spec, value):
             if isinstance(value, (list, np.ndarray)):
                 raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a tuple of numbers, but it is {value!r}.")

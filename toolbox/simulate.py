@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
-from toolbox.compose import Component, HybridSystem, _numbers, _structure, compose
+from toolbox.compose import Component, HybridSystem, assembled, numbers_of, structure_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
 from toolbox.hybrid import switching
@@ -243,10 +243,10 @@ def _closed(
             raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")
         if sampled is not None:
             clocks.append((float(sampled.period), float(sampled.delay)))
-    key = ("closed", tuple(_structure(part) for part in parts))
+    key = ("closed", tuple(structure_of(part) for part in parts))
     found = plant.kernels.get(key)
     if found is None:
-        closed = compose(*plant.parts, *parts)
+        closed = assembled((*plant.parts, *parts))
         by_name = {p.name: p.offset for p in plant.parameters.values()}
         source, target = [], []
         for entry in closed.parameters.values():
@@ -254,14 +254,14 @@ def _closed(
                 size = entry.size or 1
                 target.extend(range(entry.offset, entry.offset + size))
                 source.extend(range(by_name[entry.name], by_name[entry.name] + size))
-        first = sum(len(_numbers(part)) for part in plant.parts)
+        first = sum(len(numbers_of(part)) for part in plant.parts)
         found = plant.kernels[key] = (closed, np.array(source), np.array(target), first)
     shared, source, target, first = found
     closed = copy.copy(shared)
     closed.parts = (*plant.parts, *parts)
     closed.values = shared.values.copy()
     closed.values[target] = plant.values[source]
-    numbers = [value for part in parts for value in _numbers(part)]
+    numbers = [value for part in parts for value in numbers_of(part)]
     closed.values[first : first + len(numbers)] = numbers
     for entry in closed.parameters.values():
         if first <= entry.offset < first + len(numbers):
@@ -337,7 +337,7 @@ def _run(run: Run, progress: Callable[[float], None] | None = None) -> Trajector
 
 def _work(loop: Any, run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
-    system, machine = program.system, program.machine
+    system, machine = run.system, program.machine
     n, ne, ng = machine.states, machine.elements, machine.guards
     p = np.empty(program.p_size)
     base = system.values.size
@@ -451,7 +451,7 @@ def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any]) -
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
-    part = [part for part in program.system.parts if isinstance(part, (Held, External))][c]
+    part = [part for part in run.system.parts if isinstance(part, (Held, External))][c]
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
     y = np.array([point[name] for name in part.measures])

@@ -284,7 +284,7 @@ class Trajectory(Samples):
 
     def __str__(self) -> str:
         lines = [
-            f"{type(self).__name__} of {', '.join(type(part).__name__ for part in self.program.system.parts)}",
+            f"{type(self).__name__} of {', '.join(type(part).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]

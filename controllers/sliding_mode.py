@@ -1,0 +1,110 @@
+"""Sliding-mode control of a drill string with an integral surface.
+
+    s = (w_r - Om) + lam int (w_r - Om) dt + lam int (w_r - w_b) dt,   u = u_eq - J_r eta sgn(s)
+    u_eq = c_r w_r + tau - J_r lam [(w_r - Om) + (w_r - w_b)],         so that  s' = -eta sgn(s)
+
+tau is the torque of the string on the top drive. On s = 0 the speeds obey the surface whatever the friction at the bit does. Source of the surface: E. M.
+Navarro-Lopez, D. Cortes, IEEE Int. Conf. Control Applications 2007 (sliding-mode control of a multi-DOF oilwell drillstring).
+
+Why an ideal form: a boundary layer trades the chatter of sgn for a small offset, and sampling brings the chatter back; the ideal form, a set-valued
+relay with true sliding, is the limit both are measured against.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from toolbox import Controller, Equations, Relay, SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class SlidingMode(Controller):
+    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled.
+
+    `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given.
+    """
+
+    measures = ("top.speed", "bit.speed", "top.load")
+    drives = ("top.torque",)
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed")
+    surface: float = quantity(0.4, "1/s", "weight lam of the integrals in the surface", at_least=0)
+    reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
+    width: float = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
+    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
+    drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
+
+    def design(self, plant):
+        return with_top_drive(self, plant)
+
+    def continuous(self, signal):
+        angle = state("slidingmode.angle", "rad")
+        rate, s, equivalent = surface(self, signal, angle)
+        saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
+        return Equations(
+            flow={angle: rate},
+            gives={
+                "top.torque": (equivalent - self.inertia * self.reaching * saturated, "N m"),
+                "slidingmode.surface": (s, "rad/s"),
+            },
+        )
+
+    def sampled(self, signal, period):
+        angle = state("slidingmode.angle", "rad")
+        rate, s, equivalent = surface(self, signal, angle)
+        saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
+        return Update(
+            memory={angle: angle + period * rate},
+            outputs={"top.torque": (equivalent - self.inertia * self.reaching * saturated, "N m")},
+        )
+
+
+@dataclass(frozen=True)
+class IdealSlidingMode(Controller):
+    """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only.
+
+    Its contact is `slidingmode`; while it "sticks" the surface is reached and its force is what the equivalent control lacks.
+    """
+
+    measures = ("top.speed", "bit.speed", "top.load")
+    drives = ("top.torque",)
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed")
+    surface: float = quantity(0.4, "1/s", "weight lam of the integrals in the surface", at_least=0)
+    reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
+    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
+    drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
+
+    def design(self, plant):
+        return with_top_drive(self, plant)
+
+    def continuous(self, signal):
+        angle = state("slidingmode.angle", "rad")
+        rate, s, equivalent = surface(self, signal, angle)
+        relay = Relay("slidingmode", s, self.inertia * self.reaching, surface_unit="rad/s", force_unit="N m")
+        return Equations(
+            flow={angle: rate},
+            gives={"top.torque": (equivalent + relay.force, "N m"), "slidingmode.surface": (s, "rad/s")},
+            elements=[relay],
+        )
+
+
+def surface(law, signal, angle):
+    """Rate of the integral term, the surface s, and the equivalent control of a sliding-mode law."""
+    top, bit, load = signal("top.speed", "rad/s"), signal("bit.speed", "rad/s"), signal("top.load", "N m")
+    error = top - signal("top.reference", "rad/s", default=law.reference)
+    rate = error + (top - bit)
+    equivalent = law.drag * top + load - law.inertia * law.surface * rate
+    return rate, error + law.surface * angle, equivalent
+
+
+def with_top_drive(law, plant):
+    """The law with inertia and drag of the top drive read from the plant where they are not given."""
+    try:
+        inertia = law.inertia if law.inertia is not None else float(plant.parameter("chain.inertia")[0])
+        drag = law.drag if law.drag is not None else plant.parameter("chain.top_drag")
+    except SceneError as error:
+        raise SceneError(f"{type(law).__name__} needs `inertia` and `drag` of the top drive: {error}") from None
+    return replace(law, inertia=inertia, drag=drag)

@@ -1,0 +1,40 @@
+"""Soft torque: a PI drive whose impedance matches the string, so that torsional waves are absorbed at the top."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.pi import PI
+from toolbox import Controller, SceneError, quantity
+
+
+@dataclass(frozen=True)
+class SoftTorque(Controller):
+    """Impedance matching for a lumped string: proportional = sqrt(k J_b), integral = (k / J_b) J_r.
+
+    `design` reads `chain.inertia` and `chain.stiffness` of the plant: k is the stiffness of all springs in series, J_b the inertia below the
+    top drive, J_r that of the top drive; it returns a PI law with these gains. `detuning` scales both down (above 1) or up. Source: the
+    matching condition in J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio,
+    R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
+    """
+
+    measures = ("top.speed",)
+    drives = ("top.torque",)
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+    detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
+
+    def design(self, plant):
+        try:
+            inertia, stiffness = plant.parameter("chain.inertia"), plant.parameter("chain.stiffness")
+        except SceneError as error:
+            raise SceneError(f"SoftTorque is designed on a chain of inertias: {error}") from None
+        below = float(np.sum(inertia[1:]))
+        series = 1.0 / float(np.sum(1.0 / stiffness))
+        return PI(
+            proportional=float(np.sqrt(series * below)) / self.detuning,
+            integral=series / below * float(inertia[0]) / self.detuning,
+            reference=self.reference,
+        )

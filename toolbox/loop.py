@@ -25,7 +25,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE, BUDGET,
  CULPRIT, STARTED, NODES) = range(21)  # fmt: skip
 
-# --- indices into `Work.reals`
+# --- indices into `Work.reals`; ERROR_OLD is a logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
 
 # --- columns of `Work.samplers`, one row per sampled controller
@@ -442,7 +442,7 @@ def _error(w, h):
     if not two:
         return math.sqrt(sum1 / n)
     bottom = sum1 + 0.01 * sum2
-    return sum1 / math.sqrt(bottom * n) if bottom > 0.0 else 0.0
+    return 0.0 if bottom == 0.0 else sum1 / math.sqrt(bottom * n)  # NaN stays NaN
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -602,6 +602,7 @@ def advance(w):
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
     power = w.reals[POWER]
+    rejected = False
     while True:
         t = w.reals[TIME]
         if w.ints[RECORDS] + 4 > w.rec_t.size:
@@ -680,19 +681,21 @@ def advance(w):
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-power) if error < 1e30 else 0.1
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
+            rejected = True
             continue
         if not _outputs_before(w, t, t_new):
             return RECORDS_FULL
         w.ints[ACCEPTED] += 1
         if not event:
-            error = max(error, 1e-10)
-            factor = error ** (-power)
+            size = math.log(max(error, 1e-10))
+            factor = math.exp(-power * size)
             if w.reals[STEP_OLD] > 0.0:  # Gustafsson's prediction from the last two steps
-                factor = min(factor, h / w.reals[STEP_OLD] * (w.reals[ERROR_OLD] / error) ** power * factor)
-            factor = min(10.0, max(0.2, 0.9 * factor))
-            w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(error, 1e-4), h
+                factor *= min(1.0, h / w.reals[STEP_OLD] * math.exp(power * (w.reals[ERROR_OLD] - size)))
+            factor = min(1.0 if rejected else 10.0, max(0.2, 0.9 * factor))
+            w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(size, -9.2), h
             grown = h * factor
             w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
+        rejected = False
 
         # --- accept
         if h > 0.0:

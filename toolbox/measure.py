@@ -1,0 +1,376 @@
+"""Numbers read off a run: stick intervals, severity, settling, overshoot, and the audit of its energy.
+
+Why not from the recorded nodes: an order-eight step is long, a third of a second on a drill string, so the largest node value can miss the peak by
+several per cent and the mean of the nodes weighs fast phases too much. Here every step is sampled at its Gauss points through `run.at`; means are
+integrals, extrema and crossings are refined until they have the accuracy of the run itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox.elements import is_finite_number
+from toolbox.errors import SceneError, suggest
+from toolbox.trajectory import Samples, Trajectory, output_function
+
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)
+POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
+CHUNK = 4096
+"""Steps sampled together, so that the audit of a very long run needs no more memory than that of a short one."""
+
+
+# ------------------------------------------------------------------------------------------------------------------------- intervals of stick
+def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[tuple[float, float]]:
+    """(begin, end) [s] of every stay in stick, cut to the window from `after` to `until` [s] (the end of the run).
+
+    Begin and end are located events, not nodes. Raises SceneError for an unknown element or a window outside the run.
+    """
+    begin, end = _window(run, after, until)
+    found: list[tuple[float, float]] = []
+    for first, last, mode in run.intervals(element):
+        first, last = max(first, begin), min(last, end)
+        if mode != "stick" or first >= last:
+            continue
+        if found and found[-1][1] == first:  # a release that is taken back at the same instant does not part two stays
+            found[-1] = (found[-1][0], last)
+        else:
+            found.append((first, last))
+    return found
+
+
+def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> float:
+    """Part of the window that an element spends in stick, 0 to 1. Raises SceneError as `stick_intervals` does."""
+    begin, end = _window(run, after, until)
+    return sum(last - first for first, last in stick_intervals(run, element, begin, end)) / (end - begin)
+
+
+# ------------------------------------------------------------------------------------------------------------------- extrema, mean and severity
+@dataclass(frozen=True)
+class Extent:
+    """Smallest and largest value of a signal, when it takes them [s], and its mean over time; values in the unit of the signal."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    time_of_minimum: float
+    time_of_maximum: float
+
+
+def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None = None) -> Extent:
+    """Extrema and time mean of a scalar signal between `after` and `until` [s] (the end of the run), as accurate as the run.
+
+    The mean is the Gauss-Legendre integral over every step divided by the length of the window; at a jump both sides count as values.
+    Raises SceneError for an unknown or vector signal and for a window outside the run.
+    """
+    begin, end = _window(run, after, until)
+    times, values, mean = _sampled(run, signal, begin, end)
+    nodes = run.nodes
+    inside = (nodes.time >= begin) & (nodes.time <= end)
+    sides = _rows(nodes, inside)  # nodes hold the left-hand limits at events, which `at` does not
+    node_values = _values(sides, signal)
+    high, when_high = _largest(run, signal, 1.0, times, values, sides.time, node_values)
+    low, when_low = _largest(run, signal, -1.0, times, values, sides.time, node_values)
+    return Extent(-low, high, min(max(mean, -low), high), when_low, when_high)
+
+
+def severity(
+    run: Trajectory,
+    signal: str = "bit.speed",
+    after: float = 0.0,
+    definition: str = "half-range",
+    *,
+    until: float | None = None,
+    reference: float | None = None,
+) -> float:
+    """Severity of stick-slip [1]: how far a speed swings, in parts of its mean or of a set-point.
+
+        "half-range"   (max - min) / (2 mean)          1 where the bit just stops; the usual field index, and the default
+        "range"        (max - min) / mean
+        "peak"         max / mean - 1                   overspeed alone
+        "reference"    (max - min) / (2 reference)      against the set-point `reference`, in the unit of the signal
+
+    For time instead of speed see `stuck_ratio`. Extrema and time mean are those of `extent` over `after` to `until` [s]: choose
+    `after` beyond the transient and a window of many periods. The sign of the divisor is ignored; a swing about zero is infinitely severe,
+    a signal that stays exactly 0 has no severity: nan. Raises SceneError for an unknown definition or signal, and for a missing
+    or needless reference.
+    """
+    if definition not in SEVERITIES:
+        raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
+    if definition == "reference":
+        if not is_finite_number(reference) or reference == 0:
+            raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
+    elif reference is not None:
+        raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
+    found = extent(run, signal, after, until)
+    swing, divisor = SEVERITIES[definition](found, abs(reference or 0.0))
+    if divisor == 0.0:
+        return math.inf if swing else math.nan
+    return swing / divisor
+
+
+SEVERITIES: Mapping[str, Callable[[Extent, float], tuple[float, float]]] = {
+    "half-range": lambda e, reference: (e.maximum - e.minimum, 2.0 * abs(e.mean)),
+    "range": lambda e, reference: (e.maximum - e.minimum, abs(e.mean)),
+    "peak": lambda e, reference: (max(abs(e.maximum), abs(e.minimum)) - abs(e.mean), abs(e.mean)),
+    "reference": lambda e, reference: (e.maximum - e.minimum, 2.0 * reference),
+}
+"""Definitions of severity by name: (extent, set-point) -> (swing, what it is divided by)."""
+
+
+# ------------------------------------------------------------------------------------------------------------------------ step-response measures
+def settling(
+    run: Trajectory, signal: str, target: float, band: float = 0.02, *, after: float = 0.0, until: float | None = None, size: float | None = None
+) -> float:
+    """Seconds from `after` until a signal stays within |y - target| <= band * size for the rest of the window; inf if it never does.
+
+    size: the change that counts as whole, in the unit of the signal; |target| without. 0.0 where it never leaves the band. The last
+    crossing is located to round-off in time. Raises SceneError for a target of 0 without size, a band outside (0, 1), an unknown or vector signal.
+    """
+    begin, end = _window(run, after, until)
+    size = _size(target, size)
+    if not is_finite_number(band) or not 0 < band < 1:
+        raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
+    width = band * size
+    times, values, _ = _sampled(run, signal, begin, end)
+    excess = np.abs(values - target) - width
+    if excess[-1] > 0:
+        return math.inf
+    outside = np.flatnonzero(excess > 0)
+    last = int(outside[-1]) if outside.size else -1
+    low = float(times[last]) if last >= 0 else begin
+    # a swing between two samples may still leave the band for a moment
+    for sign in (1.0, -1.0):
+        first = max(last, 0)
+        peaks, heights, right = _peaks(run, signal, sign, times[first:], sign * values[first:], sign * target + width)
+        later = heights - sign * target > width
+        if later.any():
+            final = int(np.flatnonzero(later)[np.argmax(peaks[later])])
+            if last < 0 or peaks[final] > low:
+                low, last = float(peaks[final]), first + int(right[final]) - 1
+    if last < 0:
+        return 0.0
+    high = float(times[last + 1])
+    while high - low > 2e-16 * max(high, begin):
+        grid = np.linspace(low, high, 34)[1:-1]
+        left = np.flatnonzero(np.abs(_values(run.nodes.at(grid), signal) - target) > width)
+        at = int(left[-1]) if left.size else -1
+        step = (float(grid[at]) if at >= 0 else low, float(grid[at + 1]) if at + 1 < grid.size else high)
+        if step == (low, high):
+            break
+        low, high = step
+    return high - begin
+
+
+def overshoot(
+    run: Trajectory, signal: str, target: float, *, after: float = 0.0, until: float | None = None, size: float | None = None
+) -> float:
+    """Largest excursion beyond the target, seen from where the signal is at `after`, in parts of `size` (|target| without); 0.0 for none.
+
+    Raises SceneError for a target of 0 without size, an unknown or vector signal, and a window outside the run.
+    """
+    begin, end = _window(run, after, until)
+    size = _size(target, size)
+    start = float(_values(run.nodes.at(np.array([begin])), signal)[0])
+    found = extent(run, signal, begin, end)
+    beyond = found.maximum - target if start < target else target - found.minimum
+    if start == target:
+        beyond = max(found.maximum - target, target - found.minimum)
+    return max(0.0, beyond) / size
+
+
+def _size(target: float, size: float | None) -> float:
+    if not is_finite_number(target):
+        raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
+    if size is None:
+        if target == 0:
+            raise SceneError("Argument `size` must be given where `target` is 0, because nothing else says how large a deviation is.")
+        return abs(target)
+    if not is_finite_number(size) or size <= 0:
+        raise SceneError(f"Argument `size` must be > 0, but it is {size!r}.")
+    return float(size)
+
+
+# -------------------------------------------------------------------------------------------------------------------------------------- energy
+@dataclass(frozen=True)
+class EnergyAudit:
+    """Where the energy of a run went: end - start of what is stored must equal supplies - losses. All in J; print it for the table.
+
+    stored: {part: (at the start, at the end)};  losses, supplies: {term: integral of its power over the run};  turnover: the largest
+    amount that one term moved, both directions counted, or that one part stores at the start or the end.
+    """
+
+    duration: float
+    stored: dict[str, tuple[float, float]]
+    losses: dict[str, float]
+    supplies: dict[str, float]
+    turnover: float
+
+    @property
+    def residual(self) -> float:
+        """Supplies - losses - growth of the stored energy [J]; 0 for a model whose energy is declared as its flow has it."""
+        growth = math.fsum(end - start for start, end in self.stored.values())
+        return math.fsum([*self.supplies.values(), -math.fsum(self.losses.values()), -growth])
+
+    @property
+    def relative(self) -> float:
+        """|residual| / turnover [1]; 0.0 where nothing moves."""
+        return abs(self.residual) / self.turnover if self.turnover > 0 else 0.0
+
+    def __str__(self) -> str:
+        rows = [(f"stored in {name}", end - start, f"{start:.6g} -> {end:.6g}") for name, (start, end) in self.stored.items()]
+        rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
+        rows += [(f"loss {name}", -value, "") for name, value in self.losses.items()]
+        width = max([len(name) for name, _, _ in rows] + [len("residual")])
+        lines = [f"Energy over {self.duration:g} s [J]"]
+        lines += [f"  {name:<{width}} {value:>15.8g}  {note}".rstrip() for name, value, note in rows]
+        lines.append(f"  {'residual':<{width}} {self.residual:>15.3g}  {self.relative:.1e} of {self.turnover:.6g} turned over")
+        return "\n".join(lines)
+
+
+def energy_audit(run: Trajectory) -> EnergyAudit:
+    """Integrate every declared loss and supply over a run and compare with the energy stored.
+
+    Energies and powers are the expressions that the parts declare beside their flow, so a residual above the accuracy of the run shows a model
+    whose physics and equations disagree, or a part that exchanges power without saying so. Integrals are Gauss-Legendre with 8 points on every
+    step (order 16, so that the quadrature adds nothing to the error of the run), with the modes and held signals of that step.
+    """
+    nodes = run.nodes
+    system = nodes.program.system
+    terms = [*system.losses.values(), *system.supplies.values()]
+    power = output_function(nodes.program, "audit of power", ca.vertcat(*terms)) if terms else None
+    energy = output_function(nodes.program, "audit of energy", ca.vertcat(*system.stored.values())) if system.stored else None
+    total, moved = np.zeros(len(terms)), np.zeros(len(terms))
+    begin, end = _window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
+    if power is not None:
+        for weights, samples in _gauss(run, begin, end):
+            values = _evaluated(power, samples)
+            total += values @ weights
+            moved += np.abs(values) @ weights
+    ends = np.zeros(nodes.time.size, bool)
+    ends[[0, -1]] = True
+    stored = _evaluated(energy, _rows(nodes, ends)) if energy is not None else np.zeros((0, 2))
+    first = len(system.losses)
+    return EnergyAudit(
+        duration=end - begin,
+        stored={name: (float(row[0]), float(row[-1])) for name, row in zip(system.stored, stored, strict=True)},
+        losses=dict(zip(system.losses, total[:first].tolist(), strict=True)),
+        supplies=dict(zip(system.supplies, total[first:].tolist(), strict=True)),
+        turnover=float(max(np.max(moved, initial=0.0), np.max(np.abs(stored), initial=0.0))),
+    )
+
+
+# ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
+def _window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
+    """The checked window; a run that failed ends at its last node."""
+    last = float(run.nodes.time[-1])
+    if not is_finite_number(after) or not 0 <= after < last:
+        raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
+    if until is None:
+        return float(after), last
+    if not is_finite_number(until) or not after < until <= last:
+        raise SceneError(f"Argument `until` must be after {after:g} s and at most {last:g} s, but it is {until!r}.")
+    return float(after), float(until)
+
+
+def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
+    nodes = run.nodes.time
+    return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
+
+
+def _gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
+    """(weights [s], signals) at the Gauss points of every step between begin and end, in portions."""
+    borders = _borders(run, begin, end)
+    for first in range(0, borders.size - 1, CHUNK):
+        piece = borders[first : first + CHUNK + 1]
+        width = np.diff(piece)
+        times = piece[:-1, None] + width[:, None] * POINTS
+        yield (width[:, None] * WEIGHTS).ravel(), run.nodes.at(times.ravel())
+
+
+def _sampled(run: Trajectory, signal: str, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times, values of a scalar signal at borders and Gauss points of all steps (right-hand limits at jumps), and the time mean."""
+    borders = _borders(run, begin, end)
+    inner_times, inner_values, integral = [], [], 0.0
+    for weights, samples in _gauss(run, begin, end):
+        values = _values(samples, signal)
+        inner_times.append(samples.time)
+        inner_values.append(values)
+        integral += float(values @ weights)
+    times = np.concatenate([borders, *inner_times])
+    values = np.concatenate([_values(run.nodes.at(borders), signal), *inner_values])
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order], integral / (end - begin)
+
+
+def _rows(nodes: Trajectory, chosen: np.ndarray) -> Samples:
+    """The signals at some of the nodes, each with the modes and held signals recorded there."""
+    return Samples(nodes.program, nodes.time[chosen], nodes.states[chosen], nodes.mode[chosen], nodes.held[chosen], nodes.parameters, False)
+
+
+def _values(samples: Samples, signal: str) -> np.ndarray:
+    values = np.asarray(samples[signal])
+    if values.ndim != 1:
+        raise SceneError(f"Argument `signal` must be a scalar, but `{signal}` has {values.shape[1]} entries: name one, e.g. `{signal}.0`.")
+    return values
+
+
+def _evaluated(function: ca.Function, samples: Samples) -> np.ndarray:
+    """A function of `output_function` at all samples, shape (rows of the function, nt)."""
+    constants = samples._constants
+    return np.array(function(samples.time[None, :], samples.states.T, constants, samples.held.T, samples.mode.T.astype(float)))
+
+
+def _largest(
+    run: Trajectory, signal: str, sign: float, times: np.ndarray, values: np.ndarray, node_times: np.ndarray, node_values: np.ndarray
+) -> tuple[float, float]:
+    """Supremum of sign * signal and its time, from samples, node values and the refined peaks between samples."""
+    every_time, every_value = np.concatenate([times, node_times]), sign * np.concatenate([values, node_values])
+    top = int(np.argmax(every_value))
+    best, when = float(every_value[top]), float(every_time[top])
+    peaks, heights, _ = _peaks(run, signal, sign, times, sign * values, best)
+    if heights.size and heights.max() > best:
+        best, when = float(heights.max()), float(peaks[np.argmax(heights)])
+    return best, when
+
+
+def _peaks(
+    run: Trajectory, signal: str, sign: float, times: np.ndarray, values: np.ndarray, floor: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Local maxima of sign * signal that may rise above `floor` between samples: their times, heights, and the sample to their right.
+
+    Each bracket of three samples is divided by eight and shrunk to the two parts around its largest value, all brackets at once. A smooth
+    peak is then missed by the square of a width that falls by four each time; brackets that cannot reach the best any more are dropped.
+    """
+    middle = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    rise = np.maximum(values[middle] - values[middle - 1], values[middle] - values[middle + 1])
+    middle = middle[(rise > 0) & (values[middle] + rise > floor)]
+    left, right, height = times[middle - 1].copy(), times[middle + 1].copy(), values[middle].copy()
+    where, owner = times[middle].copy(), middle + 1
+    found_time, found_height, found_owner = [np.empty(0)], [np.empty(0)], [np.empty(0, int)]
+    scale = float(np.abs(values).max(initial=0.0))
+    for _ in range(24):
+        if not left.size:
+            break
+        grid = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, 9)
+        inner = sign * _values(run.nodes.at(grid[:, 1:-1].ravel()), signal).reshape(left.size, 7)
+        top = np.argmax(inner, axis=1)
+        row = np.arange(left.size)
+        better = inner[row, top] > height
+        best = np.where(better, top + 1, np.clip(np.rint(8 * (where - left) / (right - left)), 1, 7).astype(int))
+        where = np.where(better, grid[row, best], where)
+        spread = np.maximum(inner[row, top], height) - inner[row, np.clip(best - 2, 0, 6)]
+        spread = np.maximum(spread, np.maximum(inner[row, top], height) - inner[row, np.clip(best, 0, 6)])
+        height = np.maximum(inner[row, top], height)
+        left, right = np.minimum(grid[row, best - 1], where), np.maximum(grid[row, best + 1], where)
+        done = (spread <= 4e-16 * scale) | (right - left <= 4e-16 * np.abs(right))
+        keep = ~done & (height + spread > floor)
+        found_time.append(where[done])
+        found_height.append(height[done])
+        found_owner.append(owner[done])
+        left, right, height, where, owner = left[keep], right[keep], height[keep], where[keep], owner[keep]
+    return np.concatenate([*found_time, where]), np.concatenate([*found_height, height]), np.concatenate([*found_owner, owner])

@@ -1,0 +1,132 @@
+"""Quantities with units at the border: `parse("97.3 kN", "N")` is 97300.0.
+
+Why rad is more than a 1 here: as plain mathematics, 2 Hz and 2 rad/s are the same number, and the torque of a drill string set to one instead of the
+other is wrong by 2 pi without any complaint. So an angle must be named wherever it decides the number; only beside a force, where
+habit writes N m for N m/rad, it may be left out.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import reprlib
+from decimal import Decimal
+from functools import cache
+from numbers import Real
+from typing import Any
+
+from toolbox.errors import SceneError, suggest
+
+USUAL = (
+    "1", "%", "rad", "deg", "s", "ms", "min", "h", "Hz", "kHz", "rad/s", "rad/s2", "deg/s", "rpm", "m", "mm", "km", "ft", "in", "m/s", "mm/s", "ft/s",
+    "ft/h", "m/s2", "kg", "t", "lb", "N", "kN", "MN", "lbf", "klbf", "N/m", "kN/m", "N s/m", "N m", "kN m", "lbf ft", "klbf ft", "N m/rad", "kN m/rad",
+    "N m/deg", "N m s/rad", "kN m s/rad", "kg m2", "Pa", "kPa", "MPa", "bar", "psi", "s/rad", "s/m", "1/s", "J", "W", "kW", "hp", "K",
+)  # fmt: skip
+"""Units that an error message may suggest."""
+
+_QUANTITY = re.compile(r"\s*([+-]?(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?)(?![0-9.])(.*)", re.DOTALL)
+_UNIT = re.compile(r"[A-Za-zµμ°%_0-9\s*/^().·²³⁻¹-]*")
+_SPELLINGS = [
+    (r"[·]", "*"),
+    (r"²", "**2"),
+    (r"³", "**3"),
+    (r"°", "deg"),
+    (r"(?<=[A-Za-z])-(?=[A-Za-z])", "*"),  # ft-lbf
+    (r"\b(k|M|da)?Nm\b", r"\1N m"),  # pint reads Nm as something else
+    (r"\brevs?\b", "turn"),
+    (r"(?<=[A-Za-z])\^?(-?\d)\b", r"**\1"),  # m2, s^-1
+]
+
+
+def parse(value: Any, unit: str, name: str = "value") -> float:
+    """The number of a quantity in `unit`: a number passes unchanged, a string such as "97.3 kN" is converted.
+
+    unit: as declared by a part, e.g. "N m s/rad";  name: of the argument, for error messages. Raises SceneError where the value is no finite
+    number, has no unit, an unknown unit or one that does not fit.
+    """
+    if isinstance(value, str):
+        return _converted(value, unit, name)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {reprlib.repr(value)}.")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise SceneError(f"Argument `{name}` must be finite, but it is {reprlib.repr(value)}.")
+    return number
+
+
+def _words(unit: str) -> str:
+    return "a number" if unit == "1" else f"a number in {unit}, or text such as `1.5 {unit}`"
+
+
+def _converted(text: str, unit: str, name: str) -> float:
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
+    number = Decimal(match[1].replace("_", ""))
+    given = match[2].strip()
+    if not given and unit != "1":
+        raise SceneError(f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`.")
+    try:
+        (target, _), wanted = _roots(unit)
+    except _UnknownUnit:
+        raise SceneError(f"Argument `{name}` must be a plain number: its part declares the unknown unit `{unit}`.") from None
+    try:
+        (factor, offset), roots = _roots(given or "1")
+    except _UnknownUnit as unknown:
+        fitting = [word for word in USUAL if _fit(_roots(word)[1], wanted)]
+        raise SceneError(f"Argument `{name}` must be in {unit}, but `{text}` has the unknown unit `{unknown}`: {suggest(given, fitting)}") from None
+    if not _fit(roots, wanted):
+        must = "a plain number" if unit == "1" else f"in {unit}"
+        raise SceneError(f"Argument `{name}` must be {must}, but `{text}` is in {given}{_advice(roots, wanted)}.")
+    result = float((number * factor + offset) / target)
+    if not math.isfinite(result):
+        raise SceneError(f"Argument `{name}` must be finite, but it is `{text}`.")
+    return result
+
+
+def _fit(given: dict[str, Decimal], wanted: dict[str, Decimal]) -> bool:
+    """Whether units with these powers of base units measure the same thing."""
+    beside_force = wanted.get("gram", Decimal(0)) != 0
+    powers = [{base: power for base, power in roots.items() if not (beside_force and base == "radian")} for roots in (given, wanted)]
+    return powers[0] == powers[1]
+
+
+def _advice(given: dict[str, Decimal], wanted: dict[str, Decimal]) -> str:
+    rate = {"second": Decimal(-1)}
+    if given == rate and wanted == rate | {"radian": Decimal(1)}:
+        return "; an angular speed is in rad/s or rpm, and 1 Hz is 60 rpm"
+    if wanted == rate and given == rate | {"radian": Decimal(1)}:
+        return "; a frequency is in Hz, and 60 rpm is 1 Hz"
+    return ""
+
+
+class _UnknownUnit(Exception):
+    pass
+
+
+@cache
+def _registry() -> Any:
+    import pint  # here, because it takes half a second and only strings need it
+
+    return pint.UnitRegistry(non_int_type=Decimal)  # decimals: 97.3 kN is 97300 N to the last digit
+
+
+@cache
+def _roots(unit: str) -> tuple[tuple[Decimal, Decimal], dict[str, Decimal]]:
+    """(factor, offset) to base units, and the powers of the base units, rad among them."""
+    text = unit.strip()
+    if not _UNIT.fullmatch(text):
+        raise _UnknownUnit(unit)
+    for pattern, replacement in _SPELLINGS:
+        text = re.sub(pattern, replacement, text)
+    registry = _registry()
+    try:
+        parsed = registry.parse_units("" if text == "1" else text)
+        zero = registry.Quantity(Decimal(0), parsed).to_root_units()
+        one = registry.Quantity(Decimal(1), parsed).to_root_units()
+    except Exception:  # pint has no common base for what its parser raises
+        raise _UnknownUnit(unit) from None
+    return (one.magnitude - zero.magnitude, zero.magnitude), {str(base): Decimal(power) for base, power in one._units.items()}

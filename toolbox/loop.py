@@ -6,6 +6,10 @@ on events, and decides modes by forces alone. Everything it calls stands in this
 How an event is found: an armed guard that changes sign over a step, or whose cubic Hermite interpolant dips below zero inside it, is located by
 stepping again from the start of the step to the root of that interpolant, with shrinking brackets. No dense output is involved, so
 the accuracy at an event, like at an output time, is that of a step.
+
+A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
+integrated along as one more state with an offset of a tenth of the bound over the tolerance, so that the error control sees it; `Work.excited` names
+the element of each such state.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE, BUDGET,
- CULPRIT, STARTED, NODES) = range(21)  # fmt: skip
+ CULPRIT, STARTED, NODES, LOCATED, MERGED) = range(23)  # fmt: skip
 
 # --- indices into `Work.reals`; ERROR_OLD is a logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
@@ -39,7 +43,8 @@ class Work(NamedTuple):
 
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s: a spare state;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
-    g, g_low, g_high: guards then rates;  guard_scale, side, armed: per guard;  zero, before: per element;
+    g, g_low, g_high: guards then rates;  guard_scale: size of each guard so far, in slip then in stick;
+    side, armed, fired: per guard;  zero, before: per element;  excited: see below;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
@@ -64,6 +69,8 @@ class Work(NamedTuple):
     guard_scale: np.ndarray
     side: np.ndarray
     armed: np.ndarray
+    fired: np.ndarray
+    excited: np.ndarray
     zero: np.ndarray
     before: np.ndarray
     rec_t: np.ndarray
@@ -140,6 +147,8 @@ def _borrowed_all(w):
         _borrowed(w.guard_scale),
         _borrowed(w.side),
         _borrowed(w.armed),
+        _borrowed(w.fired),
+        _borrowed(w.excited),
         _borrowed(w.zero),
         _borrowed(w.before),
         _borrowed(w.rec_t),
@@ -217,6 +226,23 @@ def _first_descent(a, da, b, db):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _slot(w, j):
+    """Where the size of guard j stands: a contact's first guard is a speed in slip and a force in stick."""
+    return j + w.ints[NG] if j < 2 * w.ints[NE] and w.m[j // 2] == 0.0 else j
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _size(w, j):
+    return w.guard_scale[_slot(w, j)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _close(w, j):
+    """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
+    return min(max(1e-5 * w.reals[RTOL], 1e-13), 1e-9) * _size(w, j)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
@@ -273,9 +299,9 @@ def _refresh(w):
         w.g[j] = w.z[2 * n + j]
     for j in range(ng):
         size = abs(w.g[j])
-        if size > w.guard_scale[j]:
-            w.guard_scale[j] = size
-        w.armed[j] = w.side[j] * w.g[j] > 1e-13 * w.guard_scale[j]
+        if size > _size(w, j):
+            w.guard_scale[_slot(w, j)] = size
+        w.armed[j] = w.side[j] * w.g[j] > 1e-13 * _size(w, j)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -308,7 +334,8 @@ def _first_step(w):
     d2 = math.sqrt(d2 / n) / h0 if h0 > 0.0 else 0.0
     top = max(d1, d2)
     h1 = (0.01 / top) ** (1.0 / w.ints[ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
-    h = min(100.0 * h0, h1)
+    # states that are still zero would make the rule absurdly careful; a step too long is only rejected
+    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[END])
     w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
     w.reals[STEP_OLD] = 0.0
 
@@ -317,7 +344,7 @@ def _first_step(w):
 def _record(w, t, x):
     r = w.ints[RECORDS]
     w.rec_t[r] = t
-    for i in range(w.ints[N]):
+    for i in range(w.rec_x.shape[1]):
         w.rec_x[r, i] = x[i]
     for i in range(w.ints[NE]):
         w.rec_m[r, i] = np.int8(w.m[i])
@@ -478,14 +505,17 @@ def _candidate(w, h, low, high, width, whole):
                 continue
             if not w.armed[j] and b > 0.0:
                 continue
-        elif b >= -1e-12 * w.guard_scale[j]:
+        elif b >= -1e-12 * _size(w, j):
             continue
         elif low[ng + j] * w.side[j] <= 0.0:
+            w.ints[LOCATED] = j
             return 0.0  # a disarmed guard that goes the wrong way from its start
         s = _first_descent(a, w.side[j] * low[ng + j] * width * h, b, w.side[j] * high[ng + j] * width * h)
         if s > 1.0 and b <= 0.0:
             s = 1.0
-        best = min(best, s)
+        if s < best:
+            best = s
+            w.ints[LOCATED] = j
     return best
 
 
@@ -517,11 +547,10 @@ def _locate(w, h):
         _call(w.ints[STEP], t, fraction * h, w.x, w.k, w.p, w.m, w.y)
         below, near = False, False
         for j in range(ng):
-            if not w.armed[j] and not w.g_low[j] * w.side[j] > 1e-13 * w.guard_scale[j] and whole and w.y[2 * n + ng + j] * w.side[j] >= 0.0:
-                continue
             value = w.side[j] * w.y[2 * n + j]
-            close = max(1e-5 * w.reals[RTOL], 1e-13) * w.guard_scale[j]
-            if abs(value) <= close and w.side[j] * w.y[2 * n + ng + j] < 0.0:
+            if not w.armed[j] and j != w.ints[LOCATED] and value >= -1e-12 * _size(w, j):
+                continue  # round-off of a guard that starts at zero
+            if abs(value) <= _close(w, j) and w.side[j] * w.y[2 * n + ng + j] < 0.0:
                 near = True
             elif value < 0.0:
                 below = True
@@ -541,26 +570,36 @@ def _locate(w, h):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _fire(w, t):
-    """Handle every guard that is at zero now: kinks change side, elements are put at zero slip or released, and modes are decided."""
+    """Handle every guard that is at zero now: kinks change side, elements are put at zero slip or released, and modes are decided.
+
+    The guard that was located fires in any case, others with it if they are as near to zero and descending.
+    """
     ne, ng = w.ints[NE], w.ints[NG]
+    located = w.ints[LOCATED]
     for i in range(ne):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0
+    kink = False
     for j in range(ng):
-        g, rate = w.side[j] * w.g[j], w.side[j] * w.g[ng + j]
-        if not (g <= 1e-9 * w.guard_scale[j] and rate <= 0.0):
-            continue
-        if j >= 2 * ne:
+        near = w.side[j] * w.g[j] <= max(1e-9 * _size(w, j), 0.0) and w.side[j] * w.g[ng + j] <= 0.0
+        w.fired[j] = near or j == located
+        if j >= 2 * ne and w.fired[j]:
             w.side[j] = -w.side[j]
-        elif w.before[j // 2] != 0.0 and j % 2 == 0:
-            w.m[j // 2] = 0.0
-            w.zero[j // 2] = True
+            kink = True
+    for i in range(ne):
+        if w.before[i] != 0.0 and w.fired[2 * i]:
+            w.m[i] = 0.0
+            w.zero[i] = True
     _project(w, t)
-    for j in range(2 * ne):
-        i = j // 2
-        if w.before[i] == 0.0 and w.g[j] <= 1e-9 * w.guard_scale[j] and w.g[ng + j] <= 0.0:
-            w.m[i] = -1.0 if j % 2 == 0 else 1.0
-    return _settle(w, t)
+    for i in range(ne):
+        if w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]:
+            w.m[i] = -1.0 if w.fired[2 * i] else 1.0
+    events = w.ints[EVENTS]
+    if not _settle(w, t):
+        return False
+    if w.ints[EVENTS] == events and not kink:
+        w.ints[MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -582,6 +621,9 @@ def begin(w):
         slip = w.z[i]
         w.zero[i] = abs(slip) <= 2.0 * EPS * largest
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+        for q in range(w.excited.size):
+            if w.excited[q] == i:
+                w.x[w.ints[N] - w.excited.size + q] = 0.1 * w.z[3 * ne + i] / w.reals[RTOL]
     _project(w, t)
     if not _decide(w, t):
         return False
@@ -660,7 +702,7 @@ def advance(w):
                     hit = True
                 elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0:
                     hit = hit or _first_descent(a, w.side[j] * w.g[ng + j] * h, b, w.side[j] * w.y[end + ng + j] * h) <= 1.0
-            elif b < -1e-12 * w.guard_scale[j]:
+            elif b < -1e-12 * _size(w, j):
                 hit = True
         event = False
         if hit:
@@ -711,9 +753,9 @@ def advance(w):
                 w.g[j] = w.y[end + j]
             for j in range(ng):
                 size = abs(w.g[j])
-                if size > w.guard_scale[j]:
-                    w.guard_scale[j] = size
-                if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * w.guard_scale[j]:
+                if size > _size(w, j):
+                    w.guard_scale[_slot(w, j)] = size
+                if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * _size(w, j):
                     w.armed[j] = True
         w.reals[TIME] = t_new
         _project(w, t_new)
@@ -737,7 +779,7 @@ def advance(w):
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(step, project, field, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
     """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector."""
-    x, k, m = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+    x, k, m, new = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1)), np.zeros(n)
     y = np.zeros(4 * n + 2 * ng)
     last = -1
     for q in range(times.size):
@@ -745,7 +787,7 @@ def evaluate(step, project, field, n, ne, ng, node_t, node_x, node_m, node_p, p,
         if r < 0:
             r = 0
         if r != last:
-            for i in range(n):
+            for i in range(node_x.shape[1]):
                 x[i] = node_x[r, i]
             for i in range(ne):
                 m[i] = node_m[r, i]
@@ -757,14 +799,15 @@ def evaluate(step, project, field, n, ne, ng, node_t, node_x, node_m, node_p, p,
             last = r
         h = times[q] - node_t[r]
         if h == 0.0:
-            x_out[q] = x
+            for i in range(x_out.shape[1]):
+                x_out[q, i] = x[i]
             continue
         _call(step, node_t[r], h, x, k, p, m, y)
-        for i in range(n):
-            x_out[q, i] = y[i]
         for i in range(ne):
             if m[i] == 0.0:
-                _call(project, times[q], 0.0, x_out[q], k, p, m, y)
                 for j in range(n):
-                    x_out[q, j] = y[j]
+                    new[j] = y[j]
+                _call(project, times[q], 0.0, new, k, p, m, y)
                 break
+        for i in range(x_out.shape[1]):
+            x_out[q, i] = y[i]

@@ -214,7 +214,7 @@ class EnergyAudit:
     def residual(self) -> float:
         """Supplies - losses - growth of the stored energy [J]; 0 for a model whose energy is declared as its flow has it."""
         growth = math.fsum(end - start for start, end in self.stored.values())
-        return math.fsum([*self.supplies.values(), -math.fsum(self.losses.values()), -growth])
+        return math.fsum([*self.supplies.values(), *(-value for value in self.losses.values()), -growth])
 
     @property
     def relative(self) -> float:
@@ -224,7 +224,7 @@ class EnergyAudit:
     def __str__(self) -> str:
         rows = [(f"stored in {name}", end - start, f"{start:.6g} -> {end:.6g}") for name, (start, end) in self.stored.items()]
         rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
-        rows += [(f"loss {name}", -value, "") for name, value in self.losses.items()]
+        rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
         width = max([len(name) for name, _, _ in rows] + [len("residual")])
         lines = [f"Energy over {self.duration:g} s [J]"]
         lines += [f"  {name:<{width}} {value:>15.8g}  {note}".rstrip() for name, value, note in rows]
@@ -346,13 +346,13 @@ def _peaks(
     Each bracket of three samples is divided by eight and shrunk to the two parts around its largest value, all brackets at once. A smooth
     peak is then missed by the square of a width that falls by four each time; brackets that cannot reach the best any more are dropped.
     """
+    scale = float(np.abs(values).max(initial=0.0))
     middle = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
     rise = np.maximum(values[middle] - values[middle - 1], values[middle] - values[middle + 1])
-    middle = middle[(rise > 0) & (values[middle] + rise > floor)]
+    middle = middle[(rise > 4e-16 * scale) & (values[middle] + rise > floor)]
     left, right, height = times[middle - 1].copy(), times[middle + 1].copy(), values[middle].copy()
     where, owner = times[middle].copy(), middle + 1
     found_time, found_height, found_owner = [np.empty(0)], [np.empty(0)], [np.empty(0, int)]
-    scale = float(np.abs(values).max(initial=0.0))
     for _ in range(24):
         if not left.size:
             break
@@ -367,7 +367,7 @@ def _peaks(
         spread = np.maximum(spread, np.maximum(inner[row, top], height) - inner[row, np.clip(best, 0, 6)])
         height = np.maximum(inner[row, top], height)
         left, right = np.minimum(grid[row, best - 1], where), np.maximum(grid[row, best + 1], where)
-        done = (spread <= 4e-16 * scale) | (right - left <= 4e-16 * np.abs(right))
+        done = (spread <= 2e-15 * scale) | (right - left <= 4e-16 * np.abs(right))
         keep = ~done & (height + spread > floor)
         found_time.append(where[done])
         found_height.append(height[done])

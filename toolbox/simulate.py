@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import sys
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from toolbox.closed_loop import Controller, External, Held, Sampled, callable_la
 from toolbox.compose import Component, HybridSystem, assembled, numbers_of, structure_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
-from toolbox.hybrid import switching
+from toolbox.hybrid import Switching, switching
 from toolbox.inputs import Shape, Table
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.trajectory import Trajectory
@@ -41,6 +42,7 @@ class Program:
     held_slot: int
     table_slot: dict[str, int]
     first_held: int
+    excited: np.ndarray
     groups: np.ndarray
     group_count: int
     outputs: dict[str, Any]
@@ -93,6 +95,7 @@ def _program(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pai
         twin.slip, twin.static, twin.kinetic = closed(element.slip), closed(element.static), closed(element.kinetic)
         elements.append(twin)
     form = switching(system.t, system.x, closed(system.flow), elements)
+    x, excited, form = _with_hidden_forces(system, elements, form)
     updates = []
     for update in system.updates:
         following, outputs = (
@@ -100,11 +103,13 @@ def _program(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pai
         )
         updates.append((update.memory, following, outputs))
     units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
+    units += ["hidden force"] * len(excited)
     known = sorted(set(units))
     program = Program(
         system=system,
         pair=pair,
-        machine=machine(system.t, system.x, p, elements, form, pair, updates),
+        machine=machine(system.t, x, p, elements, form, pair, updates),
+        excited=np.array(excited, np.int64),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -117,6 +122,23 @@ def _program(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pai
     )
     system.kernels[key] = program
     return program
+
+
+def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
+    """The states and field with one more state for every sticking force or bound that varies nonlinearly in time (see `toolbox.loop`)."""
+    rates, excited = [], []
+    for i, element in enumerate(elements):
+        sticks = 1 - element.mode**2
+        for value in (form.force[i], form.static[i]):
+            rate = ca.jacobian(sticks * value, system.t)
+            if ca.depends_on(rate, system.t):
+                rates.append(rate)
+                excited.append(i)
+    if not rates:
+        return system.x, [], form
+    hidden = ca.SX.sym("hidden", len(rates))
+    field = ca.vertcat(form.field, *rates)
+    return ca.vertcat(system.x, hidden), excited, dataclasses.replace(form, field=field, projected=ca.vertcat(form.projected, hidden))
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,9 +325,26 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values
 
 
-def _run(run: Run, progress: Callable[[float], None] | None = None) -> Trajectory:
+def _event_loop() -> Any:
+    """The compiled event loop; says so on stderr where this machine has to compile it first."""
     from toolbox import loop
 
+    if not _ANNOUNCED:
+        _ANNOUNCED.append(True)
+        try:
+            known = bool(loop.advance.signatures) or bool(loop.advance._cache._cache_file._load_index())
+        except AttributeError:  # another version of numba keeps its index elsewhere
+            known = True
+        if not known:
+            print("stickslip: compiling the event loop, once per machine (about 15 s) ...", file=sys.stderr, flush=True)
+    return loop
+
+
+_ANNOUNCED: list[bool] = []
+
+
+def _run(run: Run) -> Trajectory:
+    loop = _event_loop()
     system = run.system
     pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
@@ -316,7 +355,7 @@ def _run(run: Run, progress: Callable[[float], None] | None = None) -> Trajector
     if not loop.begin(work):
         raise _failure(loop, loop.INCONSISTENT, run, program, work, began)
     laws = [copy.deepcopy(law) if not hasattr(law, "__code__") else law for law in run.laws]
-    status = loop.PAUSED
+    bar: Any = None
     while True:
         status = loop.advance(work)
         if status == loop.DONE:
@@ -328,10 +367,16 @@ def _run(run: Run, progress: Callable[[float], None] | None = None) -> Trajector
         elif status == loop.PAUSED:
             if work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] >= MAX_STEPS:
                 raise _failure(loop, status, run, program, work, began)
-            if progress is not None:
-                progress(float(work.reals[loop.TIME]))
+            if bar is None and clock.perf_counter() - began > 1.0:
+                from tqdm import tqdm
+
+                bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
+            if bar is not None:
+                bar.update(float(work.reals[loop.TIME]) - bar.n)
         else:
             raise _failure(loop, status, run, program, work, began)
+    if bar is not None:
+        bar.close()
     return _trajectory(loop, run, program, work, began)
 
 
@@ -361,7 +406,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     times = np.array(sorted({jump[0] for jump in jumps}))
     first = np.array([*(next(i for i, j in enumerate(jumps) if j[0] == t) for t in times), len(jumps)], np.int64)
 
-    ints = np.zeros(21, np.int64)
+    ints = np.zeros(23, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
     ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE] = machine.addresses
     ints[loop.ORDER] = program.pair.order
@@ -386,15 +431,15 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     widest = max((len(u.names) for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
-    x = np.zeros(n)
+    x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
         _place(system, x, name, value)
     work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
-        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(ng), side=np.ones(ng),
-        armed=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        rec_t=np.empty(capacity), rec_x=np.empty((capacity, n)), rec_m=np.empty((capacity, ne), np.int8),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), side=np.ones(ng),
+        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), before=np.zeros(ne), excited=program.excited,
+        rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
@@ -477,6 +522,7 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float) 
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,
         steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
+        merged=int(work.ints[loop.MERGED]),
         wall_time=clock.perf_counter() - began,
     )
 

@@ -117,7 +117,8 @@ class Trajectory(Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
-    wall_time: seconds spent in the event loop;  steps: (accepted, rejected).
+    wall_time: seconds spent in the event loop;  steps: (accepted, rejected);  merged: guards that reached zero without a change of mode, because
+    the element touched and went on, or left and returned faster than can be resolved.
     """
 
     def __init__(
@@ -133,12 +134,14 @@ class Trajectory(Samples):
         event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         last_mode: np.ndarray,
         steps: tuple[int, int],
+        merged: int,
         wall_time: float,
     ):
         super().__init__(program, time, states, mode, held, parameters, False)
         self.run = run
         self.parameters = parameters
         self.steps = steps
+        self.merged = merged
         self.wall_time = wall_time
         self._event_arrays = event_arrays
         self._last_mode = last_mode
@@ -147,7 +150,7 @@ class Trajectory(Samples):
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
         """Signals at one instant of a run under way."""
         held = p[program.first_held :]
-        return Samples(program, np.array([t]), x[None, :].copy(), m[None, :], held[None, :].copy(), p, True)
+        return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
 
     @property
     def duration(self) -> float:
@@ -207,7 +210,7 @@ class Trajectory(Samples):
             raise SceneError(f"Argument `time` must be between 0 and {self.duration:g} s, but it is {time!r}.")
         nodes = self.nodes
         machine = self.program.machine
-        states = np.empty((times.size, machine.states))
+        states = np.empty((times.size, self.states.shape[1]))
         field, step, project, _ = machine.addresses
         loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, nodes.time, nodes.states, nodes.mode, nodes.held,
                       self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
@@ -288,6 +291,8 @@ class Trajectory(Samples):
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
+        if self.merged:
+            lines.append(f"  {self.merged} touches without a change of mode")
         for name in self._elements:
             parts = [f"{mode} {self.time_in(name, mode):.4g} s" for mode in reversed(MODES) if self.time_in(name, mode) > 0]
             lines.append(f"  {name}: {', '.join(parts) or 'no time'}")

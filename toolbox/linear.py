@@ -1,0 +1,392 @@
+"""A plant as a linear system around a steady state: `equilibrium` finds the state, `linearise` the matrices.
+
+The right-hand side with the modes as numbers is one smooth expression per set of modes, so its Jacobians are exact; nothing is differenced.
+
+Why sticking takes states away: an element in stick adds the constraint slip = 0 and the force that keeps it. The full Jacobian then has a
+zero row and a pole at 0 that no input moves and no output sees move. That pole belongs to no motion of the machine, so `linearise` solves the
+constraint for one state per sticking element and leaves that state out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compose import HybridSystem
+from toolbox.elements import is_finite_number
+from toolbox.errors import SceneError, suggest
+from toolbox.simulate import _place
+from toolbox.trajectory import Samples
+
+if TYPE_CHECKING:
+    import control
+
+MODES = {"stick": 0.0, "slip+": 1.0, "slip-": -1.0}
+WORDS = {number: word for word, number in MODES.items()}
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A steady state of a plant: `rest["bit.speed"]` reads a signal, `print(rest)` shows all.
+
+    plant: the plant with the parameters it was found for;  states: x, shape (n,);  inputs: u, shape (n_u,);  modes: {element: mode}.
+    """
+
+    plant: HybridSystem
+    states: np.ndarray
+    inputs: np.ndarray
+    modes: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Any:
+        """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
+        function = ca.Function("signal", _symbols(self.plant), [_closed(self.plant, name)])
+        value = np.array(function(0.0, self.states, self.inputs, self.plant.values, _numbers(self.plant, self.modes))).ravel()
+        return float(value[0]) if value.size == 1 else value
+
+    def __str__(self) -> str:
+        lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
+        units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
+        for name, unit in units.items():
+            value = self[name]
+            shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
+            lines.append(f"  {name:<18} {shown} {unit}")
+        return "\n".join(lines)
+
+
+def equilibrium(
+    plant: HybridSystem,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    start: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> Equilibrium:
+    """The steady state dx/dt = 0 for constant inputs, in given modes, with every sliding element sliding the way its mode says.
+
+    inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
+    search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
+    characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, the direction of slip at the start, and "slip+" at zero
+    slip.  parameters: {name: value}. Time, where the plant depends on it, is 0.
+
+    Raises SceneError where no steady state is found, where the one found contradicts its modes, and for arguments as `simulate` does.
+    """
+    from scipy.optimize import root
+
+    plant = _checked(plant, parameters)
+    u = _input_values(plant, inputs or {})
+    given = np.zeros(plant.x.numel())
+    for name, value in (start or {}).items():
+        _place(plant, given, name, value)
+    free = _free(plant)
+    guesses = [given] if start else [_frictionless(plant, free, u), given]
+    residual, jacobian = _residual(plant)
+    reason = ""
+    for guess in guesses:
+        m = _modes_at(plant, guess, u, mode)
+        sticking = m == 0.0
+
+        def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
+            flow, slip = residual(0.0, x, u, plant.values, m)
+            return np.concatenate([np.array(flow).ravel(), np.array(slip).ravel()[sticking]])
+
+        def slopes(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
+            of_flow, of_slip = jacobian(0.0, x, u, plant.values, m)
+            return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
+
+        # a plant in stick has more equations than states: its constraints repeat rows of the flow
+        x = root(equations, guess, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
+        for _ in range(4):
+            step = np.linalg.lstsq(slopes(x), -equations(x), rcond=1e-13)[0]
+            if np.isfinite(step).all() and np.abs(equations(x + step)).sum() <= np.abs(equations(x)).sum():
+                x = x + step
+        clean = np.where(np.abs(x) > 1e-13 * np.abs(x).max(initial=0.0), x, 0.0)  # what should be zero shows as zero
+        if np.abs(equations(clean)).sum() <= np.abs(equations(x)).sum() + 1e-300:
+            x = clean
+        found = equations(x)
+        # round-off is that of the terms that cancel, and a force that sticks may cancel all the others
+        load, slope = (np.array(v) for v in free(0.0, x, u, plant.values))
+        size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(np.zeros_like(x))) + 1e-300
+        size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
+        if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
+            worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
+            label, unit = _labels(plant)[worst]
+            reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
+            continue
+        contradiction = _contradiction(plant, x, u, m)
+        if contradiction:
+            reason = f"the only state found contradicts its mode: {contradiction}"
+            continue
+        return Equilibrium(plant, x, u, {element.name: WORDS[float(v)] for element, v in zip(plant.elements, m, strict=True)})
+    given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
+    raise SceneError(f"There is no steady state for {given_inputs}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
+
+
+def linearise(
+    plant: HybridSystem,
+    at: Mapping[str, Any] | Equilibrium | Samples | None = None,
+    mode: Mapping[str, str] | None = None,
+    inputs: str | Sequence[str] | Mapping[str, float] | None = None,
+    outputs: str | Sequence[str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> control.StateSpace:
+    """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
+
+    at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
+    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip, and "slip+" at zero
+    slip.  inputs, outputs: names to keep, all without (all scalar signals);  {name: value} for inputs also gives the values there.
+
+    Names have "_" for ".", which python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`. A point
+    that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per
+    sticking element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them.
+
+    Raises SceneError for a plant with sampled laws, unknown names, modes that contradict the point, and inputs that move the slip of a
+    sticking element.
+    """
+    import control
+
+    if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
+        if plant.kernels is not at.plant.kernels:
+            raise SceneError("Argument `at` must be a steady state of `plant`, but it belongs to another plant.")
+        plant = at.plant
+    plant = _checked(plant, parameters)
+    t, x, u, m = _point(plant, at, mode, inputs if isinstance(inputs, Mapping) else {})
+    kept_inputs = _kept(plant, inputs, list(plant.inputs), "input")
+    scalar = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
+    kept_outputs = _kept(plant, outputs, scalar, "signal", known=[*plant.signals, *plant.inputs])
+
+    y = ca.vertcat(*[_closed(plant, name) for name in kept_outputs])
+    flow, slip = plant.switching.field, plant.switching.slip
+    wanted = [ca.jacobian(a, b) for a in (flow, y, slip) for b in (plant.x, plant.u)]
+    function = ca.Function("jacobians", _symbols(plant), [ca.densify(matrix) for matrix in wanted])
+    a, b, c, d, slip_x, slip_u = (np.array(matrix) for matrix in function(t, x, u, plant.values, m))
+    if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
+        raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
+
+    sticking = np.flatnonzero(m == 0.0)
+    columns = [list(plant.inputs).index(name) for name in kept_inputs]
+    for i in sticking:
+        movers = [name for name, column in zip(kept_inputs, columns, strict=True) if slip_u[i, column] != 0.0]
+        if movers and inputs is None:  # an input that shifts the constraint acts through its rate, which a state space cannot say
+            kept_inputs = [name for name in kept_inputs if name not in movers]
+            columns = [list(plant.inputs).index(name) for name in kept_inputs]
+        elif movers:
+            raise SceneError(f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`.")
+    free, lift = _constrained(slip_x[sticking])
+    labels = [name for name, _ in _labels(plant, control_names=True)]
+    return control.ss(
+        (a @ lift)[free],
+        b[free][:, columns],
+        c @ lift,
+        d[:, columns],
+        name="linearised",
+        states=[labels[i] for i in free],
+        inputs=[_control_name(name) for name in kept_inputs],
+        outputs=[label for name in kept_outputs for label in _control_labels(plant, name)],
+        remove_useless_states=False,
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- points and modes
+def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
+    if not isinstance(plant, HybridSystem):
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+    if plant.updates:
+        raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
+    return plant.with_parameters(parameters) if parameters else plant
+
+
+def _symbols(plant: HybridSystem) -> list[ca.SX]:
+    return [plant.t, plant.x, plant.u, plant.p, plant.m]
+
+
+def _closed(plant: HybridSystem, name: str) -> ca.SX:
+    """A signal as an expression of t, x, u, p and m."""
+    if name in plant.signals:
+        expression = plant.signals[name][0]
+    elif name in plant.inputs:
+        expression = plant.inputs[name].symbol
+    else:
+        raise SceneError(f"There is no signal `{name}`: {suggest(name, [*plant.signals, *plant.inputs])}")
+    expression = ca.densify(ca.SX(expression))
+    return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
+
+
+def _numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
+    return np.array([MODES[modes[element.name]] for element in plant.elements])
+
+
+def _input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
+    u = np.array(plant.input_defaults(plant.values)).ravel()
+    for name, value in given.items():
+        if name not in plant.inputs:
+            if name in plant.signals:
+                raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
+            raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+        if not is_finite_number(value):
+            raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
+        if name in plant.parameters:
+            plant.parameters[name].check(value)
+        u[list(plant.inputs).index(name)] = value
+    return u
+
+
+def _modes_at(plant: HybridSystem, x: np.ndarray, u: np.ndarray, mode: Mapping[str, str] | None, t: float = 0.0) -> np.ndarray:
+    """Modes as given, else from the direction of slip at a point, else sliding forwards."""
+    names = [element.name for element in plant.elements]
+    for name, word in (mode or {}).items():
+        if name not in names:
+            raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
+        if word not in MODES:
+            raise SceneError(f"Argument `mode` must be stick, slip+ or slip- for `{name}`, but it is {word!r}.")
+    slip = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
+    return np.array([MODES[mode[name]] if mode and name in mode else (-1.0 if v < 0 else 1.0) for name, v in zip(names, slip, strict=True)])
+
+
+def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
+    """What speaks against the modes at a point; empty where nothing does."""
+    form = plant.switching
+    probe = ca.Function("probe", _symbols(plant), [ca.densify(e) for e in (form.slip, form.force, form.static)])
+    slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
+    size = float(np.abs(x).max(initial=0.0))
+    for element, mode, slip, force, bound in zip(plant.elements, m, slips, forces, bounds, strict=True):
+        if mode * slip < -1e-9 * size:
+            return f"`{element.name}` in {WORDS[mode]} has the slip {slip:.4g} {element.slip_unit}"
+        if mode == 0.0 and abs(slip) > 1e-9 * size:
+            return f"`{element.name}` in stick has the slip {slip:.4g} {element.slip_unit}"
+        if mode == 0.0 and not abs(force) <= bound * (1.0 + 1e-9):
+            return f"`{element.name}` in stick needs a force of {abs(force):.5g} {element.force_unit}, but its bound is {bound:.5g}"
+    return ""
+
+
+def _point(
+    plant: HybridSystem, at: Any, mode: Mapping[str, str] | None, values: Mapping[str, float]
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """(t, x, u, m) of `linearise`."""
+    x = np.zeros(plant.x.numel())
+    t, own, given = 0.0, dict(mode or {}), dict(values)
+    placed = np.zeros(x.size, bool)
+    if isinstance(at, Equilibrium):
+        x[:] = at.states
+        placed[:] = True
+        own = dict(at.modes) | own
+        given = dict(zip(plant.inputs, at.inputs.tolist(), strict=True)) | given
+    elif isinstance(at, Samples):
+        if at.time.size != 1:
+            raise SceneError(f"Argument `at` must be one instant of a run, such as `run.at(12.5)`, but it holds {at.time.size} times.")
+        t = float(at.time[0])
+        for name in plant.states:
+            if name not in at:
+                raise SceneError(f"Argument `at` must hold the state `{name}`, but the run it comes from has none.")
+            _place(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
+        placed[:] = True
+        ran = [element.name for element in at.program.system.elements]
+        own = {name: WORDS[float(at.mode[0, ran.index(name)])] for name in (e.name for e in plant.elements) if name in ran} | own
+        given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given
+    elif isinstance(at, Mapping):
+        for name, value in at.items():
+            if name in plant.inputs:
+                given.setdefault(name, value)
+                continue
+            mark = np.full(x.size, np.nan)
+            _place(plant, x, name, value)
+            _place(plant, mark, name, value)
+            placed |= ~np.isnan(mark)
+    elif at is not None:
+        raise SceneError(f"Argument `at` must be a mapping, an equilibrium or one instant of a run, but it is {at!r}.")
+    u = _input_values(plant, given)
+    m = _modes_at(plant, x, u, own, t)
+    if (m == 0.0).any():
+        project = ca.Function("project", _symbols(plant), [ca.densify(plant.switching.projected)])
+        stuck = np.array(project(t, x, u, plant.values, m)).ravel()
+        x = np.where(placed, x, stuck)
+    contradiction = _contradiction(plant, x, u, m, t)
+    if contradiction:
+        raise SceneError(f"Argument `mode` must agree with the point, but {contradiction}.")
+    return t, x, u, m
+
+
+def _free(plant: HybridSystem) -> ca.Function:
+    """Function (t, x, u, p) -> flow without the forces of the elements, and its Jacobian by x."""
+    flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+    return ca.Function("free", _symbols(plant)[:4], [ca.densify(flow), ca.densify(ca.jacobian(flow, plant.x))])
+
+
+def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+    """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
+    x = np.zeros(plant.x.numel())
+    for _ in range(8):
+        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values))
+        if not (np.isfinite(value).all() and np.isfinite(slope).all()):
+            return np.zeros_like(x)
+        step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
+        x = x + step
+        if np.abs(step).max(initial=0.0) <= 1e-12 * np.abs(x).max(initial=0.0):
+            break
+    return x
+
+
+def _residual(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
+    """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
+    form = plant.switching
+    values = [ca.densify(form.field), ca.densify(form.slip)]
+    slopes = [ca.densify(ca.jacobian(value, plant.x)) for value in values]
+    return ca.Function("residual", _symbols(plant), values), ca.Function("slopes", _symbols(plant), slopes)
+
+
+def _constrained(slope: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """States that stay free under slope @ x = 0, and the matrix that gives all states from them.
+
+    Each constraint is solved for the state it holds with the largest factor, the last one among equals, by elimination.
+    """
+    n = slope.shape[1]
+    rows = slope.copy()
+    pivots: list[int] = []
+    for i in range(rows.shape[0]):
+        size = np.abs(rows[i])
+        pivot = n - 1 - int(np.argmax(size[::-1]))
+        rows[i] /= rows[i, pivot]
+        for other in range(rows.shape[0]):
+            if other != i:
+                rows[other] -= rows[other, pivot] * rows[i]
+        pivots.append(pivot)
+    free = [i for i in range(n) if i not in pivots]
+    lift = np.zeros((n, len(free)))
+    lift[free, range(len(free))] = 1.0
+    for i, pivot in enumerate(pivots):
+        lift[pivot] = -rows[i, free]
+    return free, lift
+
+
+# ----------------------------------------------------------------------------------------------------------------------------------------- names
+def _kept(plant: HybridSystem, wanted: Any, everything: list[str], kind: str, known: Sequence[str] | None = None) -> list[str]:
+    if wanted is None or isinstance(wanted, Mapping):
+        return everything
+    names = [wanted] if isinstance(wanted, str) else list(wanted)
+    for name in names:
+        if name not in (known or everything):
+            raise SceneError(f"There is no {kind} `{name}`: {suggest(str(name), known or everything)}")
+    return names
+
+
+def _labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str, str]]:
+    """(name, unit) of every entry of x."""
+    out = []
+    for name, (_, size, unit) in plant.states.items():
+        labels = _control_labels(plant, name) if control_names else [name] if size is None else [f"{name}.{i}" for i in range(size)]
+        out += [(label, unit) for label in labels]
+    return out
+
+
+def _control_name(name: str) -> str:
+    return name.replace(".", "_")
+
+
+def _control_labels(plant: HybridSystem, name: str) -> list[str]:
+    size = plant.states[name][1] if name in plant.states else None
+    if size is None and name in plant.signals and plant.signals[name][0].numel() > 1:
+        size = plant.signals[name][0].numel()
+    return [_control_name(name)] if size is None else [f"{_control_name(name)}[{i}]" for i in range(size)]

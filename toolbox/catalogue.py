@@ -58,7 +58,9 @@ def part(name: str, kind: str | None = None) -> Any:
         raise SceneError(f"The name of a {kind or 'part'} must be text, but it is {name!r}.")
     found = [entry for entry in _entries() if name in (entry.name, f"{entry.source}.{entry.name}")]
     if not found and not _packages()[0]:
-        raise SceneError(f"There is no {kind or 'part'} `{name}`, because no package offers any: install stickslip-toolbox (pip install .) to register its parts.")
+        raise SceneError(
+            f"There is no {kind or 'part'} `{name}`, because no package offers any: install stickslip-toolbox (pip install .) to register its parts."
+        )
     fitting = [entry for entry in found if kind in (None, entry.kind)]
     if len({id(entry.item) for entry in fitting}) > 1:
         choices = " or ".join(f"`{entry.source}.{entry.name}`" for entry in fitting)
@@ -85,7 +87,9 @@ def name_of(cls: type) -> str:
     """The name under which scenes can ask for a class. Raises SceneError where no package offers it."""
     candidates = [entry for entry in parts() if entry.item is cls]
     if not candidates:
-        raise SceneError(f"{cls.__name__} must be in the catalogue to be written to a scene, but no package registered under `{GROUP}` offers it.")
+        raise SceneError(
+            f"{cls.__name__} must be in the catalogue to be written to a scene, but no package registered under `{GROUP}` offers it."
+        )
     entry = candidates[0]
     clash = any(other.name == entry.name and other.item is not cls for other in _entries())
     return f"{entry.source}.{entry.name}" if clash else entry.name
@@ -121,7 +125,9 @@ def _packages() -> tuple[dict[str, ModuleType], dict[str, str]]:
 @cache
 def _entries() -> list[Entry]:
     return [
-        Entry(name, kind, item, source) for source, module in _packages()[0].items() for name, kind, item in _walk(module, "", module.__name__, ())
+        Entry(name, kind, item, source)
+        for source, module in _packages()[0].items()
+        for name, kind, item in _walk(module, "", module.__name__, ())
     ]
 
 

@@ -3,12 +3,12 @@
 The loop knows no model. It calls the machine code of `toolbox.kernel` through raw addresses, keeps one armed flag per guard, ends steps exactly
 on events, and decides modes by forces alone. Everything it calls stands in this file, because numba's cache does not see edits elsewhere.
 
-How an event is found: an armed guard that changes sign over a step, or whose cubic Hermite interpolant dips below zero inside it, is located by
-stepping again from the start of the step to the root of that interpolant, with shrinking brackets. No dense output is involved, so
+How an event is found: an armed guard that changes sign over a step, or whose minimum inside it proves to be negative, is located by stepping again from
+the start of the step to the root of a cubic Hermite interpolant, with shrinking brackets. No dense output is involved, so
 the accuracy at an event, like at an output time, is that of a step.
 
 A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
-integrated along as one more state with an offset of a tenth of the bound over the tolerance, so that the error control sees it; `Work.excited` names
+integrated along as one more state with an offset of a hundredth of the bound over the tolerance, so that the error control sees it; `Work.excited` names
 the element of each such state.
 """
 
@@ -494,22 +494,61 @@ def _outputs_before(w, end, t_new):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _candidate(w, h, low, high, width, whole):
+def _lowest(a, da, b, db):
+    """Place and value of the minimum of the cubic Hermite interpolant between a falling start (da < 0) and a rising end (db > 0)."""
+    c2 = 3.0 * (b - a) - 2.0 * da - db
+    c3 = 2.0 * (a - b) + da + db
+    root = math.sqrt(max(c2 * c2 - 3.0 * c3 * da, 0.0))
+    s = -da / (c2 + root) if c2 + root > 0.0 else 0.5
+    if not 0.0 < s < 1.0:
+        s = 0.5
+    return s, a + s * (da + s * (c2 + s * c3))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _dip(w, h, j):
+    """Whether guard j, positive at both ends of the step h but falling at first and rising at last, dips below zero inside it.
+
+    Steps to the interpolated minimum, closer and closer, until the guard is negative there (returns the fraction) or the interpolation has
+    become sharper than its distance to zero (returns 2).
+    """
+    n, ng = w.ints[N], w.ints[NG]
+    left, right = 0.0, 1.0
+    a, da = w.side[j] * w.g[j], w.side[j] * w.g[ng + j] * h
+    b, db = w.side[j] * w.g_high[j], w.side[j] * w.g_high[ng + j] * h
+    for _ in range(12):
+        width = right - left
+        s, expected = _lowest(a, da * width, b, db * width)
+        middle = left + s * width
+        _call(w.ints[STEP], w.reals[TIME], middle * h, w.x, w.k, w.p, w.m, w.y)
+        value, slope = w.side[j] * w.y[2 * n + j], w.side[j] * w.y[2 * n + ng + j] * h
+        if value < 0.0:
+            return middle
+        doubt = abs(value - expected)
+        if slope < 0.0:
+            left, a, da = middle, value, slope
+        else:
+            right, b, db = middle, value, slope
+        if not (da < 0.0 and db > 0.0):
+            return 2.0
+        _, lowest = _lowest(a, da * (right - left), b, db * (right - left))
+        if lowest > doubt or right - left < 1e-7:
+            return 2.0
+    return 2.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _candidate(w, h, low, high, width):
     """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
     ng = w.ints[NG]
     best = 2.0
     for j in range(ng):
         a, b = w.side[j] * low[j], w.side[j] * high[j]
-        if w.armed[j] or not whole:
+        if w.armed[j]:
             if not (b <= 0.0 or (low[ng + j] * w.side[j] < 0.0 and high[ng + j] * w.side[j] > 0.0)):
-                continue
-            if not w.armed[j] and b > 0.0:
                 continue
         elif b >= -1e-12 * _size(w, j):
             continue
-        elif low[ng + j] * w.side[j] <= 0.0:
-            w.ints[LOCATED] = j
-            return 0.0  # a disarmed guard that goes the wrong way from its start
         s = _first_descent(a, w.side[j] * low[ng + j] * width * h, b, w.side[j] * high[ng + j] * width * h)
         if s > 1.0 and b <= 0.0:
             s = 1.0
@@ -520,25 +559,37 @@ def _candidate(w, h, low, high, width, whole):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _locate(w, h):
+def _rise(w, h, j):
+    """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
+
+    A contact released exactly at its limit has no slip rate yet, so that neither the guard nor its slope tells which way it goes.
+    """
+    fraction = 0.5
+    for _ in range(24):
+        _call(w.ints[STEP], w.reals[TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
+        if w.side[j] * w.y[2 * w.ints[N] + j] > 0.0:
+            return fraction
+        fraction *= 0.5 if fraction > 0.01 else 0.1
+        if fraction < 1e-9:
+            break
+    return 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _locate(w, h, low):
     """Step from the current point to the first event inside the step h, whose end guards are in `g_high`; its result is left in `y`.
 
-    Returns the size of the step, 0 for an event at its start, or -1 where the interpolated dip turns out not to reach zero.
+    low: fraction of h before which nothing happens, with guards in `g_low`. Returns the size of the step, or -1 where the interpolated
+    dip turns out not to reach zero.
     """
     ng, t = w.ints[NG], w.reals[TIME]
     n = w.ints[N]
-    low, high = 0.0, 1.0
-    for j in range(2 * ng):
-        w.g_low[j] = w.g[j]
-    whole = True
+    high, fraction = 1.0, 1.0
     for attempt in range(60):
         width = high - low
-        s = _candidate(w, h, w.g_low, w.g_high, width, whole)
+        s = _candidate(w, h, w.g_low, w.g_high, width)
         if s > 1.0:
             return -1.0
-        if s == 0.0 and whole:
-            return 0.0
-        s = min(s, 1.0)
         if attempt > 12:
             s = 0.5
         fraction = low + s * width
@@ -564,7 +615,6 @@ def _locate(w, h):
             low = fraction
             for j in range(2 * ng):
                 w.g_low[j] = w.y[2 * n + j]
-            whole = False
     return fraction * h
 
 
@@ -623,7 +673,7 @@ def begin(w):
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
         for q in range(w.excited.size):
             if w.excited[q] == i:
-                w.x[w.ints[N] - w.excited.size + q] = 0.1 * w.z[3 * ne + i] / w.reals[RTOL]
+                w.x[w.ints[N] - w.excited.size + q] = 0.01 * w.z[3 * ne + i] / max(w.reals[RTOL], 1e-11)
     _project(w, t)
     if not _decide(w, t):
         return False
@@ -693,22 +743,67 @@ def advance(w):
         _call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
         error = _error(w, h)
         end = 2 * n
-        hit = False
+        hit, suspicious = False, False
         # --- guards over the step; a step too long to be trusted may still show where an event cuts it short
         for j in range(ng if error < 1e4 else 0):
             a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
             if w.armed[j]:
                 if b <= 0.0:
                     hit = True
-                elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0:
-                    hit = hit or _first_descent(a, w.side[j] * w.g[ng + j] * h, b, w.side[j] * w.y[end + ng + j] * h) <= 1.0
+                elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:
+                    slope = w.side[j] * w.y[end + ng + j] * h
+                    suspicious = suspicious or _lowest(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
             elif b < -1e-12 * _size(w, j):
                 hit = True
         event = False
-        if hit:
+        if hit or suspicious:
             for j in range(2 * ng):
                 w.g_high[j] = w.y[end + j]
-            size = _locate(w, h)
+        top = 1.0
+        if suspicious:
+            for j in range(ng):
+                a, b = w.side[j] * w.g[j], w.side[j] * w.g_high[j]
+                if not (w.armed[j] and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0):
+                    continue
+                slope = w.side[j] * w.g_high[ng + j] * h
+                if _lowest(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b):
+                    top = min(top, _dip(w, h, j))
+            _call(w.ints[STEP], t, top * h, w.x, w.k, w.p, w.m, w.y)
+            if top < 1.0:
+                hit = True
+                h = top * h
+                t_new = t + h
+                for j in range(2 * ng):
+                    w.g_high[j] = w.y[end + j]
+        event = False
+        if hit:
+            low = 0.0
+            size = -1.0
+            for j in range(2 * ng):
+                w.g_low[j] = w.g[j]
+            for j in range(ng):
+                if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * _size(w, j):
+                    continue
+                rise = _rise(w, h, j)
+                if rise == 0.0:  # it goes the wrong way from its start: decide again here
+                    w.ints[LOCATED] = j
+                    size = 0.0
+                    break
+                crossed = False
+                for i in range(ng):
+                    crossed = crossed or (w.armed[i] and w.side[i] * w.y[end + i] <= 0.0)
+                if crossed:  # another guard comes first
+                    h = rise * h
+                    t_new = t + h
+                    low = 0.0
+                    for i in range(2 * ng):
+                        w.g_low[i], w.g_high[i] = w.g[i], w.y[end + i]
+                elif low == 0.0 or rise < low:
+                    low = rise
+                    for i in range(2 * ng):
+                        w.g_low[i] = w.y[end + i]
+            if size < 0.0:
+                size = _locate(w, h, low)
             if size >= 0.0:
                 event = True
                 if size > 0.0:

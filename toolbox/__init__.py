@@ -1,10 +1,12 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
 from toolbox.closed_loop import Controller, Sampled
-from toolbox.compose import Component, Equations, HybridSystem, Update, compose
+from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
+from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step, sweep
+from toolbox.parts import Component, Equations, Update
 from toolbox.simulate import simulate
 
 __all__ = [

@@ -12,9 +12,10 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox.compose import Component, Equations, HybridSystem, Signal, Update
 from toolbox.elements import is_finite_number, quantity
 from toolbox.errors import SceneError
+from toolbox.hybrid import HybridSystem
+from toolbox.parts import Component, Equations, Signal, Update
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Held(Component):
     """A sampled law as a part of the plant: its outputs are held signals."""
 
     law: Controller = field(default_factory=Controller)
-    period: float = quantity(0.01, "s", "sample time", above=0)
+    period: Any = quantity(0.01, "s", "sample time", above=0)
 
     def equations(self, signal: Signal) -> Equations:
         return Equations(update=self.law.sampled(signal, self.period))

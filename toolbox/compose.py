@@ -8,245 +8,17 @@ of parameter values. A plant with other numbers therefore costs microseconds and
 from __future__ import annotations
 
 import copy
-import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, FrictionLaw, State, is_finite_number, time
+from toolbox.elements import Element, State, time
 from toolbox.errors import SceneError, suggest
-from toolbox.hybrid import Switching, switching
-
-
-@dataclass
-class Update:
-    """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
-
-    external: the values come from a Python callable instead.
-    """
-
-    memory: Mapping[State, Any]
-    outputs: Mapping[str, tuple[Any, str]]
-    external: bool = False
-
-
-@dataclass
-class Equations:
-    """What a part adds to a plant.
-
-    flow: {state: its time derivative};  gives: {signal name: (expression, unit)};  elements: the set-valued elements whose forces the flow
-    uses;  stored: energy [J];  losses, supplies: {name: power [W]}, dissipated and put in. Energy and power are written from the
-    physics, not from the flow: the audit compares the two. States are given as signals by themselves.
-    """
-
-    flow: Mapping[State, Any] = field(default_factory=dict)
-    gives: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
-    elements: Sequence[Element] = ()
-    stored: Any = None
-    losses: Mapping[str, Any] = field(default_factory=dict)
-    supplies: Mapping[str, Any] = field(default_factory=dict)
-    update: Update | None = None
-
-
-Signal = Callable[..., ca.SX]
-"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
-
-
-@dataclass(frozen=True)
-class Component:
-    """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
-
-    The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which
-    replaces that prefix.
-    """
-
-    name: str | None = field(default=None, kw_only=True)
-
-    def equations(self, signal: Signal) -> Equations:
-        """The equations of the part; numeric fields of `self` are casadi symbols here."""
-        raise NotImplementedError
-
-    def check(self) -> None:
-        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One entry of the parameter table: `size` is None for a scalar; `offset` points into the parameter vector."""
-
-    name: str
-    unit: str
-    meaning: str
-    size: int | None
-    offset: int
-    bounds: Mapping[str, float | None]
-
-    def check(self, values: Any, name: str | None = None) -> None:
-        """Raise SceneError unless every value is finite and within the declared bounds."""
-        name = name or self.name
-        unit = "" if self.unit == "1" else " " + self.unit
-        for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
-            if not is_finite_number(value):
-                raise SceneError(f"Argument `{name}` must be a finite number in {self.unit}, but it is {value!r}.")
-            for key, holds, words in _BOUNDS:
-                bound = self.bounds.get(key)
-                if bound is not None and not holds(value, bound):
-                    raise SceneError(f"Argument `{name}` must be {words} {bound:g}{unit}, but it is {value!r}.")
-
-
-_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
-    ("at_least", lambda value, bound: value >= bound, ">="),
-    ("above", lambda value, bound: value > bound, ">"),
-    ("at_most", lambda value, bound: value <= bound, "<="),
-]
-
-
-@dataclass(frozen=True)
-class Input:
-    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
-
-    name: str
-    symbol: ca.SX
-    unit: str
-    default: ca.SX
-
-
-@dataclass(frozen=True)
-class SampledUpdate:
-    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`."""
-
-    memory: ca.SX
-    following: ca.SX
-    outputs: ca.SX
-    names: tuple[str, ...]
-    first_held: int
-    external: bool
-
-
-class HybridSystem:
-    """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
-
-    t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
-    states: {name: (slice of x, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};  parameters: {name: Parameter};
-    elements: the set-valued elements;  values: declared parameter values, shape (n_p,);  held: symbols of the signals held by sampled
-    laws;  updates: those laws.
-    """
-
-    parts: tuple[Component, ...]
-    values: np.ndarray
-    t: ca.SX
-    x: ca.SX
-    u: ca.SX
-    p: ca.SX
-    F: ca.SX
-    m: ca.SX
-    flow: ca.SX
-    states: dict[str, tuple[int, int | None, str]]
-    signals: dict[str, tuple[ca.SX, str]]
-    inputs: dict[str, Input]
-    parameters: dict[str, Parameter]
-    elements: tuple[Element, ...]
-    stored: dict[str, ca.SX]
-    losses: dict[str, ca.SX]
-    supplies: dict[str, ca.SX]
-    held: ca.SX
-    updates: tuple[SampledUpdate, ...]
-    kernels: dict[Any, Any]
-
-    def __repr__(self) -> str:
-        parts = ", ".join(type(part).__name__ for part in self.parts)
-        contacts = ", ".join(element.name for element in self.elements) or "none"
-        free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
-        return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
-
-    @property
-    def switching(self) -> Switching:
-        """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
-        made = self.kernels.get("switching")
-        if made is None:
-            made = self.kernels["switching"] = switching(self.t, self.x, self.flow, self.elements)
-        return made
-
-    @property
-    def rhs(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
-        return self._function("rhs", self.switching.field, "dx")
-
-    @property
-    def forces(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> forces of the elements."""
-        return self._function("forces", self.switching.force, "F")
-
-    @property
-    def slips(self) -> ca.Function:
-        """casadi Function (t, x, u, p, m) -> slips of the elements."""
-        return self._function("slips", ca.densify(self.switching.slip), "v")
-
-    @property
-    def input_defaults(self) -> ca.Function:
-        """casadi Function p -> stand-ins of the inputs."""
-        defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
-        return ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
-
-    def _function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
-        names = ["t", "x", "u", "p", "m"]
-        made = self.kernels.get(name)  # shared by all plants of this structure
-        if made is None:
-            made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
-            self.kernels[name] = made
-        return made
-
-    def to_casadi(self) -> dict[str, ca.SX]:
-        """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
-        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
-
-    def parameter(self, name: str) -> Any:
-        """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
-        entry = self._parameter(name)
-        if entry.size is None:
-            return float(self.values[entry.offset])
-        return self.values[entry.offset : entry.offset + entry.size].copy()
-
-    def _parameter(self, name: str) -> Parameter:
-        entry = self.parameters.get(name)
-        if entry is not None:
-            return entry
-        head, _, tail = name.rpartition(".")
-        whole = self.parameters.get(head)
-        if whole is not None and whole.size is not None and tail.isdigit() and int(tail) < whole.size:
-            return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
-        raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
-
-    def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
-        """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
-        changed = copy.copy(self)
-        changed.values = self.values.copy()
-        for name, value in values.items():
-            entry = self._parameter(name)
-            entry.check(value)
-            if entry.size is None:
-                if np.ndim(value):
-                    raise SceneError(f"Argument `{name}` must be one number in {entry.unit}, but it is {value!r}.")
-                changed.values[entry.offset] = value
-            else:
-                array = np.asarray(value, float)
-                if array.shape != (entry.size,):
-                    raise SceneError(f"Argument `{name}` must have shape ({entry.size},), but it has {array.shape}.")
-                changed.values[entry.offset : entry.offset + entry.size] = array
-        changed.parts = tuple(_rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
-        for part in changed.parts:
-            part.check()
-        return changed
-
-    def _offsets(self) -> Iterator[int]:
-        offset = 0
-        for part in self.parts:
-            yield offset
-            offset += len(numbers_of(part))
+from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
+from toolbox.parts import Component, Equations, Slot, Update, numbers_of, structure_of, symbolic_copy
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -297,92 +69,15 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
 _COMPOSED: dict[Any, HybridSystem] = {}
 
 
-def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
-    """True for a field that becomes a symbol: declared with `quantity`, or annotated as float or tuple of floats."""
-    if spec.name == "name" or value is None or isinstance(value, (FrictionLaw, Component)):
-        return False
-    return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
-
-
-def numbers_of(part: Any) -> list[float]:
-    """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
-    out: list[float] = []
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        if isinstance(value, (FrictionLaw, Component)):
-            out.extend(numbers_of(value))
-        elif _is_numeric(spec, value):
-            if isinstance(value, tuple):
-                out.extend(value)
-            else:
-                out.append(value)
-    return out
-
-
-def structure_of(part: Any) -> Any:
-    """Everything about a part but its numbers, as a hashable key."""
-    key: list[Any] = [type(part)]
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        if isinstance(value, (FrictionLaw, Component)):
-            key.append(structure_of(value))
-        elif _is_numeric(spec, value):
-            if isinstance(value, (list, np.ndarray)):
-                raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a tuple of numbers, but it is {value!r}.")
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
-                    unit = spec.metadata.get("unit", "1")
-                    raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a number in {unit}, but it is {number!r}.")
-            key.append(len(value) if isinstance(value, tuple) else "number")
-        else:
-            key.append(value)
-    try:
-        hash(tuple(key))
-    except TypeError:
-        raise SceneError(f"The fields of {type(part).__name__} must be hashable: use tuples and frozen dataclasses.") from None
-    return tuple(key)
-
-
-def _rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
-    """The part with its numbers read from the parameter vector."""
-
-    def rebuild(node: Any) -> Any:
-        nonlocal offset
-        changes: dict[str, Any] = {}
-        for spec in dataclasses.fields(node):
-            value = getattr(node, spec.name)
-            if isinstance(value, (FrictionLaw, Component)):
-                changes[spec.name] = rebuild(value)
-            elif _is_numeric(spec, value):
-                if isinstance(value, tuple):
-                    changes[spec.name] = tuple(float(v) for v in values[offset : offset + len(value)])
-                    offset += len(value)
-                else:
-                    changes[spec.name] = float(values[offset])
-                    offset += 1
-        return dataclasses.replace(node, **changes)
-
-    return rebuild(part)
-
-
-@dataclass
-class _Slot:
-    """A numeric field on its way into the parameter table."""
-
-    owner: Any
-    field_path: str
-    spec: dataclasses.Field[Any]
-    symbol: ca.SX
-    size: int | None
-
-
 class _Composer:
     """Collects the equations of all parts, renames, connects and checks them."""
 
     def __init__(self, components: Sequence[Component]):
         self.components = components
         self.placeholders: dict[str, tuple[ca.SX, str]] = {}
-        self.stand_ins: dict[str, tuple[Any, str]] = {}
+        self.stand_ins: dict[str, Any] = {}
+        self.disputed: set[str] = set()
+        self.aliases: list[tuple[ca.SX, ca.SX]] = []
         self.parameters: dict[str, Parameter] = {}
         self.symbols: list[ca.SX] = []
         self.defaults: list[float] = []
@@ -404,8 +99,8 @@ class _Composer:
 
     def _add(self, component: Component) -> None:
         title = type(component).__name__
-        slots: list[_Slot] = []
-        symbolic = _symbolic(component, "", slots)
+        slots: list[Slot] = []
+        symbolic = symbolic_copy(component, "", slots)
         needs: list[tuple[str, str, Any, ca.SX]] = []
 
         def signal(name: str, unit: str, default: Any = None) -> ca.SX:
@@ -493,7 +188,7 @@ class _Composer:
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                     raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
 
-    def _add_parameter(self, path: str, slot: _Slot) -> None:
+    def _add_parameter(self, path: str, slot: Slot) -> None:
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
@@ -513,16 +208,18 @@ class _Composer:
         self.given[name] = (expression, unit)
 
     def _need(self, name: str, unit: str, default: Any, placeholder: ca.SX, title: str) -> None:
-        if name in self.placeholders:
-            first, known_unit = self.placeholders[name]
-            if known_unit != unit:
-                raise SceneError(f"Signal `{name}` is needed in {known_unit} and, by {title}, in {unit}: units must agree.")
-            self.stand_ins.setdefault(f"{name}\0{title}", (placeholder, name))
-            if default is not None and self.stand_ins.get(name, (None,))[0] is None:
-                self.stand_ins[name] = (default, unit)
+        if name not in self.placeholders:
+            self.placeholders[name] = (placeholder, unit)
+            self.stand_ins[name] = default
             return
-        self.placeholders[name] = (placeholder, unit)
-        self.stand_ins[name] = (default, unit)
+        first, known_unit = self.placeholders[name]
+        if known_unit != unit:
+            raise SceneError(f"Signal `{name}` is needed in {known_unit} and, by {title}, in {unit}: units must agree.")
+        self.aliases.append((placeholder, first))
+        if self.stand_ins[name] is None:
+            self.stand_ins[name] = default
+        elif default is not None and not ca.is_equal(ca.SX(default), ca.SX(self.stand_ins[name]), 10):
+            self.disputed.add(name)
 
     def _connected(self) -> HybridSystem:
         inputs: dict[str, Input] = {}
@@ -531,7 +228,9 @@ class _Composer:
                 if self.given[name][1] != unit:
                     raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
                 continue
-            default = self.stand_ins[name][0]
+            default = self.stand_ins[name]
+            if name in self.disputed:
+                raise SceneError(f"Two parts have different stand-ins for the signal `{name}`: let one of them, or an input, give it.")
             if default is None:
                 raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no stand-in: {suggest(name, self.given)}")
             if isinstance(default, ca.SX):
@@ -545,8 +244,6 @@ class _Composer:
                 self.defaults.append(float(default))
             inputs[name] = Input(name, placeholder, unit, expression)
 
-        # the same signal needed by several parts has several placeholders: all become the first one
-        aliases = [(value[0], self.placeholders[value[1]][0]) for key, value in self.stand_ins.items() if "\0" in key]
         links = {name: self.placeholders[name][0] for name in self.placeholders if name in self.given}
         system = HybridSystem()
         bundle: dict[str, ca.SX] = {f"given:{k}": v for k, (v, _) in self.given.items()}
@@ -559,8 +256,8 @@ class _Composer:
             memory = [ca.SX(value) for value in update.memory.values()]
             bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
             bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()]))
-        if aliases:
-            bundle = _substituted(bundle, [a for a, _ in aliases], [b for _, b in aliases])
+        if self.aliases:  # a signal that several parts need has several placeholders: all become the first one
+            bundle = _substituted(bundle, [a for a, _ in self.aliases], [b for _, b in self.aliases])
         order = _topological({name: bundle[f"given:{name}"] for name in links}, links)
         for name in order:
             bundle = _substituted(bundle, [links[name]], [bundle[f"given:{name}"]])
@@ -603,26 +300,6 @@ class _Composer:
         return system
 
 
-def _symbolic(part: Any, path: str, slots: list[_Slot]) -> Any:
-    """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
-    clone = copy.copy(part)
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        here = f"{path}{spec.name}"
-        if isinstance(value, (FrictionLaw, Component)):
-            object.__setattr__(clone, spec.name, _symbolic(value, here + ".", slots))
-        elif _is_numeric(spec, value):
-            if isinstance(value, tuple):
-                symbol = ca.SX.sym(here, len(value))
-                slots.append(_Slot(clone, here, spec, symbol, len(value)))
-                object.__setattr__(clone, spec.name, tuple(symbol[i] for i in range(len(value))))
-            else:
-                symbol = ca.SX.sym(here)
-                slots.append(_Slot(clone, here, spec, symbol, None))
-                object.__setattr__(clone, spec.name, symbol)
-    return clone
-
-
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:
     return dict(zip(bundle, ca.substitute(list(bundle.values()), old, new), strict=True))
 
@@ -647,7 +324,7 @@ def _check_gain(system: HybridSystem) -> None:
     expression = ca.densify(ca.diag(system.switching.gain)) if system.elements else ca.SX(0, 1)
     if not system.elements or ca.depends_on(expression, ca.vertcat(system.t, system.x, system.u)):
         return
-    gain = system._function("gain", expression, "A_ii")
+    gain = system.function("gain", expression, "A_ii")
     diagonal = np.array(gain(0.0, 0.0, 0.0, system.values, 0.0)).ravel()
     for element, entry in zip(system.elements, diagonal, strict=True):
         if not entry > 0:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -79,7 +79,7 @@ class Element:
     `force` is a casadi symbol to be used, affinely, in the flow of the part that owns the element.
     """
 
-    legend = {0: "stick", 1: "slip+", -1: "slip-"}
+    legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip+", -1: "slip-"}
     law: FrictionLaw | None = None
 
     def __init__(self, name: str, slip: ca.SX, slip_unit: str, force_unit: str):

@@ -1,214 +1,193 @@
-"""The normal form of a system with set-valued forces, and the algebra of its modes.
-
-    x' = f(t, x, u, p, F)      F, the forces of the elements, enters affinely
-    v_i = slip_i(t, x, p)
-    stick (m_i = 0):   v_i stays 0 and F_i is whatever keeps it there, while |F_i| <= static_i
-    slip  (m_i = +-1): F_i = -m_i kinetic_i
-
-The mode vector m is a numeric input of one set of expressions: with B = df/dF, A = dv/dx B and b the slip rate at F = 0, the forces solve
-
-    m_i = 0:   sum_j A_ij F_j = -b_i            (slip rate zero)
-    m_i != 0:  F_i + m_i K_i F = -m_i kinetic_i(F = 0)
-
-so that no mode is ever enumerated or compiled on its own.
-"""
+"""The normal form of a plant: symbols, tables and casadi functions, shared by all plants of one structure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element
-from toolbox.errors import SceneError
+from toolbox.elements import Element, is_finite_number
+from toolbox.errors import SceneError, suggest
+from toolbox.parts import Component, numbers_of, rebuilt
+from toolbox.switching import Switching, switching
 
 
 @dataclass(frozen=True)
-class Switching:
-    """Expressions of a system with modes as numeric input; every field is a casadi SX column.
+class Parameter:
+    """One entry of the parameter table: `size` is None for a scalar; `offset` points into the parameter vector."""
 
-    field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
-    modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
-    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A.
+    name: str
+    unit: str
+    meaning: str
+    size: int | None
+    offset: int
+    bounds: Mapping[str, float | None]
+
+    def check(self, values: Any, name: str | None = None) -> None:
+        """Raise SceneError unless every value is finite and within the declared bounds."""
+        name = name or self.name
+        unit = "" if self.unit == "1" else " " + self.unit
+        for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
+            if not is_finite_number(value):
+                raise SceneError(f"Argument `{name}` must be a finite number in {self.unit}, but it is {value!r}.")
+            for key, holds, words in _BOUNDS:
+                bound = self.bounds.get(key)
+                if bound is not None and not holds(value, bound):
+                    raise SceneError(f"Argument `{name}` must be {words} {bound:g}{unit}, but it is {value!r}.")
+
+
+_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
+    ("at_least", lambda value, bound: value >= bound, ">="),
+    ("above", lambda value, bound: value > bound, ">"),
+    ("at_most", lambda value, bound: value <= bound, "<="),
+]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
+
+    name: str
+    symbol: ca.SX
+    unit: str
+    default: ca.SX
+
+
+@dataclass(frozen=True)
+class SampledUpdate:
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`."""
+
+    memory: ca.SX
+    following: ca.SX
+    outputs: ca.SX
+    names: tuple[str, ...]
+    first_held: int
+    external: bool
+
+
+class HybridSystem:
+    """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
+
+    t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
+    states: {name: (slice of x, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};  parameters: {name: Parameter};
+    elements: the set-valued elements;  values: declared parameter values, shape (n_p,);  held: symbols of the signals held by sampled
+    laws;  updates: those laws.
     """
 
-    field: ca.SX
-    force: ca.SX
-    static: ca.SX
-    slip: ca.SX
-    slip_rate: ca.SX
-    guards: ca.SX
-    guard_rates: ca.SX
-    projected: ca.SX
-    gain: ca.SX
+    parts: tuple[Component, ...]
+    values: np.ndarray
+    t: ca.SX
+    x: ca.SX
+    u: ca.SX
+    p: ca.SX
+    F: ca.SX
+    m: ca.SX
+    flow: ca.SX
+    states: dict[str, tuple[int, int | None, str]]
+    signals: dict[str, tuple[ca.SX, str]]
+    inputs: dict[str, Input]
+    parameters: dict[str, Parameter]
+    elements: tuple[Element, ...]
+    stored: dict[str, ca.SX]
+    losses: dict[str, ca.SX]
+    supplies: dict[str, ca.SX]
+    held: ca.SX
+    updates: tuple[SampledUpdate, ...]
+    kernels: dict[Any, Any]
 
+    def __repr__(self) -> str:
+        parts = ", ".join(type(part).__name__ for part in self.parts)
+        contacts = ", ".join(element.name for element in self.elements) or "none"
+        free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
+        return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
-def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
-    """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
+    @property
+    def switching(self) -> Switching:
+        """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
+        made = self.kernels.get("switching")
+        if made is None:
+            made = self.kernels["switching"] = switching(self.t, self.x, self.flow, self.elements)
+        return made
 
-    Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
-    """
-    force = ca.vertcat(*[e.force for e in elements]) if elements else ca.SX(0, 1)
-    mode = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
-    slip = ca.vertcat(*[e.slip for e in elements]) if elements else ca.SX(0, 1)
-    kinetic = ca.vertcat(*[e.kinetic for e in elements]) if elements else ca.SX(0, 1)
-    static = ca.vertcat(*[e.static for e in elements]) if elements else ca.SX(0, 1)
+    @property
+    def rhs(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
+        return self.function("rhs", self.switching.field, "dx")
 
-    gain_of_force = ca.jacobian(flow, force)
-    coupling = ca.jacobian(kinetic, force)
-    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or ca.depends_on(static, force) and ca.depends_on(
-        ca.jacobian(static, force), force
-    ):
-        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
-    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
-        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
-    slip_of_state = ca.jacobian(slip, x)
-    gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
-    for i, element in enumerate(elements):
-        if not gain.has_nz(i, i):
-            raise SceneError(
-                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
-            )
-    free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
-    free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
-    free_kinetic = ca.substitute(kinetic, force, ca.SX.zeros(force.shape))
+    @property
+    def forces(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> forces of the elements."""
+        return self.function("forces", self.switching.force, "F")
 
-    sticks = 1 - mode * mode
-    slides = mode * mode
-    matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
-    solved = masked_solve(matrix, -(sticks * free_rate + mode * free_kinetic))
-    bound = ca.substitute(static, force, solved)
-    field = free + gain_of_force @ solved
-    slip_rate = free_rate + gain @ solved
+    @property
+    def slips(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> slips of the elements."""
+        return self.function("slips", ca.densify(self.switching.slip), "v")
 
-    limit = sticks * bound
-    held = sticks * solved
-    guards = ca.SX(0, 1)
-    for i in range(len(elements)):
-        guards = ca.vertcat(guards, limit[i] - held[i] + mode[i] * slip[i], limit[i] + held[i] + slides[i])
-    kinks = [arg for arg in kink_arguments(field) if ca.depends_on(arg, ca.vertcat(t, x))]
-    guards = ca.vertcat(guards, *kinks)
-    guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
-    projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
-    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain)
+    @property
+    def input_defaults(self) -> ca.Function:
+        """casadi Function p -> stand-ins of the inputs."""
+        defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
+        return ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
 
+    def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
+        names = ["t", "x", "u", "p", "m"]
+        made = self.kernels.get(name)  # shared by all plants of this structure
+        if made is None:
+            made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
+            self.kernels[name] = made
+        return made
 
-def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
-    """The balance of impulses: sticking rows as for forces, sliding rows give zero impulse."""
-    return ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))
+    def to_casadi(self) -> dict[str, ca.SX]:
+        """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
+        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
 
+    def parameter(self, name: str) -> Any:
+        """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
+        entry = self._parameter(name)
+        if entry.size is None:
+            return float(self.values[entry.offset])
+        return self.values[entry.offset : entry.offset + entry.size].copy()
 
-def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve `matrix * y = right` by elimination on the sparsity pattern, in natural order and without pivoting.
+    def _parameter(self, name: str) -> Parameter:
+        entry = self.parameters.get(name)
+        if entry is not None:
+            return entry
+        head, _, tail = name.rpartition(".")
+        whole = self.parameters.get(head)
+        if whole is not None and whole.size is not None and tail.isdigit() and int(tail) < whole.size:
+            return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
+        raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
-    Rows of sliding elements are unit rows and the block of sticking ones is a Delassus matrix, so the pivots are positive. A diagonal
-    matrix costs one division a row and a tridiagonal one eliminates without fill.
-    """
-    n = matrix.shape[0]
-    rows = [{j: matrix[i, j] for j in range(n) if matrix.has_nz(i, j)} for i in range(n)] if n <= 3 else _rows(matrix)
-    values = [right[i] for i in range(n)]
-    below: list[list[int]] = [[] for _ in range(n)]
-    for i, row in enumerate(rows):
-        for j in row:
-            if j < i:
-                below[j].append(i)
-    for k in range(n):
-        for i in sorted(set(below[k])):
-            factor = rows[i].pop(k) / rows[k][k]
-            for j, entry in rows[k].items():
-                if j > k:
-                    if j not in rows[i] and j < i:
-                        below[j].append(i)
-                    rows[i][j] = rows[i].get(j, 0) - factor * entry
-            values[i] = values[i] - factor * values[k]
-    solution: list[ca.SX] = [ca.SX(0)] * n
-    for i in reversed(range(n)):
-        known = sum((entry * solution[j] for j, entry in rows[i].items() if j > i), ca.SX(0))
-        solution[i] = (values[i] - known) / rows[i][i]
-    return ca.vertcat(*solution) if n else ca.SX(0, 1)
+    def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
+        """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
+        changed = copy.copy(self)
+        changed.values = self.values.copy()
+        for name, value in values.items():
+            entry = self._parameter(name)
+            entry.check(value)
+            if entry.size is None:
+                if np.ndim(value):
+                    raise SceneError(f"Argument `{name}` must be one number in {entry.unit}, but it is {value!r}.")
+                changed.values[entry.offset] = value
+            else:
+                array = np.asarray(value, float)
+                if array.shape != (entry.size,):
+                    raise SceneError(f"Argument `{name}` must have shape ({entry.size},), but it has {array.shape}.")
+                changed.values[entry.offset : entry.offset + entry.size] = array
+        changed.parts = tuple(rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
+        for part in changed.parts:
+            part.check()
+        return changed
 
-
-def _rows(matrix: ca.SX) -> list[dict[int, ca.SX]]:
-    rows: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
-    for k, (i, j) in enumerate(zip(*matrix.sparsity().get_triplet(), strict=True)):
-        rows[i][j] = matrix.nz[k]
-    return rows
-
-
-def _project(
-    x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX
-) -> ca.SX:
-    """Set the slip of sticking elements to zero by an impulse, then remove round-off exactly where a state enters a slip with factor +-1."""
-    if not slip.numel():
-        return x
-    impulse = masked_solve(matrix, -sticks * slip)
-    projected = x + gain_of_force @ impulse
-    supports: list[dict[int, float]] = [{} for _ in range(slip.numel())]
-    rows, columns = slip_of_state.sparsity().get_triplet()
-    for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
-        entry = slip_of_state.nz[k]
-        supports[i][j] = float(entry) if entry.is_constant() else 0.0
-    for i, pivot in _exact_order(supports):
-        support = list(supports[i])
-        slip_now = ca.substitute(slip[i], x[support], projected[support])
-        projected[pivot] = projected[pivot] - sticks[i] * slip_now * supports[i][pivot]
-    return projected
-
-
-def _exact_order(supports: list[dict[int, float]]) -> list[tuple[int, int]]:
-    """Order in which slips can be zeroed one by one, each through a state of its own that no earlier slip of the list contains."""
-    remaining = set(range(len(supports)))
-    last_first: list[tuple[int, int]] = []
-    users: dict[int, set[int]] = {}
-    for i, support in enumerate(supports):
-        for j in support:
-            users.setdefault(j, set()).add(i)
-    found = True
-    while found:
-        found = False
-        for i in sorted(remaining):
-            pivot = next((j for j, factor in supports[i].items() if abs(factor) == 1.0 and users[j] & remaining == {i}), None)
-            if pivot is not None:
-                last_first.append((i, pivot))
-                remaining.discard(i)
-                found = True
-    return last_first[::-1]
-
-
-def kink_arguments(expression: ca.SX) -> list[ca.SX]:
-    """Arguments at whose sign change the expression has a kink: of fabs(a), a; of fmin(a, b) and fmax(a, b), a - b.
-
-    Raises SceneError for sign, floor, comparisons and the like: a jump must be a declared element.
-    """
-    jumps = {ca.OP_SIGN: "sign", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==",
-             ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign"}  # fmt: skip
-    function = ca.Function("scan", ca.symvar(expression), [expression]) if not expression.is_constant() else None
-    if function is None or not any(
-        function.instruction_id(k) in jumps or function.instruction_id(k) in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
-        for k in range(function.n_instructions())
-    ):
-        return []
-    found: dict[int, ca.SX] = {}
-    seen: set[int] = set()
-    stack = [expression.nz[k] for k in range(expression.nnz())]
-    while stack:
-        node = stack.pop()
-        key = node.element_hash()
-        if key in seen or node.is_constant() or node.is_symbolic():
-            continue
-        seen.add(key)
-        op = node.op()
-        if op in jumps:
-            raise SceneError(f"The flow jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay or DryFriction.")
-        if op == ca.OP_FABS:
-            argument = node.dep(0)
-        elif op in (ca.OP_FMIN, ca.OP_FMAX):
-            argument = node.dep(0) - node.dep(1)
-        else:
-            argument = None
-        if argument is not None and not any(ca.is_equal(argument, other, 2) for other in found.values()):
-            found[key] = argument
-        stack.extend(node.dep(k) for k in range(node.n_dep()))
-    return list(found.values())
+    def _offsets(self) -> Iterator[int]:
+        offset = 0
+        for part in self.parts:
+            yield offset
+            offset += len(numbers_of(part))

@@ -18,8 +18,8 @@ import casadi as ca
 
 from toolbox.elements import Element
 from toolbox.emit import SIGNATURE, Body, compiled, function_text, inline, literal
-from toolbox.hybrid import Switching
 from toolbox.runge_kutta import Pair
+from toolbox.switching import Switching
 
 UNROLLED = 600
 """Steps with at most this many state-stage products are written without loops."""

@@ -9,7 +9,7 @@ constraint for one state per sticking element and leaves that state out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +43,7 @@ class Equilibrium:
 
     def __getitem__(self, name: str) -> Any:
         """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
-        function = ca.Function("signal", _symbols(self.plant), [_closed(self.plant, name)])
+        function = _function(self.plant, ("signal", name), lambda: [_closed(self.plant, name)])
         value = np.array(function(0.0, self.states, self.inputs, self.plant.values, _numbers(self.plant, self.modes))).ravel()
         return float(value[0]) if value.size == 1 else value
 
@@ -108,7 +108,7 @@ def equilibrium(
             x = clean
         found = equations(x)
         # round-off is that of the terms that cancel, and a force that sticks may cancel all the others
-        load, slope = (np.array(v) for v in free(0.0, x, u, plant.values))
+        load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
         size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(np.zeros_like(x))) + 1e-300
         size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
         if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
@@ -158,10 +158,11 @@ def linearise(
     scalar = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
     kept_outputs = _kept(plant, outputs, scalar, "signal", known=[*plant.signals, *plant.inputs])
 
-    y = ca.vertcat(*[_closed(plant, name) for name in kept_outputs])
-    flow, slip = plant.switching.field, plant.switching.slip
-    wanted = [ca.jacobian(a, b) for a in (flow, y, slip) for b in (plant.x, plant.u)]
-    function = ca.Function("jacobians", _symbols(plant), [ca.densify(matrix) for matrix in wanted])
+    def jacobians() -> list[ca.SX]:
+        y = ca.vertcat(*[_closed(plant, name) for name in kept_outputs])
+        return [ca.jacobian(a, b) for a in (plant.switching.field, y, plant.switching.slip) for b in (plant.x, plant.u)]
+
+    function = _function(plant, ("jacobians", *kept_outputs), jacobians)
     a, b, c, d, slip_x, slip_u = (np.array(matrix) for matrix in function(t, x, u, plant.values, m))
     if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
         raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
@@ -199,8 +200,13 @@ def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> Hybri
     return plant.with_parameters(parameters) if parameters else plant
 
 
-def _symbols(plant: HybridSystem) -> list[ca.SX]:
-    return [plant.t, plant.x, plant.u, plant.p, plant.m]
+def _function(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
+    """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
+    found = plant.kernels.get(("linear", *key))
+    if found is None:
+        symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
+        found = plant.kernels["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
+    return found
 
 
 def _closed(plant: HybridSystem, name: str) -> ca.SX:
@@ -248,8 +254,7 @@ def _modes_at(plant: HybridSystem, x: np.ndarray, u: np.ndarray, mode: Mapping[s
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
     """What speaks against the modes at a point; empty where nothing does."""
-    form = plant.switching
-    probe = ca.Function("probe", _symbols(plant), [ca.densify(e) for e in (form.slip, form.force, form.static)])
+    probe = _function(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
     slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
     size = float(np.abs(x).max(initial=0.0))
     for element, mode, slip, force, bound in zip(plant.elements, m, slips, forces, bounds, strict=True):
@@ -300,7 +305,7 @@ def _point(
     u = _input_values(plant, given)
     m = _modes_at(plant, x, u, own, t)
     if (m == 0.0).any():
-        project = ca.Function("project", _symbols(plant), [ca.densify(plant.switching.projected)])
+        project = _function(plant, ("project",), lambda: [plant.switching.projected])
         stuck = np.array(project(t, x, u, plant.values, m)).ravel()
         x = np.where(placed, x, stuck)
     contradiction = _contradiction(plant, x, u, m, t)
@@ -310,16 +315,20 @@ def _point(
 
 
 def _free(plant: HybridSystem) -> ca.Function:
-    """Function (t, x, u, p) -> flow without the forces of the elements, and its Jacobian by x."""
-    flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
-    return ca.Function("free", _symbols(plant)[:4], [ca.densify(flow), ca.densify(ca.jacobian(flow, plant.x))])
+    """Function (t, x, u, p, m) -> flow without the forces of the elements, and its Jacobian by x."""
+
+    def expressions() -> list[ca.SX]:
+        flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+        return [flow, ca.jacobian(flow, plant.x)]
+
+    return _function(plant, ("free",), expressions)
 
 
 def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
     """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
     x = np.zeros(plant.x.numel())
     for _ in range(8):
-        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values))
+        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
         if not (np.isfinite(value).all() and np.isfinite(slope).all()):
             return np.zeros_like(x)
         step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
@@ -331,10 +340,9 @@ def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.n
 
 def _residual(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
     """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
-    form = plant.switching
-    values = [ca.densify(form.field), ca.densify(form.slip)]
-    slopes = [ca.densify(ca.jacobian(value, plant.x)) for value in values]
-    return ca.Function("residual", _symbols(plant), values), ca.Function("slopes", _symbols(plant), slopes)
+    values = [plant.switching.field, plant.switching.slip]
+    slopes = _function(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
+    return _function(plant, ("residual",), lambda: values), slopes
 
 
 def _constrained(slope: np.ndarray) -> tuple[list[int], np.ndarray]:

@@ -806,10 +806,7 @@ def advance(w):
                 size = _locate(w, h, low)
             if size >= 0.0:
                 event = True
-                if size > 0.0:
-                    error = _error(w, size)
-                else:
-                    error = 0.0
+                error = _error(w, size) if size > 0.0 else 0.0
                 t_new = t + size if size < h else t_new
                 h = size
             elif error <= 1.0:

@@ -1,8 +1,8 @@
 """Numbers read off a run: stick intervals, severity, settling, overshoot, and the audit of its energy.
 
-Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak and
-the mean of the nodes weighs fast phases too much (on JANSEN_2 in stick-slip the severity is then wrong by 4 %). Here every step is sampled at its Gauss points through `run.at`; means are
-integrals, extrema and crossings are refined until they have the accuracy of the run itself.
+Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak
+and the mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is sampled
+at its Gauss points through `run.at`; means are integrals, extrema and crossings are refined until they have the accuracy of the run itself.
 """
 
 from __future__ import annotations

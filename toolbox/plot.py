@@ -32,7 +32,7 @@ LINES: Sequence[dict[str, Any]] = (
     {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
 )
 
-TONES = {
+TONES: dict[str, dict[str, Any]] = {
     "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
     "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
     "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},

@@ -14,144 +14,18 @@ import casadi as ca
 import numpy as np
 
 from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
-from toolbox.compose import Component, HybridSystem, assembled, numbers_of, structure_of
+from toolbox.compose import assembled
 from toolbox.elements import is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
-from toolbox.hybrid import Switching, switching
+from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
-from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.parts import Component, numbers_of, structure_of
+from toolbox.program import ExpressionKey, Program, program_of
+from toolbox.runge_kutta import DOP853, DOPRI5
 from toolbox.trajectory import Trajectory
 
 MAX_STEPS = 50_000_000
 """Steps after which a run ends in a BudgetError."""
-
-
-@dataclass
-class Program:
-    """A closed system compiled for one kind of inputs: everything about a run but its numbers.
-
-    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
-    signals, then (value, slope, time) of every table.
-    """
-
-    system: HybridSystem
-    pair: Pair
-    machine: Any
-    p_size: int
-    coefficient_slot: dict[str, int]
-    held_slot: int
-    table_slot: dict[str, int]
-    first_held: int
-    excited: np.ndarray
-    groups: np.ndarray
-    group_count: int
-    outputs: dict[str, Any]
-    expressions: tuple[ca.SX, ...]
-
-
-def _program(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair) -> Program:
-    """The compiled program of a closed system for inputs of the given kinds (see `_input_kinds`); cached with the system's structure."""
-    key = ("program", kinds, pair.name)
-    found = system.kernels.get(key)
-    if found is not None:
-        return found
-    from toolbox.kernel import machine
-
-    given = dict(kinds)
-    coefficients: list[ca.SX] = []
-    tables: list[ca.SX] = []
-    coefficient_slot: dict[str, int] = {}
-    table_slot: dict[str, int] = {}
-    base = system.p.numel()
-    inputs: list[ca.SX] = []
-    for name, entry in system.inputs.items():
-        kind = given.get(name)
-        if kind is None:
-            inputs.append(entry.default)
-        elif kind == "table":
-            table_slot[name] = 3 * len(tables)
-            piece = ca.SX.sym(name, 3)
-            tables.append(piece)
-            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
-        elif isinstance(kind, ExpressionKey):
-            inputs.append(kind.expression)
-        else:
-            size = 1 if kind == "number" else kind[1]
-            symbol = ca.SX.sym(name, size)
-            coefficient_slot[name] = base + sum(c.numel() for c in coefficients)
-            coefficients.append(symbol)
-            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
-    u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
-    first_held = base + sum(c.numel() for c in coefficients)
-    held_size = system.held.numel()
-    p = ca.vertcat(system.p, *coefficients, system.held, *tables)
-
-    def closed(expression: ca.SX) -> ca.SX:
-        return ca.substitute(expression, system.u, u) if inputs else expression
-
-    elements = []
-    for element in system.elements:
-        twin = copy.copy(element)
-        twin.slip, twin.static, twin.kinetic = closed(element.slip), closed(element.static), closed(element.kinetic)
-        elements.append(twin)
-    form = switching(system.t, system.x, closed(system.flow), elements)
-    x, excited, form = _with_hidden_forces(system, elements, form)
-    updates = []
-    for update in system.updates:
-        following, outputs = (
-            ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
-        )
-        updates.append((update.memory, following, outputs))
-    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
-    units += ["hidden force"] * len(excited)
-    known = sorted(set(units))
-    program = Program(
-        system=system,
-        pair=pair,
-        machine=machine(system.t, x, p, elements, form, pair, updates),
-        excited=np.array(excited, np.int64),
-        p_size=p.numel(),
-        coefficient_slot=coefficient_slot,
-        held_slot=first_held,
-        table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
-        first_held=first_held,
-        groups=np.array([known.index(unit) for unit in units], np.int64),
-        group_count=len(known),
-        outputs={},
-        expressions=(p, u, form.force),
-    )
-    system.kernels[key] = program
-    return program
-
-
-def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
-    """The states and field with one more state for every sticking force or bound that varies nonlinearly in time (see `toolbox.loop`)."""
-    rates, excited = [], []
-    for i, element in enumerate(elements):
-        sticks = 1 - element.mode**2
-        for value in (form.force[i], form.static[i]):
-            rate = ca.jacobian(sticks * value, system.t)
-            if ca.depends_on(rate, system.t):
-                rates.append(rate)
-                excited.append(i)
-    if not rates:
-        return system.x, [], form
-    hidden = ca.SX.sym("hidden", len(rates))
-    field = ca.vertcat(form.field, *rates)
-    return ca.vertcat(system.x, hidden), excited, dataclasses.replace(form, field=field, projected=ca.vertcat(form.projected, hidden))
-
-
-@dataclass(frozen=True, eq=False)
-class ExpressionKey:
-    """A casadi expression of time as part of a program's key: equal where the expressions are."""
-
-    expression: ca.SX
-
-    def __hash__(self) -> int:
-        return hash(str(self.expression))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))
 
 
 @dataclass
@@ -270,19 +144,18 @@ def _closed(
     if found is None:
         closed = assembled((*plant.parts, *parts))
         by_name = {p.name: p.offset for p in plant.parameters.values()}
-        source, target = [], []
+        places: list[tuple[int, int]] = []
         for entry in closed.parameters.values():
             if entry.name in by_name and entry.name in plant.parameters:
                 size = entry.size or 1
-                target.extend(range(entry.offset, entry.offset + size))
-                source.extend(range(by_name[entry.name], by_name[entry.name] + size))
+                places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
         first = sum(len(numbers_of(part)) for part in plant.parts)
-        found = plant.kernels[key] = (closed, np.array(source), np.array(target), first)
-    shared, source, target, first = found
+        found = plant.kernels[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
+    shared, places_of, first = found
     closed = copy.copy(shared)
     closed.parts = (*plant.parts, *parts)
     closed.values = shared.values.copy()
-    closed.values[target] = plant.values[source]
+    closed.values[places_of[:, 1]] = plant.values[places_of[:, 0]]
     numbers = [value for part in parts for value in numbers_of(part)]
     closed.values[first : first + len(numbers)] = numbers
     for entry in closed.parameters.values():
@@ -325,31 +198,30 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values
 
 
-def _event_loop() -> Any:
-    """The compiled event loop; says so on stderr where this machine has to compile it first."""
+def _event_loop(run: Run, program: Program) -> Any:
+    """The event loop, loaded by a run of no duration in each process; says so on stderr where this machine has to compile it first."""
     from toolbox import loop
 
-    if not _ANNOUNCED:
-        _ANNOUNCED.append(True)
+    if not loop.advance.signatures:
         try:
-            known = bool(loop.advance.signatures) or bool(loop.advance._cache._cache_file._load_index())
+            known = bool(loop.advance._cache._cache_file._load_index())
         except AttributeError:  # another version of numba keeps its index elsewhere
             known = True
         if not known:
             print("stickslip: compiling the event loop, once per machine (about 15 s) ...", file=sys.stderr, flush=True)
+        empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
+        loop.begin(empty)
+        loop.advance(empty)
     return loop
 
 
-_ANNOUNCED: list[bool] = []
-
-
 def _run(run: Run) -> Trajectory:
-    loop = _event_loop()
     system = run.system
     pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
-    program = _program(system, run.kinds, pair)
+    program = program_of(system, run.kinds, pair)
+    loop = _event_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
     if not loop.begin(work):
@@ -434,7 +306,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
         _place(system, x, name, value)
-    work = loop.Work(
+    return loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), side=np.ones(ng),
@@ -446,7 +318,6 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
-    return work
 
 
 LOCAL = {"dopri5": 1.0, "dop853": 1.0}
@@ -465,8 +336,8 @@ def _place(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
     elif name in system.signals:
         expression = system.signals[name][0]
         if expression.numel() == 1 and expression.is_symbolic():
-            (place,) = np.nonzero(np.array(ca.DM(ca.jacobian(system.x, expression))).ravel()) or ((),)
-            if len(place) == 1:
+            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
+            if place.size == 1:
                 target = slice(place[0], place[0] + 1)
     if target is None:
         if name in system.signals:
@@ -496,8 +367,8 @@ def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any]) -
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
-    part = [part for part in run.system.parts if isinstance(part, (Held, External))][c]
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
+    part = [part for part in run.system.parts if isinstance(part, External)][index]
     point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
     y = np.array([point[name] for name in part.measures])
     u = np.asarray(laws[index](float(work.reals[loop.TIME]), y), float).ravel()

@@ -1,0 +1,166 @@
+"""Parts of a plant: what a component writes, and its fields as numbers, as structure and as symbols."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.elements import Element, FrictionLaw, State
+from toolbox.errors import SceneError
+
+
+@dataclass
+class Update:
+    """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
+
+    external: the values come from a Python callable instead.
+    """
+
+    memory: Mapping[State, Any]
+    outputs: Mapping[str, tuple[Any, str]]
+    external: bool = False
+
+
+@dataclass
+class Equations:
+    """What a part adds to a plant.
+
+    flow: {state: its time derivative};  gives: {signal name: (expression, unit)};  elements: the set-valued elements whose forces the flow
+    uses;  stored: energy [J];  losses, supplies: {name: power [W]}, dissipated and put in. Energy and power are written from the
+    physics, not from the flow: the audit compares the two. States are given as signals by themselves.
+    """
+
+    flow: Mapping[State, Any] = field(default_factory=dict)
+    gives: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    elements: Sequence[Element] = ()
+    stored: Any = None
+    losses: Mapping[str, Any] = field(default_factory=dict)
+    supplies: Mapping[str, Any] = field(default_factory=dict)
+    update: Update | None = None
+
+
+Signal = Callable[..., ca.SX]
+"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
+
+    The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which
+    replaces that prefix.
+    """
+
+    name: str | None = field(default=None, kw_only=True)
+
+    def equations(self, signal: Signal) -> Equations:
+        """The equations of the part; numeric fields of `self` are casadi symbols here."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+
+
+def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
+    """True for a field that becomes a symbol: declared with `quantity`, or annotated as float or tuple of floats."""
+    if spec.name == "name" or value is None or isinstance(value, (FrictionLaw, Component)):
+        return False
+    return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
+
+
+def numbers_of(part: Any) -> list[float]:
+    """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
+    out: list[float] = []
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if isinstance(value, (FrictionLaw, Component)):
+            out.extend(numbers_of(value))
+        elif _is_numeric(spec, value):
+            if isinstance(value, tuple):
+                out.extend(value)
+            else:
+                out.append(value)
+    return out
+
+
+def structure_of(part: Any) -> Any:
+    """Everything about a part but its numbers, as a hashable key."""
+    key: list[Any] = [type(part)]
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if isinstance(value, (FrictionLaw, Component)):
+            key.append(structure_of(value))
+        elif _is_numeric(spec, value):
+            if isinstance(value, (list, np.ndarray)):
+                raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a tuple of numbers, but it is {value!r}.")
+            for number in value if isinstance(value, tuple) else (value,):
+                if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
+                    unit = spec.metadata.get("unit", "1")
+                    raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a number in {unit}, but it is {number!r}.")
+            key.append(len(value) if isinstance(value, tuple) else "number")
+        else:
+            key.append(value)
+    try:
+        hash(tuple(key))
+    except TypeError:
+        raise SceneError(f"The fields of {type(part).__name__} must be hashable: use tuples and frozen dataclasses.") from None
+    return tuple(key)
+
+
+def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
+    """The part with its numbers read from the parameter vector."""
+
+    def rebuild(node: Any) -> Any:
+        nonlocal offset
+        changes: dict[str, Any] = {}
+        for spec in dataclasses.fields(node):
+            value = getattr(node, spec.name)
+            if isinstance(value, (FrictionLaw, Component)):
+                changes[spec.name] = rebuild(value)
+            elif _is_numeric(spec, value):
+                if isinstance(value, tuple):
+                    changes[spec.name] = tuple(float(v) for v in values[offset : offset + len(value)])
+                    offset += len(value)
+                else:
+                    changes[spec.name] = float(values[offset])
+                    offset += 1
+        return dataclasses.replace(node, **changes)
+
+    return rebuild(part)
+
+
+@dataclass
+class Slot:
+    """A numeric field on its way into the parameter table."""
+
+    owner: Any
+    field_path: str
+    spec: dataclasses.Field[Any]
+    symbol: ca.SX
+    size: int | None
+
+
+def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
+    """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
+    clone = copy.copy(part)
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        here = f"{path}{spec.name}"
+        if isinstance(value, (FrictionLaw, Component)):
+            object.__setattr__(clone, spec.name, symbolic_copy(value, here + ".", slots))
+        elif _is_numeric(spec, value):
+            if isinstance(value, tuple):
+                symbol = ca.SX.sym(here, len(value))
+                slots.append(Slot(clone, here, spec, symbol, len(value)))
+                object.__setattr__(clone, spec.name, tuple(symbol[i] for i in range(len(value))))
+            else:
+                symbol = ca.SX.sym(here)
+                slots.append(Slot(clone, here, spec, symbol, None))
+                object.__setattr__(clone, spec.name, symbol)
+    return clone

@@ -1,0 +1,144 @@
+"""A closed system compiled for one kind of inputs."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.hybrid import HybridSystem
+from toolbox.inputs import Shape
+from toolbox.runge_kutta import Pair
+from toolbox.switching import Switching, switching
+
+
+@dataclass
+class Program:
+    """A closed system compiled for one kind of inputs: everything about a run but its numbers.
+
+    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
+    signals, then (value, slope, time) of every table.
+    """
+
+    system: HybridSystem
+    pair: Pair
+    machine: Any
+    p_size: int
+    coefficient_slot: dict[str, int]
+    held_slot: int
+    table_slot: dict[str, int]
+    first_held: int
+    excited: np.ndarray
+    groups: np.ndarray
+    group_count: int
+    outputs: dict[str, Any]
+    expressions: tuple[ca.SX, ...]
+
+
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair) -> Program:
+    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
+    key = ("program", kinds, pair.name)
+    found = system.kernels.get(key)
+    if found is not None:
+        return found
+    from toolbox.kernel import machine
+
+    given = dict(kinds)
+    coefficients: list[ca.SX] = []
+    tables: list[ca.SX] = []
+    coefficient_slot: dict[str, int] = {}
+    table_slot: dict[str, int] = {}
+    base = system.p.numel()
+    inputs: list[ca.SX] = []
+    for name, entry in system.inputs.items():
+        kind = given.get(name)
+        if kind is None:
+            inputs.append(entry.default)
+        elif kind == "table":
+            table_slot[name] = 3 * len(tables)
+            piece = ca.SX.sym(name, 3)
+            tables.append(piece)
+            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
+        elif isinstance(kind, ExpressionKey):
+            inputs.append(kind.expression)
+        else:
+            size = 1 if kind == "number" else kind[1]
+            symbol = ca.SX.sym(name, size)
+            coefficient_slot[name] = base + sum(c.numel() for c in coefficients)
+            coefficients.append(symbol)
+            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
+    u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    first_held = base + sum(c.numel() for c in coefficients)
+    held_size = system.held.numel()
+    p = ca.vertcat(system.p, *coefficients, system.held, *tables)
+
+    def closed(expression: ca.SX) -> ca.SX:
+        return ca.substitute(expression, system.u, u) if inputs else expression
+
+    elements = []
+    for element in system.elements:
+        twin = copy.copy(element)
+        twin.slip, twin.static, twin.kinetic = closed(element.slip), closed(element.static), closed(element.kinetic)
+        elements.append(twin)
+    form = switching(system.t, system.x, closed(system.flow), elements)
+    x, excited, form = _with_hidden_forces(system, elements, form)
+    updates = []
+    for update in system.updates:
+        following, outputs = (
+            ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
+        )
+        updates.append((update.memory, following, outputs))
+    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
+    units += ["hidden force"] * len(excited)
+    known = sorted(set(units))
+    program = Program(
+        system=system,
+        pair=pair,
+        machine=machine(system.t, x, p, elements, form, pair, updates),
+        excited=np.array(excited, np.int64),
+        p_size=p.numel(),
+        coefficient_slot=coefficient_slot,
+        held_slot=first_held,
+        table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
+        first_held=first_held,
+        groups=np.array([known.index(unit) for unit in units], np.int64),
+        group_count=len(known),
+        outputs={},
+        expressions=(p, u, form.force),
+    )
+    system.kernels[key] = program
+    return program
+
+
+def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
+    """The states and field with one more state for every sticking force or bound that varies nonlinearly in time (see `toolbox.loop`)."""
+    rates, excited = [], []
+    for i, element in enumerate(elements):
+        sticks = 1 - element.mode**2
+        for value in (form.force[i], form.static[i]):
+            rate = ca.jacobian(sticks * value, system.t)
+            if ca.depends_on(rate, system.t):
+                rates.append(rate)
+                excited.append(i)
+    if not rates:
+        return system.x, [], form
+    hidden = ca.SX.sym("hidden", len(rates))
+    field = ca.vertcat(form.field, *rates)
+    return ca.vertcat(system.x, hidden), excited, dataclasses.replace(form, field=field, projected=ca.vertcat(form.projected, hidden))
+
+
+@dataclass(frozen=True, eq=False)
+class ExpressionKey:
+    """A casadi expression of time as part of a program's key: equal where the expressions are."""
+
+    expression: ca.SX
+
+    def __hash__(self) -> int:
+        return hash(str(self.expression))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))

@@ -251,7 +251,7 @@ class _Composer:
         for kind in ("stored", "losses", "supplies"):
             bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
         for i, element in enumerate(self.elements):
-            bundle |= {f"slip:{i}": element.slip, f"static:{i}": element.static, f"kinetic:{i}": element.kinetic}
+            bundle |= {f"slip:{i}": element.slip, f"static:{i}": element.static, f"load:{i}": element.load, f"sliding:{i}": element.sliding}
         for i, (update, _, _) in enumerate(self.updates):
             memory = [ca.SX(value) for value in update.memory.values()]
             bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
@@ -274,7 +274,8 @@ class _Composer:
         system.states = self.states
         system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
-            element.slip, element.static, element.kinetic = (bundle[f"{kind}:{i}"] for kind in ("slip", "static", "kinetic"))
+            for kind in ("slip", "static", "load", "sliding"):
+                setattr(element, kind, bundle[f"{kind}:{i}"])
         system.elements = tuple(self.elements)
         system.inputs = inputs
         system.parameters = self.parameters

@@ -74,7 +74,7 @@ class FrictionLaw:
 
 
 class Element:
-    """A set-valued element with one integer mode: 0 holds `slip` at zero, +1 and -1 apply `-mode * kinetic`.
+    """A set-valued element with one integer mode: 0 holds `slip` at zero, +1 and -1 apply `-mode * kinetic`, kinetic = load * sliding.
 
     `force` is a casadi symbol to be used, affinely, in the flow of the part that owns the element.
     """
@@ -90,7 +90,14 @@ class Element:
         self.force = ca.SX.sym(f"{name}.force")
         self.mode = ca.SX.sym(f"{name}.mode")
         self.static: ca.SX
-        self.kinetic: ca.SX
+        self.load: ca.SX
+        self.sliding: ca.SX
+
+
+    @property
+    def kinetic(self) -> ca.SX:
+        """Magnitude of the force while sliding."""
+        return self.load * self.sliding
 
 
 class DryFriction(Element):
@@ -114,10 +121,10 @@ class DryFriction(Element):
     ):
         super().__init__(name, slip, slip_unit, force_unit)
         self.law = law
-        self.load = load
+        self.load = ca.SX(load)
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead
-        self.kinetic = load * law.sliding(self.mode * self.slip)
-        self.static = load * law.breakaway()
+        self.sliding = ca.SX(law.sliding(self.mode * self.slip))
+        self.static = self.load * law.breakaway()
 
 
 class Relay(Element):
@@ -133,7 +140,8 @@ class Relay(Element):
     ):
         super().__init__(name, surface, surface_unit, force_unit)
         self.static = ca.SX(bound)
-        self.kinetic = ca.SX(bound)
+        self.load = ca.SX(bound)
+        self.sliding = ca.SX(1)
 
 
 def is_finite_number(value: Any) -> bool:

@@ -55,6 +55,7 @@ class Body:
         self.lines: list[str] = []
         self.count = 0
         self.intrinsics: set[str] = set()
+        self.products: dict[tuple[str, float], str] = {}
 
     def value(self, text: str) -> str:
         """Append an instruction and return the name of its result."""
@@ -88,16 +89,19 @@ class Body:
         return self.value(f"fcmp une double {a}, {literal(0.0)}")
 
     def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
-        """base + scale * sum(factor * value), skipping zero factors."""
-        total = ""
+        """base + sum((scale * factor) * value), skipping zero factors; the last value, which comes last in time, is added last.
+
+        The products scale * factor are written once and serve all states.
+        """
+        total = base
         for factor, value in zip(factors, values, strict=True):
             if factor:
-                term = self.mul(literal(factor), value)
+                key = (scale, factor)
+                if key not in self.products:
+                    self.products[key] = self.mul(scale, literal(factor))
+                term = self.mul(self.products[key], value)
                 total = self.add(total, term) if total else term
-        if not total:
-            return base
-        total = self.mul(scale, total)
-        return self.add(base, total) if base else total
+        return total
 
 
 def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]) -> list[list[str]]:

@@ -29,7 +29,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE, BUDGET,
  CULPRIT, STARTED, NODES, LOCATED, MERGED) = range(23)  # fmt: skip
 
-# --- indices into `Work.reals`; ERROR_OLD is a logarithm
+# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
 
 # --- columns of `Work.samplers`, one row per sampled controller
@@ -43,7 +43,7 @@ class Work(NamedTuple):
 
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s: a spare state;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
-    g, g_low, g_high: guards then rates;  guard_scale: size of each guard so far, in slip then in stick;
+    g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, before: per element;  excited: see below;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -67,6 +67,7 @@ class Work(NamedTuple):
     g_low: np.ndarray
     g_high: np.ndarray
     guard_scale: np.ndarray
+    slot: np.ndarray
     side: np.ndarray
     armed: np.ndarray
     fired: np.ndarray
@@ -145,6 +146,7 @@ def _borrowed_all(w):
         _borrowed(w.g_low),
         _borrowed(w.g_high),
         _borrowed(w.guard_scale),
+        _borrowed(w.slot),
         _borrowed(w.side),
         _borrowed(w.armed),
         _borrowed(w.fired),
@@ -168,6 +170,22 @@ def _borrowed_all(w):
         _borrowed(w.memory),
         _borrowed(w.queue),
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _log2(x):
+    """Binary logarithm of a positive number to one part in a hundred, which is all that step sizes need."""
+    bits = np.float64(x).view(np.int64)
+    fraction = np.int64((bits & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000).view(np.float64) - 1.0
+    return float((bits >> 52) - 1023) + fraction * (1.3465 - 0.3465 * fraction)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _exp2(x):
+    """Two to the power of x, |x| < 1000, to one part in two hundred."""
+    whole = math.floor(x)
+    fraction = x - whole
+    return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -199,25 +217,22 @@ def _first_descent(a, da, b, db):
         right = s1 if piece == 0 else (s2 if piece == 1 else 1.0)
         f_right = b if right == 1.0 else a + right * (da + right * (c2 + right * c3))
         if f_left > 0.0 and f_right <= 0.0:
-            low, high, f_low, f_high = left, right, f_left, f_right
-            s = right
-            for _ in range(60):  # Illinois
-                if f_high == 0.0:
-                    return high
-                s = high - f_high * (high - low) / (f_high - f_low)
-                if not low < s < high:
-                    s = 0.5 * (low + high)
+            low, high = left, right
+            s = left + (right - left) * f_left / (f_left - f_right)
+            for _ in range(60):  # Newton, kept inside the bracket
                 f = a + s * (da + s * (c2 + s * c3))
                 if f > 0.0:
-                    if abs(f) < 1e-15 * abs(a - b) or s - low < 1e-15:
-                        return s
-                    low, f_low = s, f
-                    f_high *= 0.5
+                    low = s
                 else:
-                    if abs(f) < 1e-15 * abs(a - b) or high - s < 1e-15:
-                        return s
-                    high, f_high = s, f
-                    f_low *= 0.5
+                    high = s
+                slope = da + s * (2.0 * c2 + 3.0 * s * c3)
+                following = s - f / slope
+                if not low <= following <= high:
+                    following = 0.5 * (low + high)
+                moved = abs(following - s)
+                s = following
+                if moved < 1e-9:
+                    break
             return s
         if right == 1.0:
             break
@@ -226,14 +241,9 @@ def _first_descent(a, da, b, db):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _slot(w, j):
-    """Where the size of guard j stands: a contact's first guard is a speed in slip and a force in stick."""
-    return j + w.ints[NG] if j < 2 * w.ints[NE] and w.m[j // 2] == 0.0 else j
-
-
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _size(w, j):
-    return w.guard_scale[_slot(w, j)]
+    """Size of guard j so far; a contact's first guard is a speed in slip and a force in stick, so each has a slot per kind of mode."""
+    return w.guard_scale[w.slot[j]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -298,9 +308,10 @@ def _refresh(w):
     for j in range(2 * ng):
         w.g[j] = w.z[2 * n + j]
     for j in range(ng):
+        w.slot[j] = j + ng if j < 2 * w.ints[NE] and w.m[j // 2] == 0.0 else j
         size = abs(w.g[j])
         if size > _size(w, j):
-            w.guard_scale[_slot(w, j)] = size
+            w.guard_scale[w.slot[j]] = size
         w.armed[j] = w.side[j] * w.g[j] > 1e-13 * _size(w, j)
 
 
@@ -652,13 +663,12 @@ def _fire(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def begin(w):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 
     An element slides where its slip is not zero; at zero slip force decides.
     """
-    w = _borrowed_all(w)
     ne, ng = w.ints[NE], w.ints[NG]
     t = w.reals[TIME]
     largest = 0.0
@@ -695,6 +705,8 @@ def advance(w):
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
     power = w.reals[POWER]
     rejected = False
+    if w.ints[STARTED] == 0 and not _begin(w):
+        return INCONSISTENT
     while True:
         t = w.reals[TIME]
         if w.ints[RECORDS] + 4 > w.rec_t.size:
@@ -821,12 +833,12 @@ def advance(w):
             return RECORDS_FULL
         w.ints[ACCEPTED] += 1
         if not event:
-            size = math.log(max(error, 1e-10))
-            factor = math.exp(-power * size)
+            size = _log2(max(error, 1e-10))
+            growth = -power * size
             if w.reals[STEP_OLD] > 0.0:  # Gustafsson's prediction from the last two steps
-                factor *= min(1.0, h / w.reals[STEP_OLD] * math.exp(power * (w.reals[ERROR_OLD] - size)))
-            factor = min(1.0 if rejected else 10.0, max(0.2, 0.9 * factor))
-            w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(size, -9.2), h
+                growth += min(0.0, _log2(h / w.reals[STEP_OLD]) + power * (w.reals[ERROR_OLD] - size))
+            factor = min(1.0 if rejected else 10.0, max(0.2, 0.85 * _exp2(growth)))
+            w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(size, -13.3), h
             grown = h * factor
             w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
         rejected = False
@@ -846,7 +858,7 @@ def advance(w):
             for j in range(ng):
                 size = abs(w.g[j])
                 if size > _size(w, j):
-                    w.guard_scale[_slot(w, j)] = size
+                    w.guard_scale[w.slot[j]] = size
                 if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * _size(w, j):
                     w.armed[j] = True
         w.reals[TIME] = t_new

@@ -82,7 +82,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     elements = []
     for element in system.elements:
         twin = copy.copy(element)
-        twin.slip, twin.static, twin.kinetic = closed(element.slip), closed(element.static), closed(element.kinetic)
+        for kind in ("slip", "static", "load", "sliding"):
+            setattr(twin, kind, closed(getattr(element, kind)))
         elements.append(twin)
     form = switching(system.t, system.x, closed(system.flow), elements)
     x, excited, form = _with_hidden_forces(system, elements, form)

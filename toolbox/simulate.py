@@ -210,7 +210,6 @@ def _event_loop(run: Run, program: Program) -> Any:
         if not known:
             print("stickslip: compiling the event loop, once per machine (about 15 s) ...", file=sys.stderr, flush=True)
         empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
-        loop.begin(empty)
         loop.advance(empty)
     return loop
 
@@ -224,8 +223,6 @@ def _run(run: Run) -> Trajectory:
     loop = _event_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
-    if not loop.begin(work):
-        raise _failure(loop, loop.INCONSISTENT, run, program, work, began)
     laws = [copy.deepcopy(law) if not hasattr(law, "__code__") else law for law in run.laws]
     bar: Any = None
     while True:
@@ -309,7 +306,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     return loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
-        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), side=np.ones(ng),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), before=np.zeros(ne), excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),

@@ -50,11 +50,11 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
 
     Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
     """
-    force = ca.vertcat(*[e.force for e in elements]) if elements else ca.SX(0, 1)
-    mode = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
-    slip = ca.vertcat(*[e.slip for e in elements]) if elements else ca.SX(0, 1)
-    kinetic = ca.vertcat(*[e.kinetic for e in elements]) if elements else ca.SX(0, 1)
-    static = ca.vertcat(*[e.static for e in elements]) if elements else ca.SX(0, 1)
+    force, mode, slip, load, sliding, static = (
+        ca.vertcat(*[getattr(e, name) for e in elements]) if elements else ca.SX(0, 1)
+        for name in ("force", "mode", "slip", "load", "sliding", "static")
+    )
+    kinetic = load * sliding
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
@@ -73,12 +73,18 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
             )
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
-    free_kinetic = ca.substitute(kinetic, force, ca.SX.zeros(force.shape))
+    zero = ca.SX.zeros(force.shape)
+    # the factors of the law are grouped so that all but the law itself is constant over a step
+    free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
 
     sticks = 1 - mode * mode
     slides = mode * mode
     matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
-    solved = masked_solve(matrix, -(sticks * free_rate + mode * free_kinetic))
+    if matrix.sparsity().is_diag():
+        pivot = ca.diag(matrix)
+        solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
+    else:
+        solved = masked_solve(matrix, -(sticks * free_rate + mode * free_load * free_sliding))
     bound = ca.substitute(static, force, solved)
     field = free + gain_of_force @ solved
     slip_rate = free_rate + gain @ solved

@@ -1,6 +1,6 @@
 """How fast is an answer whose error is at most one part in a million?
 
-Every case is run by the toolbox and by scipy (`studies/reference.py`), each at the loosest setting whose error stays below the target; the error
+Every case is run by the toolbox and by scipy (`studies/reference.py`), each at its fastest setting whose error stays below the target; the error
 is the largest difference of a state to a reference at rtol 1e-12, over 401 times of the whole horizon, relative to the size of
 that state. All times are medians measured in this run on one core with caches warm; the ratio decides, not the time.
 
@@ -43,23 +43,26 @@ def measure(name: str, case: Case) -> dict[str, float | str | bool]:
     """Errors and times of one case."""
     grid = np.linspace(0.0, case.duration, 401)
     truth = case.reference(case.duration, rtol=1e-12 if name != "sampled" else 1e-11, output_times=grid)
-    for accuracy in SETTINGS:
+    best = np.inf, 0.0, 0.0, None
+    for accuracy in SETTINGS[:8]:
         run = simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments)
         error = scaled_error(run.at(grid).states, truth.states)
         same = [(e.element, e.after) for e in run.events] == [(s.contact, s.after) for s in truth.switches]
         if error <= TARGET and same:
-            break
-    kernel = statistics.median(simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments).wall_time for _ in range(101))
+            seconds = statistics.median(simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments).wall_time for _ in range(101))
+            best = min(best, (seconds, accuracy, error, run), key=lambda entry: entry[0])
+    kernel, accuracy, error, run = best
+    same = run is not None
     whole = median_time(lambda: simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments), 101)
-    for rtol in SETTINGS:
+    scipy = np.inf
+    for rtol in SETTINGS[:14] if name != "sampled" else SETTINGS[:2]:
         theirs = case.reference(case.duration, rtol=rtol, output_times=grid)
-        their_error = scaled_error(theirs.states, truth.states)
-        if their_error <= TARGET and len(theirs.switches) == len(truth.switches):
-            break
-    repeats = 3 if name != "sampled" else 1
-    scipy = statistics.median(case.reference(case.duration, rtol=rtol).wall_time for _ in range(repeats))
+        if scaled_error(theirs.states, truth.states) <= TARGET and len(theirs.switches) == len(truth.switches):
+            seconds = statistics.median(case.reference(case.duration, rtol=rtol).wall_time for _ in range(3))
+            if seconds < scipy:
+                scipy, their_error = seconds, scaled_error(theirs.states, truth.states)
     row: dict[str, float | str | bool] = {
-        "case": case.title, "accuracy": accuracy, "error": error, "same switches": same, "events": len(run.events),
+        "case": case.title, "accuracy": accuracy, "error": error, "same switches": same, "events": len(truth.switches),
         "kernel [ms]": 1e3 * kernel, "call [ms]": 1e3 * whole, "beyond [ms]": 1e3 * (whole - kernel),
         "scipy error": their_error, "scipy [ms]": 1e3 * scipy, "kernel ratio": scipy / kernel, "call ratio": scipy / whole,
     }  # fmt: skip
@@ -67,13 +70,14 @@ def measure(name: str, case: Case) -> dict[str, float | str | bool]:
 
 
 def heyoka_time(name: str, case: Case) -> tuple[float, float] | None:
-    """Median seconds and error of heyoka at its loosest tolerance below the target, or None for cases it is not set up for."""
+    """Median seconds and error of heyoka at its fastest tolerance below the target, or None for cases it is not set up for."""
     make = {"belt": reference.heyoka_belt, "rig": reference.heyoka_rig}.get(name)
     if make is None:
         return None
     grid = np.linspace(0.0, case.duration, 401)
     truth = case.reference(case.duration, rtol=1e-12, output_times=grid)
-    for tolerance in SETTINGS:
+    best = None
+    for tolerance in SETTINGS[:14]:
         try:
             run = make(tolerance)
         except ImportError:
@@ -81,8 +85,9 @@ def heyoka_time(name: str, case: Case) -> tuple[float, float] | None:
         theirs = run(case.duration, grid)
         error = scaled_error(theirs.states, truth.states)
         if error <= TARGET and len(theirs.switches) == len(truth.switches):
-            return statistics.median(run(case.duration).wall_time for _ in range(101)), error
-    return None
+            seconds = statistics.median(run(case.duration).wall_time for _ in range(101))
+            best = min(best or (np.inf, 0.0), (seconds, error))
+    return best
 
 
 def main() -> None:

@@ -16,9 +16,9 @@ from types import ModuleType
 from typing import Any
 
 from toolbox.closed_loop import Controller
-from toolbox.compose import Component
 from toolbox.elements import FrictionLaw
 from toolbox.errors import SceneError, suggest
+from toolbox.parts import Component
 
 GROUP = "stickslip.parts"
 

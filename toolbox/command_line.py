@@ -17,12 +17,9 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from toolbox.errors import SceneError, SimulationError
-
-if TYPE_CHECKING:
-    from toolbox.scene import Scene
+from toolbox.errors import SceneError
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
@@ -127,7 +124,6 @@ def _study(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     stems = _stems(scene.labels)
     with whole_folder(given.out, [*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)]) as folder:
-        _warm_up(scene)
         rows, runs = [], {}
         with _progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
@@ -155,20 +151,6 @@ def _stems(labels: Sequence[str]) -> list[str]:
     return [f"{i:02d}_{word}".rstrip("_") for i, word in enumerate(plain, 1)]
 
 
-# --- the first run and progress
-
-
-def _warm_up(scene: Scene) -> None:
-    """Load the event loop, or compile it on its first use, so that the wall times of the table are those of simulating."""
-    still = dataclasses.replace(scene, duration=0.0)
-    for label in scene.labels:
-        try:
-            still.run(label)
-            return
-        except SimulationError:
-            continue
-
-
 @contextmanager
 def _progress(total: int) -> Iterator[Any]:
     """A bar on stderr that appears after a second; yields a function of (cases done, what is going on)."""
@@ -194,8 +176,8 @@ def whole_folder(path: Path, names: Sequence[str]) -> Iterator[Path]:
     written and where a file in the way is not from an earlier study.
     """
     path = path.absolute()
-    if path.exists() and not path.is_dir():
-        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is a file.")
+    if os.path.lexists(path) and not path.is_dir():
+        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
     exists = path.is_dir()
     earlier = _earlier_study(path) if exists else set()
     for name in names:
@@ -230,10 +212,10 @@ def _earlier_study(path: Path) -> set[str]:
     try:
         with (path / "table.csv").open(newline="", encoding="utf-8") as file:
             table = csv.DictReader(file)
-            stems = [row["files"] for row in table] if table.fieldnames == [field.name for field in dataclasses.fields(Row)] else None
+            if table.fieldnames != [field.name for field in dataclasses.fields(Row)]:
+                return set()
+            stems = [row["files"] for row in table if row["files"]]
     except (OSError, ValueError, csv.Error):
-        return set()
-    if stems is None:
         return set()
     names = {*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)}
     return {name for name in names if (path / name).is_file()}
@@ -241,7 +223,7 @@ def _earlier_study(path: Path) -> set[str]:
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until the block is done (where signals can be handled at all)."""
+    """Ctrl-C has no effect on the block (where signals can be handled at all)."""
     try:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     except ValueError:  # not the main thread

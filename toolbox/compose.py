@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.elements import Element, State, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.parts import Component, Equations, Slot, Update, numbers_of, structure_of, symbolic_copy
+from toolbox.parts import Component, Equations, Slot, Update, checked, numbers_of, structure_of, symbolic_copy
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -45,7 +45,7 @@ def compose(*components: Component) -> HybridSystem:
 def assembled(components: tuple[Component, ...]) -> HybridSystem:
     """The system of parts whose controllers have been designed."""
     for component in components:
-        component.check()
+        checked(component)
     key = tuple(structure_of(component) for component in components)
     shared = _COMPOSED.get(key)
     if shared is None:
@@ -114,10 +114,11 @@ class _Composer:
         equations = symbolic.equations(signal)
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
-        first = next(iter(equations.flow), None)
-        label = first.label if first is not None else next(iter(equations.gives), "")
         law = getattr(component, "law", component)
-        if hasattr(law, "drives"):  # a control law is called after its class: what it gives belongs to the plant
+        memory = equations.update.memory if equations.update is not None else equations.flow
+        first = next(iter(memory), None)
+        label = first.label if first is not None else next(iter(equations.gives), "")
+        if first is None and hasattr(law, "drives"):  # what a control law gives belongs to the plant
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
@@ -138,11 +139,14 @@ class _Composer:
         self._check_regular(title, equations)
         for slot in slots:
             path = f"{own}.{slot.field_path.removeprefix('law.')}"
+            unit = slot.spec.metadata.get("unit", "1")
             if slot.owner is not symbolic:
                 users = [e for e, original in zip(elements, equations.elements, strict=True) if original.law is slot.owner]
                 if len(users) == 1:
                     path = f"{users[0].name}.{slot.field_path}"
-            self._add_parameter(path, slot)
+                if users:
+                    unit = _unit_at(users[0], unit)
+            self._add_parameter(path, slot, unit)
         for name, unit, default, placeholder in needs:
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
@@ -188,12 +192,12 @@ class _Composer:
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                     raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
 
-    def _add_parameter(self, path: str, slot: Slot) -> None:
+    def _add_parameter(self, path: str, slot: Slot, unit: str) -> None:
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
         self.parameters[path] = Parameter(
-            path, metadata.get("unit", "1"), metadata.get("meaning", ""), slot.size, self._n_parameters, metadata
+            path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata
         )
         self.symbols.append(slot.symbol)
         self.defaults.extend([math.nan] * slot.symbol.numel())
@@ -299,6 +303,15 @@ class _Composer:
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed
         return system
+
+
+def _unit_at(element: Element, unit: str) -> str:
+    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
+    if unit in ("m/s", "rad/s"):
+        return element.slip_unit
+    if unit in ("s/m", "s/rad"):
+        return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
+    return element.force_unit if unit in ("N", "N m") else unit
 
 
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:

@@ -72,6 +72,9 @@ class FrictionLaw:
         """Static bound per unit of load."""
         raise NotImplementedError
 
+    def check(self) -> None:
+        """Raise SceneError where fields contradict each other."""
+
 
 class Element:
     """A set-valued element with one integer mode: 0 holds `slip` at zero, +1 and -1 apply `-mode * kinetic`, kinetic = load * sliding.

@@ -13,7 +13,7 @@ import numpy as np
 
 from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.parts import Component, numbers_of, rebuilt
+from toolbox.parts import Component, checked, numbers_of, rebuilt
 from toolbox.switching import Switching, switching
 
 
@@ -183,7 +183,7 @@ class HybridSystem:
                 changed.values[entry.offset : entry.offset + entry.size] = array
         changed.parts = tuple(rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
         for part in changed.parts:
-            part.check()
+            checked(part)
         return changed
 
     def _offsets(self) -> Iterator[int]:

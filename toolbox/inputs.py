@@ -59,6 +59,11 @@ class Shape:
         return _FORMULAS[self.kind](t, c)
 
 
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value."""
+        return self.coefficients[0] - abs(self.coefficients[1]), self.coefficients[0] + abs(self.coefficients[1])
+
+
 _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
     "sine": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * c[2] * t + c[3]),
     "sweep": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * (c[2] + (c[3] - c[2]) * t / (2 * c[4])) * t),

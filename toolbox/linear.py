@@ -69,8 +69,8 @@ def equilibrium(
 
     inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
     search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
-    characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, the direction of slip at the start, and "slip+" at zero
-    slip.  parameters: {name: value}. Time, where the plant depends on it, is 0.
+    characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, contacts slide the way they do at the start ("slip+" at
+    zero slip) and relays are on their surface.  parameters: {name: value}. Time, where the plant depends on it, is 0.
 
     Raises SceneError where no steady state is found, where the one found contradicts its modes, and for arguments as `simulate` does.
     """
@@ -86,7 +86,7 @@ def equilibrium(
     residual, jacobian = _residual(plant)
     reason = ""
     for guess in guesses:
-        m = _modes_at(plant, guess, u, mode)
+        m = _modes_at(plant, guess, u, mode, resting=True)
         sticking = m == 0.0
 
         def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
@@ -136,8 +136,9 @@ def linearise(
     """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
 
     at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
-    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip, and "slip+" at zero
-    slip.  inputs, outputs: names to keep, all without (all scalar signals);  {name: value} for inputs also gives the values there.
+    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
+    contacts slide forwards and relays are on their surface.  inputs, outputs: names to keep; without, all inputs and all scalar signals. A
+    mapping {name: value} for inputs keeps all and gives their values at the point.
 
     Names have "_" for ".", which python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`. A point
     that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per
@@ -175,7 +176,9 @@ def linearise(
             kept_inputs = [name for name in kept_inputs if name not in movers]
             columns = [list(plant.inputs).index(name) for name in kept_inputs]
         elif movers:
-            raise SceneError(f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`.")
+            raise SceneError(
+                f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`."
+            )
     free, lift = _constrained(slip_x[sticking])
     labels = [name for name, _ in _labels(plant, control_names=True)]
     return control.ss(
@@ -240,16 +243,28 @@ def _input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
     return u
 
 
-def _modes_at(plant: HybridSystem, x: np.ndarray, u: np.ndarray, mode: Mapping[str, str] | None, t: float = 0.0) -> np.ndarray:
-    """Modes as given, else from the direction of slip at a point, else sliding forwards."""
+def _modes_at(
+    plant: HybridSystem, x: np.ndarray, u: np.ndarray, mode: Mapping[str, str] | None, t: float = 0.0, resting: bool = False
+) -> np.ndarray:
+    """Modes as given, else from the direction of slip at a point. At zero slip contacts slide forwards and relays stay on their surface.
+
+    resting: a steady state is sought, and then a relay is on its surface wherever the search begins.
+    """
     names = [element.name for element in plant.elements]
     for name, word in (mode or {}).items():
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
         if word not in MODES:
             raise SceneError(f"Argument `mode` must be stick, slip+ or slip- for `{name}`, but it is {word!r}.")
-    slip = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
-    return np.array([MODES[mode[name]] if mode and name in mode else (-1.0 if v < 0 else 1.0) for name, v in zip(names, slip, strict=True)])
+    slips = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
+    zero = 1e-12 * float(np.abs(x).max(initial=0.0))
+    modes = np.where(slips < 0, -1.0, 1.0)
+    for i, element in enumerate(plant.elements):
+        if mode and element.name in mode:
+            modes[i] = MODES[mode[element.name]]
+        elif element.law is None and (resting or abs(slips[i]) <= zero):
+            modes[i] = 0.0
+    return modes
 
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
@@ -259,11 +274,12 @@ def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndar
     size = float(np.abs(x).max(initial=0.0))
     for element, mode, slip, force, bound in zip(plant.elements, m, slips, forces, bounds, strict=True):
         if mode * slip < -1e-9 * size:
-            return f"`{element.name}` in {WORDS[mode]} has the slip {slip:.4g} {element.slip_unit}"
+            return f"`{element.name}` in {WORDS[mode]} has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and abs(slip) > 1e-9 * size:
-            return f"`{element.name}` in stick has the slip {slip:.4g} {element.slip_unit}"
+            return f"`{element.name}` in stick has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and not abs(force) <= bound * (1.0 + 1e-9):
-            return f"`{element.name}` in stick needs a force of {abs(force):.5g} {element.force_unit}, but its bound is {bound:.5g}"
+            needed = _with_unit(abs(force), element.force_unit)
+            return f"`{element.name}` in stick needs a force of {needed}, but its bound is {_with_unit(bound, element.force_unit)}"
     return ""
 
 
@@ -387,6 +403,10 @@ def _labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str,
         labels = _control_labels(plant, name) if control_names else [name] if size is None else [f"{name}.{i}" for i in range(size)]
         out += [(label, unit) for label in labels]
     return out
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.5g}" if unit == "1" else f"{value:.5g} {unit}"
 
 
 def _control_name(name: str) -> str:

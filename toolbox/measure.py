@@ -30,7 +30,7 @@ def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: fl
 
     Begin and end are located events, not nodes. Raises SceneError for an unknown element or a window outside the run.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     found: list[tuple[float, float]] = []
     for first, last, mode in run.intervals(element):
         first, last = max(first, begin), min(last, end)
@@ -45,7 +45,7 @@ def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: fl
 
 def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> float:
     """Part of the window that an element spends in stick, 0 to 1. Raises SceneError as `stick_intervals` does."""
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     return sum(last - first for first, last in stick_intervals(run, element, begin, end)) / (end - begin)
 
 
@@ -67,12 +67,12 @@ def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None
     The mean is the Gauss-Legendre integral over every step divided by the length of the window; at a jump both sides count as values.
     Raises SceneError for an unknown or vector signal and for a window outside the run.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     times, values, mean = _sampled(run, signal, begin, end)
     nodes = run.nodes
     inside = (nodes.time >= begin) & (nodes.time <= end)
     sides = _rows(nodes, inside)  # nodes hold the left-hand limits at events, which `at` does not
-    node_values = _values(sides, signal)
+    node_values = scalar(sides, signal)
     high, when_high = _largest(run, signal, 1.0, times, values, sides.time, node_values)
     low, when_low = _largest(run, signal, -1.0, times, values, sides.time, node_values)
     return Extent(-low, high, min(max(mean, -low), high), when_low, when_high)
@@ -124,14 +124,21 @@ SEVERITIES: Mapping[str, Callable[[Extent, float], tuple[float, float]]] = {
 
 # ------------------------------------------------------------------------------------------------------------------------ step-response measures
 def settling(
-    run: Trajectory, signal: str, target: float, band: float = 0.02, *, after: float = 0.0, until: float | None = None, size: float | None = None
+    run: Trajectory,
+    signal: str,
+    target: float,
+    band: float = 0.02,
+    *,
+    after: float = 0.0,
+    until: float | None = None,
+    size: float | None = None,
 ) -> float:
     """Seconds from `after` until a signal stays within |y - target| <= band * size for the rest of the window; inf if it never does.
 
     size: the change that counts as whole, in the unit of the signal; |target| without. 0.0 where it never leaves the band. The last
     crossing is located to round-off in time. Raises SceneError for a target of 0 without size, a band outside (0, 1), an unknown or vector signal.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     size = _size(target, size)
     if not is_finite_number(band) or not 0 < band < 1:
         raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
@@ -157,7 +164,7 @@ def settling(
     high = float(times[last + 1])
     while high - low > 2e-16 * max(high, begin):
         grid = np.linspace(low, high, 34)[1:-1]
-        left = np.flatnonzero(np.abs(_values(run.nodes.at(grid), signal) - target) > width)
+        left = np.flatnonzero(np.abs(scalar(run.nodes.at(grid), signal) - target) > width)
         at = int(left[-1]) if left.size else -1
         step = (float(grid[at]) if at >= 0 else low, float(grid[at + 1]) if at + 1 < grid.size else high)
         if step == (low, high):
@@ -173,9 +180,9 @@ def overshoot(
 
     Raises SceneError for a target of 0 without size, an unknown or vector signal, and a window outside the run.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     size = _size(target, size)
-    start = float(_values(run.nodes.at(np.array([begin])), signal)[0])
+    start = float(scalar(run.nodes.at(np.array([begin])), signal)[0])
     found = extent(run, signal, begin, end)
     beyond = found.maximum - target if start < target else target - found.minimum
     if start == target:
@@ -245,7 +252,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     power = output_function(nodes.program, "audit of power", ca.vertcat(*terms)) if terms else None
     energy = output_function(nodes.program, "audit of energy", ca.vertcat(*system.stored.values())) if system.stored else None
     total, moved = np.zeros(len(terms)), np.zeros(len(terms))
-    begin, end = _window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
+    begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
     if power is not None:
         for weights, samples in _gauss(run, begin, end):
             values = _evaluated(power, samples)
@@ -265,8 +272,8 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
-def _window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
-    """The checked window; a run that failed ends at its last node."""
+def window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
+    """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
     last = float(run.nodes.time[-1])
     if not is_finite_number(after) or not 0 <= after < last:
         raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
@@ -297,12 +304,12 @@ def _sampled(run: Trajectory, signal: str, begin: float, end: float) -> tuple[np
     borders = _borders(run, begin, end)
     inner_times, inner_values, integral = [], [], 0.0
     for weights, samples in _gauss(run, begin, end):
-        values = _values(samples, signal)
+        values = scalar(samples, signal)
         inner_times.append(samples.time)
         inner_values.append(values)
         integral += float(values @ weights)
     times = np.concatenate([borders, *inner_times])
-    values = np.concatenate([_values(run.nodes.at(borders), signal), *inner_values])
+    values = np.concatenate([scalar(run.nodes.at(borders), signal), *inner_values])
     order = np.argsort(times, kind="stable")
     return times[order], values[order], integral / (end - begin)
 
@@ -312,7 +319,8 @@ def _rows(nodes: Trajectory, chosen: np.ndarray) -> Samples:
     return Samples(nodes.program, nodes.time[chosen], nodes.states[chosen], nodes.mode[chosen], nodes.held[chosen], nodes.parameters, False)
 
 
-def _values(samples: Samples, signal: str) -> np.ndarray:
+def scalar(samples: Samples, signal: str) -> np.ndarray:
+    """Values of a signal, shape (nt,); raises SceneError for an unknown name or a vector."""
     values = np.asarray(samples[signal])
     if values.ndim != 1:
         raise SceneError(f"Argument `signal` must be a scalar, but `{signal}` has {values.shape[1]} entries: name one, e.g. `{signal}.0`.")
@@ -357,7 +365,7 @@ def _peaks(
         if not left.size:
             break
         grid = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, 9)
-        inner = sign * _values(run.nodes.at(grid[:, 1:-1].ravel()), signal).reshape(left.size, 7)
+        inner = sign * scalar(run.nodes.at(grid[:, 1:-1].ravel()), signal).reshape(left.size, 7)
         top = np.argmax(inner, axis=1)
         row = np.arange(left.size)
         better = inner[row, top] > height

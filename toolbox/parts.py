@@ -74,6 +74,15 @@ def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
     return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
 
 
+def checked(part: Any) -> None:
+    """Call `check` of a part, of its law and of the friction laws among its fields."""
+    part.check()
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if isinstance(value, (FrictionLaw, Component)):
+            checked(value)
+
+
 def numbers_of(part: Any) -> list[float]:
     """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
     out: list[float] = []

@@ -1,7 +1,7 @@
 """Pictures of runs: traces in time, phase planes, comparisons.
 
 Every function draws into `ax` or makes a figure of its own, and returns the axes. Curves pass through every step and are sampled between
-steps, because nodes are sparse and a polygon through them would cut the peaks off. Modes are shown twice where there is one element: as a ribbon above
+steps, because nodes are sparse and a polygon through them would cut the peaks off. Modes are shown twice where there is one contact: as a ribbon above
 the panel and as grey bands behind the curve. Tones and line styles differ enough to be read without colour.
 """
 
@@ -17,8 +17,8 @@ from matplotlib.legend import Legend
 from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
-from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.measure import scalar, window
 from toolbox.trajectory import Samples, Trajectory
 
 RESOLUTION = 1600
@@ -62,21 +62,24 @@ WIDTH = 7.2
 
 
 def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
-    """Signals against time, with a ribbon of modes above, grey bands where the only element sticks, and thin lines at events.
+    """Signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
     signals: names, of a vector state all entries or one (`chain.speed.0`); without, speeds first and then what drives and resists.  ax: where
     to draw; without, a figure with one panel per unit.  after, until: window [s]. Returns the axes: `ax`, or an array with one entry per
     panel. Raises SceneError for an unknown signal, for signals of several units in one `ax`, and for a window outside the run.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     names = list(signals) or _interesting(run)
     units: dict[str, list[str]] = {}
     for name in names:
         units.setdefault(run.unit(name), []).append(name)
     if ax is not None and len(units) > 1:
-        raise SceneError(f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit.")
+        raise SceneError(
+            f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
+        )
     samples = _curve(run, begin, end)
     elements = list(run.modes)
+    contacts = [element.name for element in run.program.system.elements if element.law is not None]
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else _figure(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
@@ -84,8 +87,8 @@ def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, u
             panel.set_ylabel(_axis_label(group, unit))
             panel.set_xlim(begin, end)
             top = panel is panels[0]
-            if len(elements) == 1:
-                _bands(panel, run, elements[0], begin, end)
+            if len(contacts) == 1:
+                _bands(panel, run, contacts[0], begin, end)
             _event_lines(panel, run, begin, end)
             height = _ribbon(panel, {_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
@@ -97,21 +100,28 @@ def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, u
 
 
 def phase_plane(
-    run: Trajectory, x_signal: str, y_signal: str, element: str | None = None, ax: Any = None, *, after: float = 0.0, until: float | None = None
+    run: Trajectory,
+    x_signal: str,
+    y_signal: str,
+    element: str | None = None,
+    ax: Any = None,
+    *,
+    after: float = 0.0,
+    until: float | None = None,
 ) -> Any:
     """One signal against another; the segment on which `element` sticks is drawn thick, the start is a ring, arrows show the direction.
 
     element: by default the first of the plant, if it has any.  after, until: window [s]. Returns the axes. Raises SceneError for
     unknown or vector signals, an unknown element, and a window outside the run.
     """
-    begin, end = _window(run, after, until)
+    begin, end = window(run, after, until)
     names = list(run.modes)
     if element is None and names:
         element = names[0]
     if element is not None and element not in names:
         raise SceneError(f"There is no element `{element}`: {suggest(element, names)}")
     samples = _curve(run, begin, end)
-    x, y = _scalar(samples, x_signal), _scalar(samples, y_signal)
+    x, y = scalar(samples, x_signal), scalar(samples, y_signal)
     sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
     with plt.rc_context(PAPER):
         if ax is None:
@@ -137,7 +147,13 @@ def phase_plane(
 
 
 def comparison(
-    runs: Mapping[str, Trajectory], signal: str, element: str | None = None, ax: Any = None, *, after: float = 0.0, until: float | None = None
+    runs: Mapping[str, Trajectory],
+    signal: str,
+    element: str | None = None,
+    ax: Any = None,
+    *,
+    after: float = 0.0,
+    until: float | None = None,
 ) -> Any:
     """One signal of several runs: a panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
 
@@ -148,7 +164,7 @@ def comparison(
     if not runs:
         raise SceneError("Argument `runs` must hold at least one run, but it is empty.")
     longest = max(runs.values(), key=lambda run: float(run.nodes.time[-1]))
-    begin, end = _window(longest, after, until)
+    begin, end = window(longest, after, until)
     shown: dict[str, str | None] = {}
     for label, run in runs.items():
         names = list(run.modes)
@@ -161,7 +177,7 @@ def comparison(
             last = min(end, float(run.nodes.time[-1]))
             if last > begin:
                 samples = _curve(run, begin, last)
-                _line(panel, samples.time, _scalar(samples, signal), label, style if ax is not None else dict(LINES[0]))
+                _line(panel, samples.time, scalar(samples, signal), label, style if ax is not None else dict(LINES[0]))
             contact = shown[label]
             if ax is None:
                 if contact is not None:
@@ -172,7 +188,9 @@ def comparison(
             panel.set_xlim(begin, end)
         quantity = f"{_words(signal)} [{longest.unit(signal)}]"
         if ax is not None:
-            rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
+            rows = {
+                label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
+            }
             height = _ribbon(ax, rows, begin, end)
             _legend(ax, height)
             ax.set_ylabel(quantity)
@@ -186,17 +204,6 @@ def comparison(
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
-def _window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
-    last = float(run.nodes.time[-1])
-    for name, value in (("after", after), ("until", last if until is None else until)):
-        if not is_finite_number(value) or not 0 <= value <= last:
-            raise SceneError(f"Argument `{name}` must be between 0 and {last:g} s, but it is {value!r}.")
-    end = last if until is None else float(until)
-    if not after < end:
-        raise SceneError(f"Argument `until` must be after {after:g} s, but it is {end!r}.")
-    return float(after), end
-
-
 def _curve(run: Trajectory, begin: float, end: float) -> Samples:
     """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
     nodes = run.nodes
@@ -226,13 +233,6 @@ def _curve(run: Trajectory, begin: float, end: float) -> Samples:
     )
 
 
-def _scalar(samples: Samples, name: str) -> np.ndarray:
-    values = np.asarray(samples[name])
-    if values.ndim != 1:
-        raise SceneError(f"Argument `signal` must be a scalar, but `{name}` has {values.shape[1]} entries: name one, e.g. `{name}.0`.")
-    return values
-
-
 def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The curve, or for very many points its smallest and largest value in each of many columns, which looks the same."""
     columns = 2 * RESOLUTION
@@ -251,13 +251,13 @@ def _interesting(run: Trajectory) -> list[str]:
     """Speeds, then torques and forces, then positions: at most three of a unit, none twice, none that only stands still."""
     system, nodes = run.program.system, run.nodes
     step = max(1, nodes.time.size // 400)
-    some = Samples(
-        nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False
-    )
+    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
     ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
     own = {f"{element.name}.{tail}" for element in system.elements for tail in ("force", "slip")}
     # what a part gives comes before the force and slip of its contact, which often repeat it
-    names = [name for name in (*system.signals, *system.inputs) if name not in own] + sorted(own)
+    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
+    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
+    names = [name for name in (*system.signals, *system.inputs) if name not in own and name.partition(".")[0] not in laws] + sorted(own)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -284,7 +284,7 @@ def _words(name: str) -> str:
 
 
 def _axis_label(names: Sequence[str], unit: str) -> str:
-    """"bit speed [rad/s]" for one signal, the word they share for several: "speed [rad/s]"."""
+    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
     if len(names) == 1:
         return f"{_words(names[0])} [{unit}]"
     tails = {name.rpartition(".")[2] for name in names}
@@ -337,7 +337,9 @@ def _line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict
 def _bands(ax: Any, run: Trajectory, element: str, begin: float, end: float) -> None:
     """Grey bands behind a panel while an element sticks."""
     pieces = [(max(b, begin), min(e, end)) for b, e, mode in run.intervals(element) if mode == "stick" and b < end and e > begin]
-    ax.broken_barh([(b, e - b) for b, e in pieces], (0, 1), transform=ax.get_xaxis_transform(), facecolor=BAND, edgecolor="none", linewidth=0, zorder=0)
+    ax.broken_barh(
+        [(b, e - b) for b, e in pieces], (0, 1), transform=ax.get_xaxis_transform(), facecolor=BAND, edgecolor="none", linewidth=0, zorder=0
+    )
 
 
 def _event_lines(ax: Any, run: Trajectory, begin: float, end: float) -> None:
@@ -414,6 +416,14 @@ def _arrows(ax: Any, x: np.ndarray, y: np.ndarray, slides: np.ndarray, color: st
         if 0 < i < j < x.size:
             ax.add_patch(
                 FancyArrowPatch(
-                    (x[i], y[i]), (x[j], y[j]), arrowstyle="-|>", color=color, linewidth=0.0, mutation_scale=16, shrinkA=0, shrinkB=0, zorder=3
+                    (x[i], y[i]),
+                    (x[j], y[j]),
+                    arrowstyle="-|>",
+                    color=color,
+                    linewidth=0.0,
+                    mutation_scale=16,
+                    shrinkA=0,
+                    shrinkB=0,
+                    zorder=3,
                 )
             )

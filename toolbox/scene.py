@@ -11,8 +11,10 @@ import numpy as np
 
 from toolbox import inputs as shapes
 from toolbox.closed_loop import Controller, Sampled
-from toolbox.compose import Component, HybridSystem, compose
+from toolbox.compose import compose
 from toolbox.errors import SceneError, suggest
+from toolbox.hybrid import HybridSystem
+from toolbox.parts import Component
 from toolbox.simulate import Run, _place, _prepared, simulate
 from toolbox.trajectory import Trajectory
 
@@ -127,6 +129,8 @@ class Scene:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
         for name in (self.signal, self.effort):
             unit_of(plant, name)
+            if name in plant.signals and plant.signals[name][0].numel() > 1:
+                raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
         if not 0 <= self.after < self.duration:
             raise SceneError(
                 f"Argument `verdict.after` must be >= 0 s and before the end at {self.duration:g} s, but it is {self.after:g}."

@@ -25,10 +25,12 @@ from typing import Any
 import numpy as np
 
 from toolbox import catalogue
-from toolbox.compose import Component, HybridSystem, compose
+from toolbox.compose import compose
 from toolbox.elements import FrictionLaw
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
+from toolbox.hybrid import HybridSystem
+from toolbox.parts import Component
 from toolbox.scene import Case, Number, Scene, Waveform, prepared, unit_of
 from toolbox.units import parse
 
@@ -66,7 +68,7 @@ def write(scene: Scene, path: Path) -> None:
 
 def _data(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         near = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
         raise SceneError("there is no such file" + (f": {suggest(path.name, near)}" if near else ".")) from None
@@ -98,7 +100,7 @@ def _scene(data: dict[str, Any]) -> Scene:
     reference = data.get("reference")
     if reference is not None:
         reference = parse(reference, unit_of(plant, signal), "reference")
-    cases = tuple(_case(entry, f"controllers[{i}]", plant, duration, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
+    cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
     return Scene(
         title=_text(data["title"], "title"),
         parts=parts,
@@ -125,7 +127,7 @@ def _component(data: Any, where: str) -> Component:
     return _filled(item, {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where))
 
 
-def _case(data: Any, where: str, plant: HybridSystem, duration: float, reference: float | None) -> Case:
+def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
     _keys(data, where, None, ("label",))
     label = _text(data["label"], f"{where}.label")
     own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "delay": None, "inputs": {}}
@@ -144,7 +146,7 @@ def _case(data: Any, where: str, plant: HybridSystem, duration: float, reference
         raise SceneError(f"The key `delay` of `{label}` must come with `sample_time`, but there is none.")
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"))
     try:
-        closed = prepared(plant, duration, controller=case.controller).system
+        closed = prepared(plant, 1.0, controller=case.controller).system
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
@@ -263,8 +265,8 @@ def _keys(data: Any, where: str, known: Sequence[str] | None = None, required: S
 
 
 def _text(value: Any, name: str) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise SceneError(f"Argument `{name}` must be text, but it is {value!r}.")
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+        raise SceneError(f"Argument `{name}` must be text in one line, but it is {value!r}.")
     return value
 
 

@@ -22,7 +22,7 @@ from toolbox.inputs import Shape, Table
 from toolbox.parts import Component, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.trajectory import Trajectory
+from toolbox.trajectory import Trajectory, output_function
 
 MAX_STEPS = 50_000_000
 """Steps after which a run ends in a BudgetError."""
@@ -128,7 +128,6 @@ def _closed(
             sampled.check()
         if isinstance(law, Controller):
             law = law.design(declared)
-            law.check()
             parts.append(law if sampled is None else Held(law, float(sampled.period)))
         elif callable(law):
             if sampled is None:
@@ -177,9 +176,14 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
         if isinstance(value, tuple) and len(value) == 2:
             value = Table.of(name, *value)
+        bounds = system.parameters.get(name)
         if isinstance(value, Table):
             kinds.append((name, "table"))
+            if bounds is not None:
+                bounds.check(value.values)
         elif isinstance(value, Shape):
+            if bounds is not None:
+                bounds.check(np.array(value.range()))
             kinds.append((name, (value.kind, len(value.coefficients))))
         elif isinstance(value, ca.SX):
             strangers = [str(s) for s in ca.symvar(value) if not ca.is_equal(s, system.t)]
@@ -189,7 +193,6 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
         elif is_finite_number(value):
             kinds.append((name, "number"))
             value = float(value)
-            bounds = system.parameters.get(name)
             if bounds is not None:
                 bounds.check(value)
         else:
@@ -204,7 +207,8 @@ def _event_loop(run: Run, program: Program) -> Any:
 
     if not loop.advance.signatures:
         try:
-            known = bool(loop.advance._cache._cache_file._load_index())
+            target = loop.advance.targetctx.codegen().magic_tuple()
+            known = any(target in key for key in loop.advance._cache._cache_file._load_index())
         except AttributeError:  # another version of numba keeps its index elsewhere
             known = True
         if not known:
@@ -225,28 +229,27 @@ def _run(run: Run) -> Trajectory:
     began = clock.perf_counter()
     laws = [copy.deepcopy(law) if not hasattr(law, "__code__") else law for law in run.laws]
     bar: Any = None
-    while True:
-        status = loop.advance(work)
-        if status == loop.DONE:
-            break
-        if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
-            work = _grown(loop, work, status == loop.RECORDS_FULL)
-        elif status == loop.SAMPLE_DUE:
-            _sample(loop, run, program, work, laws)
-        elif status == loop.PAUSED:
-            if work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] >= MAX_STEPS:
-                raise _failure(loop, status, run, program, work, began)
-            if bar is None and clock.perf_counter() - began > 1.0:
-                from tqdm import tqdm
+    try:
+        while True:
+            status = loop.advance(work)
+            if status == loop.DONE:
+                return _trajectory(loop, run, program, work, began)
+            if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
+                work = _grown(loop, work, status == loop.RECORDS_FULL)
+            elif status == loop.SAMPLE_DUE:
+                _sample(loop, run, program, work, laws)
+            elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
+                if bar is None and clock.perf_counter() - began > 1.0:
+                    from tqdm import tqdm
 
-                bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
-            if bar is not None:
-                bar.update(float(work.reals[loop.TIME]) - bar.n)
-        else:
-            raise _failure(loop, status, run, program, work, began)
-    if bar is not None:
-        bar.close()
-    return _trajectory(loop, run, program, work, began)
+                    bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
+                if bar is not None:
+                    bar.update(float(work.reals[loop.TIME]) - bar.n)
+            else:
+                raise _failure(loop, status, run, program, work, began)
+    finally:
+        if bar is not None:
+            bar.close()
 
 
 def _work(loop: Any, run: Run, program: Program) -> Any:
@@ -389,6 +392,7 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float) 
         parameters=work.p,
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,
+        end=float(work.reals[loop.TIME]),
         steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
         merged=int(work.ints[loop.MERGED]),
         wall_time=clock.perf_counter() - began,
@@ -399,16 +403,26 @@ def _failure(loop: Any, status: int, run: Run, program: Program, work: Any, bega
     so_far = _trajectory(loop, run, program, work, began)
     t = float(work.reals[loop.TIME])
     names = [element.name for element in program.system.elements]
-    if status == loop.ENDLESS:
-        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.PAUSED:
         return BudgetError(f"The run used {MAX_STEPS} steps and reached t = {t:.9g} s of {run.duration:g} s.", so_far)
+    point = Trajectory.point(run, program, t, work.x, work.m, work.p)
+    if status in (loop.INCONSISTENT, loop.ENDLESS):
+        bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
+            t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
+        if (bounds < 0).any():
+            name = names[int(np.argmin(bounds))]
+            return SimulationError(f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far)
+    if status == loop.ENDLESS:
+        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.INCONSISTENT:
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k)
     if not finite.all():
         return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
+    largest = int(np.argmax(np.abs(work.x[: len(labels)])))
+    if abs(work.x[largest]) > 1e12:
+        return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
     return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)
 
 

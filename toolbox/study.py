@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.errors import SimulationError
 
 if TYPE_CHECKING:
-    from toolbox.compose import HybridSystem
+    from toolbox.hybrid import HybridSystem
     from toolbox.scene import Scene
     from toolbox.trajectory import Trajectory
 
@@ -100,9 +100,10 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 
 def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
-    plant = scene.plant()
-    effort = plant.inputs[scene.effort].unit if scene.effort in plant.inputs else plant.signals[scene.effort][1]
-    set_point = f"; set-point {scene.reference:.4g} {plant.signals[scene.signal][1]}" if scene.reference else ""
+    from toolbox.scene import unit_of
+
+    effort, speed = (unit_of(scene.plant(), name) for name in (scene.effort, scene.signal))
+    set_point = f"; set-point {scene.reference:.4g} {speed}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
     cells = [head]
     for row in rows:
@@ -162,7 +163,9 @@ def _plot() -> Any:
 
 def _position(plant: HybridSystem, speed: str) -> str | None:
     """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
-    unit = plant.signals[speed][1] if speed in plant.signals else ""
+    from toolbox.scene import unit_of
+
+    unit = unit_of(plant, speed)
     for name, (_, size, own) in reversed(plant.states.items()):
         if f"{own}/s" == unit:
             return name if size is None else f"{name}.{size - 1}"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, SimulationError, suggest
 
 MODES = ("slip-", "stick", "slip+")
 
@@ -59,7 +59,7 @@ class Samples:
         if name in system.inputs:
             return system.inputs[name].unit
         head, _, tail = name.rpartition(".")
-        if head in system.states and tail.isdigit():
+        if head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
             return system.states[head][2]
         raise SceneError(f"There is no signal `{name}`: {suggest(name, self.names)}")
 
@@ -117,8 +117,9 @@ class Trajectory(Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
-    wall_time: seconds spent in the event loop;  steps: (accepted, rejected);  merged: guards that reached zero without a change of mode, because
-    the element touched and went on, or left and returned faster than can be resolved.
+    end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
+    merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
+    can be resolved.
     """
 
     def __init__(
@@ -133,6 +134,7 @@ class Trajectory(Samples):
         parameters: np.ndarray,
         event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         last_mode: np.ndarray,
+        end: float,
         steps: tuple[int, int],
         merged: int,
         wall_time: float,
@@ -145,6 +147,7 @@ class Trajectory(Samples):
         self.wall_time = wall_time
         self._event_arrays = event_arrays
         self._last_mode = last_mode
+        self.end = end
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
@@ -185,7 +188,7 @@ class Trajectory(Samples):
             raise SceneError(f"There is no element `{element}`: {suggest(element, self._elements)}")
         index = self._elements.index(element)
         own = [event for event in self.events if event.element == element]
-        end = float(self.duration if not len(self.time) else max(self.time[-1], own[-1].time if own else 0.0))
+        end = self.end
         mode = own[0].before if own else MODES[int(self._last_mode[index]) + 1]
         out, begin = [], 0.0
         for event in own:
@@ -206,8 +209,8 @@ class Trajectory(Samples):
         from toolbox import loop
 
         times = np.atleast_1d(np.asarray(time, float))
-        if not np.isfinite(times).all() or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.duration:
-            raise SceneError(f"Argument `time` must be between 0 and {self.duration:g} s, but it is {time!r}.")
+        if not np.isfinite(times).all() or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+            raise SceneError(f"Argument `time` must be between 0 and {self.end:g} s, but it is {time!r}.")
         nodes = self.nodes
         machine = self.program.machine
         states = np.empty((times.size, self.states.shape[1]))
@@ -224,7 +227,10 @@ class Trajectory(Samples):
             return self
         from toolbox.simulate import again
 
-        return again(self.run, output_times=None)
+        try:
+            return again(self.run, output_times=None)
+        except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
+            return failed.run
 
     @cached_property
     def error(self) -> float:
@@ -300,6 +306,6 @@ class Trajectory(Samples):
             for name in self.names:
                 values = self[name]
                 if values.ndim == 1:
-                    lines.append(f"  {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
+                    lines.append(f"  {name:<18} {values.min() + 0.0:>12.5g} .. {values.max() + 0.0:<12.5g} end {values[-1] + 0.0:.5g} {self.unit(name)}")
         return "\n".join(lines)
 

@@ -1,0 +1,51 @@
+"""What all tests share: figures without a screen, and the catalogue of a checkout that is not installed."""
+
+import os
+import shutil
+import sys
+import tempfile
+import tomllib
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).parents[1]
+
+settings.register_profile("quiet", deadline=None)  # the first example of a test may compile
+settings.load_profile("quiet")
+
+
+def pytest_configure(config):
+    os.environ["MPLBACKEND"] = "Agg"
+    try:
+        distribution("stickslip-toolbox")
+    except PackageNotFoundError:
+        config.stickslip_metadata = _registered()
+
+
+def pytest_unconfigure(config):
+    folder = getattr(config, "stickslip_metadata", None)
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _registered():
+    """A folder on the search path with the metadata that an installation would have written."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    folder = Path(tempfile.mkdtemp(prefix="stickslip-metadata-"))
+    info = folder / "stickslip_toolbox-0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    points = [f"{name} = {module}" for name, module in project["entry-points"]["stickslip.parts"].items()]
+    (info / "entry_points.txt").write_text("\n".join(["[stickslip.parts]", *points, ""]))
+    sys.path.insert(0, str(folder))
+    os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return folder
+
+
+@pytest.fixture
+def root():
+    """The folder of the project."""
+    return ROOT

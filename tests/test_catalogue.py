@@ -1,0 +1,159 @@
+"""Parts by name: what scenes can reach, and that they can reach nothing else."""
+
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+
+import controllers
+import models
+from toolbox import Controller, FrictionLaw, SceneError, catalogue
+
+FOREIGN = '''
+import os
+import subprocess as shell
+from dataclasses import dataclass
+
+from models import BitRock as Borrowed
+from toolbox import Component, quantity
+
+from {package} import inner
+
+
+@dataclass(frozen=True)
+class Motor(Component):
+    """A motor."""
+
+    inertia: float = quantity(2.0, "kg m2", "inertia")
+
+
+@dataclass(frozen=True)
+class BitRock(Component):
+    """Another rock."""
+
+
+_HIDDEN = Motor()
+READY = Motor(inertia=5.0)
+secret = "text"
+
+
+def function():
+    raise AssertionError("nothing in a catalogue is called")
+'''
+
+
+@pytest.fixture
+def register(monkeypatch, tmp_path):
+    """Register modules, given as {entry point: source of a package}, beside models and controllers."""
+    points = [EntryPoint(name, name, catalogue.GROUP) for name in ("models", "controllers")]
+
+    def register(**sources):
+        monkeypatch.syspath_prepend(tmp_path)
+        for name, source in sources.items():
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "inner.py").write_text("from models import BlockOnBelt\n\nSMALL = BlockOnBelt(mass=0.1)\n")
+            (tmp_path / name / "__init__.py").write_text(source.replace("{package}", name))
+            points.append(EntryPoint(name, name, catalogue.GROUP))
+
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: points)
+    known = set(sys.modules)
+    for cached in (catalogue._packages, catalogue._entries):
+        cached.cache_clear()
+    yield register
+    for name in set(sys.modules) - known:
+        del sys.modules[name]
+    for cached in (catalogue._packages, catalogue._entries):
+        cached.cache_clear()
+
+
+def test_parts_laws_and_ready_made_parts_are_found_by_name():
+    assert catalogue.part("BitRock") is models.BitRock
+    assert catalogue.part("models.BitRock") is models.BitRock
+    assert catalogue.part("wells.NAVARRO_LOPEZ_4") is models.wells.NAVARRO_LOPEZ_4
+    assert catalogue.part("Exponential", "friction law") is models.Exponential
+    assert catalogue.part("SoftTorque", "control law") is controllers.SoftTorque
+
+
+def test_everything_that_the_packages_export_is_listed_once():
+    listed = [entry.item for entry in catalogue.parts()]
+    for module in (models, controllers):
+        for name in module.__all__:
+            if isinstance(getattr(module, name), type):
+                assert listed.count(getattr(module, name)) == 1
+    assert listed.count(models.wells.JANSEN_2) == 1
+
+
+def test_an_entry_tells_kind_and_parameters_with_units():
+    entries = {entry.name: entry for entry in catalogue.parts()}
+    assert entries["BitRock"].kind == "part"
+    assert ("weight", "N", 97_347.0, "weight on bit") in entries["BitRock"].parameters
+    assert entries["wells.JANSEN_2"].parameters[0][2] == (2122.0, 374.0)
+    assert all(issubclass(entry.item, Controller) for entry in catalogue.parts("control law"))
+    assert all(issubclass(entry.item, FrictionLaw) for entry in catalogue.parts("friction law"))
+    assert all(entry.summary for entry in catalogue.parts())
+
+
+@pytest.mark.parametrize("name", ["os", "annotations", "dataclass", "quantity", "Component", "Controller", "FrictionLaw", "__doc__", "wells.__file__",
+                                  "wells.annotations", "belt.dataclass", "..wells", "wells.", ".", "", "models", "wells", "toolbox.Component"])  # fmt: skip
+def test_nothing_but_parts_and_laws_can_be_reached(name):
+    with pytest.raises(SceneError, match="There is no part"):
+        catalogue.part(name)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest_ones():
+    with pytest.raises(SceneError, match="did you mean `BitRock`"):
+        catalogue.part("BitRok")
+    with pytest.raises(SceneError, match="did you mean `wells.NAVARRO_LOPEZ_4`"):
+        catalogue.part("wells.NAVARRO_LOPEZ4")
+    with pytest.raises(SceneError, match="must be text"):
+        catalogue.part(4)
+
+
+def test_a_law_is_no_part_and_the_error_says_what_it_is():
+    with pytest.raises(SceneError, match="must be a part, but it is a control law"):
+        catalogue.part("SoftTorque", "part")
+
+
+def test_the_name_of_a_class_finds_it_again():
+    for entry in catalogue.parts():
+        if isinstance(entry.item, type):
+            assert catalogue.part(catalogue.name_of(entry.item)) is entry.item
+
+
+def test_a_class_that_nobody_registered_has_no_name():
+    class Strange(models.BitRock):
+        pass
+
+    with pytest.raises(SceneError, match="must be in the catalogue"):
+        catalogue.name_of(Strange)
+
+
+def test_a_users_package_adds_its_public_parts_and_nothing_that_it_imports(register):
+    register(mine=FOREIGN)
+    assert catalogue.part("READY").inertia == 5.0
+    assert catalogue.part("inner.SMALL").mass == 0.1
+    names = {entry.name for entry in catalogue.parts() if entry.source == "mine"}
+    assert names == {"Motor", "BitRock", "READY", "inner.SMALL"}
+
+
+def test_a_name_that_two_packages_use_must_be_led_by_its_package(register):
+    register(mine=FOREIGN)
+    with pytest.raises(SceneError, match=r"write `mine.BitRock` or `models.BitRock`"):
+        catalogue.part("BitRock")
+    assert catalogue.part("models.BitRock") is models.BitRock
+    assert catalogue.part("mine.BitRock") is not models.BitRock
+    assert catalogue.name_of(models.BitRock) == "models.BitRock"
+
+
+def test_a_broken_package_leaves_the_others_alone_and_is_named_when_something_is_missing(register):
+    register(broken="raise RuntimeError('half installed')")
+    assert catalogue.part("BlockOnBelt") is models.BlockOnBelt
+    with pytest.raises(SceneError, match="`broken` cannot be loaded: RuntimeError: half installed"):
+        catalogue.part("Motor")
+
+
+def test_without_any_registered_package_the_error_says_to_install_one(register, monkeypatch):
+    monkeypatch.setattr(catalogue, "entry_points", lambda group: [])
+    assert catalogue.parts() == []
+    with pytest.raises(SceneError, match="install stickslip-toolbox"):
+        catalogue.part("BitRock")

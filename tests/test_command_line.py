@@ -1,0 +1,373 @@
+"""The command: from a scene file to verdict, figures and data, whole or not at all, with one clear line for every mistake."""
+
+import csv
+import errno
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from toolbox import ZenoError, command_line, study
+from toolbox.command_line import main
+from toolbox.scene import Scene
+
+RIG = """
+title = "Two inertias"
+duration = "60 s"
+reference = "95 rpm"
+[verdict]
+after = "40 s"
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "stiff PI"
+law = "StiffPI"
+[[controllers]]
+label = "soft torque, 100 Hz"
+law = "SoftTorque"
+sample_time = "10 ms"
+"""
+
+BELT = 'title = "belt"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n[[controllers]]\nlabel = "two"\n'
+
+BELT_FILES = {
+    "scene.toml",
+    "table.csv",
+    "comparison.png",
+    *(f"0{i}_{word}{tail}" for i, word in ((1, "one"), (2, "two")) for tail in (".npz", ".png", "_phase.png")),
+}
+
+
+@pytest.fixture
+def belt(tmp_path):
+    """A scene of two equal runs that take no time."""
+    path = tmp_path / "belt.toml"
+    path.write_text(BELT)
+    return path
+
+
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Figures as empty files, where the test is not about them."""
+    monkeypatch.setattr(study, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
+    monkeypatch.setattr(study, "draw_comparison", lambda scene, runs, path: path.touch())
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def one_line(capsys):
+    """What stands on stderr, which must be exactly one line."""
+    text = capsys.readouterr().err
+    assert text.endswith("\n") and text.count("\n") == 1, text
+    return text
+
+
+def test_the_main_job_goes_from_a_scene_to_verdicts_figures_and_data(tmp_path, capsys):
+    (tmp_path / "rig.toml").write_text(RIG)
+    out = tmp_path / "results" / "rig"
+    assert main(["study", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+
+    printed = capsys.readouterr().out
+    for word in ("controller", "verdict", "stuck", "severity", "settling", "overshoot", "peak top.torque", "error", "wall time"):
+        assert word in printed
+    with (out / "table.csv").open(newline="") as file:
+        stiff, soft = csv.DictReader(file)
+    assert (
+        stiff["verdict"] == "stick-slip"
+        and float(stiff["stuck"]) > 1.0
+        and float(stiff["severity"]) > 0.9
+        and float(stiff["settling"]) == math.inf
+    )
+    assert soft["verdict"] == "free" and float(soft["stuck"]) == 0.0 and float(soft["severity"]) < 0.1 and float(soft["settling"]) < 40.0
+    assert float(stiff["error"]) <= 1e-5 and float(soft["error"]) <= 1e-5
+
+    scene = Scene.load(tmp_path / "rig.toml")
+    assert Scene.load(out / "scene.toml") == scene
+    for row in (stiff, soft):
+        assert (out / f"{row['files']}.png").read_bytes().startswith(b"\x89PNG")
+        assert (out / f"{row['files']}_phase.png").read_bytes().startswith(b"\x89PNG")
+        run = scene.run(row["controller"])
+        with np.load(out / f"{row['files']}.npz", allow_pickle=False) as data:
+            assert np.array_equal(data["time"], run.time)
+            assert np.array_equal(data["bit.speed"], run["bit.speed"])
+            assert data["event.time"].tolist() == [event.time for event in run.events]
+    assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    assert [path.name for path in (tmp_path / "results").iterdir()] == ["rig"]
+
+
+SHIPPED = {
+    "navarro_lopez_4": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "soft torque": "free",
+        "soft torque, 100 Hz": "free",
+        "sliding mode, 100 Hz": "free",
+        "ideal sliding mode": "free",
+    },
+    "jansen_2": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "softer PI, 100 Hz": "free",
+        "soft torque": "free",
+        "sliding mode, 100 Hz, 20 ms late": "free",
+        "ideal sliding mode": "free",
+    },
+    "block_on_belt": {"no controller": "stick-slip"},
+}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_in_the_shipped_scenes_some_drives_end_the_stick_slip_that_others_keep(root, name):
+    scene = Scene.load(root / "studies" / "scenes" / f"{name}.toml")
+    rows = [study.judged(scene, label)[0] for label in scene.labels]
+    assert {row.controller: row.verdict for row in rows} == SHIPPED[name]
+    for row in rows:
+        assert row.error <= 10 * scene.accuracy
+        if row.verdict == "free":
+            assert row.stuck == 0.0
+
+
+def test_every_shipped_scene_is_tested(root):
+    assert {path.stem for path in (root / "studies" / "scenes").glob("*.toml")} == set(SHIPPED)
+
+
+@pytest.mark.parametrize(
+    ("sticks", "words"),
+    [
+        ([], "free"),
+        ([(12.0, 13.0), (15.0, 16.0)], "stick-slip"),
+        ([(12.0, 13.0)], "sticks once"),
+        ([(10.0, 30.0)], "stuck"),
+        ([(12.0, 13.0), (15.0, 30.0)], "stuck"),
+        ([(12.0, 13.0), (15.0, 16.0), (29.0, 30.0)], "stick-slip"),
+        ([(29.0, 30.0)], "sticks once"),
+    ],
+)
+def test_the_verdict_follows_from_the_stick_intervals_between_10_and_30_s(sticks, words):
+    assert study.verdict(sticks, 10.0, 30.0) == words
+
+
+def test_a_parked_block_is_stuck(tmp_path):
+    (tmp_path / "parked.toml").write_text('title = "at rest"\nduration = 20\n[[plant]]\npart = "BlockOnBelt"\nbelt_speed = 0.0\n')
+    scene = Scene.load(tmp_path / "parked.toml")
+    row, _ = study.judged(scene, "no controller")
+    assert (row.verdict, row.stuck, row.peak) == ("stuck", 10.0, 0.0)
+
+
+def test_one_entry_of_a_vector_state_and_an_input_may_be_judged(tmp_path):
+    (tmp_path / "rig.toml").write_text(RIG.replace('after = "40 s"', 'after = "40 s"\nsignal = "chain.speed.1"\neffort = "top.load"'))
+    scene = Scene.load(tmp_path / "rig.toml")
+    row, run = study.judged(scene, "soft torque, 100 Hz")
+    assert row.verdict == "free"
+    assert row.peak == pytest.approx(np.abs(run["top.load"]).max(), rel=1e-3)
+    assert "N m" in study.table(scene, [row])
+
+
+def test_a_second_study_takes_the_place_of_the_first_and_leaves_other_files_alone(tmp_path, belt, no_figures):
+    out = tmp_path / "out"
+    assert main(["study", str(belt), "--out", str(out)]) == 0
+    assert set(content(out)) == BELT_FILES
+    (out / "notes.md").write_text("mine")
+    (out / "02_mine.png").write_text("mine too")
+    belt.write_text(BELT.replace('[[controllers]]\nlabel = "two"\n', ""))
+    assert main(["study", str(belt), "--out", str(out)]) == 0
+    assert set(content(out)) == {name for name in BELT_FILES if not name.startswith("02")} | {"notes.md", "02_mine.png"}
+    assert (out / "notes.md").read_text() == "mine" and (out / "02_mine.png").read_text() == "mine too"
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "table.csv", "01_one.png"])
+def test_a_file_that_no_study_wrote_is_not_overwritten(tmp_path, belt, capsys, name):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine")
+    assert main(["study", str(belt), "--out", str(out)]) == 2
+    assert "must not hide your own files" in one_line(capsys)
+    assert content(out) == {name: b"mine"}
+
+
+def test_an_empty_folder_and_the_current_one_may_take_the_results(tmp_path, belt, no_figures, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    assert main(["study", str(belt), "--out", "."]) == 0
+    assert set(content(tmp_path / "empty")) == BELT_FILES
+
+
+@pytest.mark.parametrize("out", ["belt.toml", "belt.toml/out", "/proc/out", "/dev/null/out"])
+def test_an_unwritable_folder_is_an_error_before_anything_is_simulated(tmp_path, belt, capsys, monkeypatch, out):
+    monkeypatch.setattr(study, "judged", lambda *arguments: pytest.fail("simulated"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", str(belt), "--out", out]) == 2
+    assert "Argument `--out` must be a folder" in one_line(capsys)
+    assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission_is_an_error(tmp_path, belt, capsys):
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o555)
+    assert main(["study", str(belt), "--out", str(closed / "out")]) == 2
+    assert "Permission denied" in one_line(capsys)
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_an_interrupted_study_leaves_what_was_there_as_it_was(tmp_path, belt, no_figures, monkeypatch, capsys, exists):
+    out = tmp_path / "out"
+    if exists:
+        assert main(["study", str(belt), "--out", str(out)]) == 0
+    before = content(out) if exists else None
+    judged = study.judged
+
+    def interrupted(scene, label, stem):
+        if label == "two":
+            raise KeyboardInterrupt
+        return judged(scene, label, stem)
+
+    monkeypatch.setattr(study, "judged", interrupted)
+    capsys.readouterr()
+    assert main(["study", str(belt), "--out", str(out)]) == 130
+    assert "interrupted" in one_line(capsys)
+    assert out.exists() == exists
+    assert not exists or content(out) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"belt.toml", *(["out"] if exists else [])}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_control_c_ends_the_process_with_130_and_nothing_written(tmp_path, belt):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "toolbox", "study", str(belt), "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True
+    )
+    patience = time.monotonic() + 60
+    while not list(tmp_path.glob(".stickslip-*")) and process.poll() is None and time.monotonic() < patience:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)  # while it loads the event loop, long before it is done
+    errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in errors and errors.endswith("stickslip: interrupted, and nothing was written.\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
+
+
+def test_a_full_disk_is_one_line_and_nothing_is_written(tmp_path, belt, capsys, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "comparison.png")
+
+    monkeypatch.setattr(study, "draw", lambda *arguments: None)
+    monkeypatch.setattr(study, "draw_comparison", full)
+    assert main(["study", str(belt), "--out", str(tmp_path / "out")]) == 1
+    assert one_line(capsys) == "stickslip: comparison.png: No space left on device.\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
+
+
+def test_a_controller_that_fails_is_recorded_and_does_not_stop_the_others(tmp_path, belt, no_figures, monkeypatch, capsys):
+    run = Scene.run
+
+    def failing(scene, label):
+        if label == "one":
+            raise ZenoError("Element `belt` switches without end at t = 3 s.")
+        return run(scene, label)
+
+    monkeypatch.setattr(Scene, "run", failing)
+    assert main(["study", str(belt), "--out", str(tmp_path / "out")]) == 0
+    assert "one failed: Element `belt` switches without end at t = 3 s." in capsys.readouterr().out
+    with (tmp_path / "out" / "table.csv").open(newline="") as file:
+        one, two = csv.DictReader(file)
+    assert one["verdict"].startswith("failed: Element `belt`") and one["severity"] == ""
+    assert two["verdict"] == "stick-slip"
+    assert not (tmp_path / "out" / "01_one.npz").exists()
+
+
+def test_a_controller_that_diverges_leaves_its_trajectory_so_far(tmp_path, capsys):
+    text = RIG.replace('law = "StiffPI"', 'law = "PI"\nproportional = "1e9 N m s/rad"\nsample_time = "10 ms"')
+    (tmp_path / "rig.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["study", str(tmp_path / "rig.toml"), "--out", str(out)]) == 0
+    assert "stiff PI failed: " in capsys.readouterr().out
+    with np.load(out / "01_stiff_pi.npz") as data:
+        assert 0 < data["time"][-1] < 60.0
+    assert (out / "02_soft_torque_100_hz.npz").exists()
+
+
+def test_a_study_in_which_everything_fails_exits_with_1(tmp_path, belt, no_figures, monkeypatch):
+    def failing(scene, label):
+        raise ZenoError("no.")
+
+    monkeypatch.setattr(Scene, "run", failing)
+    assert main(["study", str(belt), "--out", str(tmp_path / "out")]) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (BELT.replace("BlockOnBelt", "BlockOnBlet"), "did you mean `BlockOnBelt`"),
+        (BELT.replace("duration = 40", 'duration = "20 kg"'), "`duration` must be in s, but `20 kg` is in kg"),
+        (BELT.replace("title = ", "title == "), "must be TOML"),
+    ],
+)
+def test_a_bad_scene_is_one_line_on_stderr_and_exit_code_2(tmp_path, belt, text, words):
+    belt.write_text(text)
+    command = [sys.executable, "-m", "toolbox", "study", str(belt), "--out", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+    assert result.stderr.startswith(f"stickslip: Scene `{belt}`: ") and words in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_scene_is_one_line_with_the_nearest_name(tmp_path, belt, capsys):
+    assert main(["study", str(tmp_path / "blet.toml"), "--out", str(tmp_path / "out")]) == 2
+    assert "did you mean `belt.toml`" in one_line(capsys)
+
+
+@pytest.mark.parametrize("arguments", [[], ["study"], ["study", "scene.toml"], ["stdy"], ["study", "a.toml", "--output", "x"]])
+def test_wrong_arguments_print_the_usage_and_exit_with_2(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "usage: stickslip" in capsys.readouterr().err
+
+
+def test_help_and_version_are_printed(capsys):
+    for arguments in (["--help"], ["study", "--help"], ["list", "--help"], ["--version"]):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 0
+        assert "stickslip" in capsys.readouterr().out
+
+
+def test_list_shows_every_part_with_parameters_and_units(capsys):
+    assert main(["list"]) == 0
+    printed = capsys.readouterr().out
+    for words in (
+        "BitRock: ",
+        "wells.NAVARRO_LOPEZ_4: ready-made TorsionalChain",
+        "SoftTorque: ",
+        "Exponential: ",
+        "97347 N  weight on bit",
+        "Control laws",
+    ):
+        assert words in printed
+    assert main(["list", "belt"]) == 0
+    assert "BitRock" not in capsys.readouterr().out
+    assert main(["list", "BitRok"]) == 2
+    assert "did you mean `BitRock`" in one_line(capsys)
+
+
+def test_files_of_odd_labels_differ_and_stay_in_the_folder():
+    stems = command_line._stems(["../../etc/passwd", "A b", "a  B", "тест", "x" * 300, "CON"])
+    assert stems == ["01_etc_passwd", "02_a_b", "03_a_b", "04", "05_" + "x" * 40, "06_con"]
+
+
+def test_a_bar_appears_on_stderr_when_work_takes_more_than_a_second(capsys):
+    with command_line._progress(2) as reached:
+        reached(0.5, "quick")
+        assert capsys.readouterr().err == ""
+        time.sleep(1.05)
+        reached(1, "slow")
+        assert "slow" in capsys.readouterr().err

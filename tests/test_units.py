@@ -1,0 +1,146 @@
+"""Quantities with units: exact conversions, and an error for everything that is not one."""
+
+import contextlib
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from toolbox import SceneError
+from toolbox.units import USUAL, parse
+
+EXACT = [
+    ("97.3 kN", "N", 97_300.0),
+    ("97.347 kN", "N", 97_347.0),
+    ("0.1 kN", "N", 100.0),
+    ("-3 kN", "N", -3000.0),
+    ("1_000 N", "N", 1000.0),
+    (".5 kN", "N", 500.0),
+    ("1e3 N", "N", 1000.0),
+    ("97.3kN", "N", 97_300.0),
+    ("1 klbf", "N", 4448.2216152605),  # by definition: 0.45359237 kg times 9.80665 m/s2
+    ("1 lbf", "N", 4.4482216152605),
+    ("1 ft", "m", 0.3048),
+    ("12.25 in", "m", 0.31115),
+    ("120 rpm", "rad/s", 4 * math.pi),
+    ("1 rev/s", "rad/s", 2 * math.pi),
+    ("180 deg", "rad", math.pi),
+    ("180 °", "rad", math.pi),
+    ("90 deg/s", "rad/s", math.pi / 2),
+    ("10 kN m", "N m", 10_000.0),
+    ("10 kNm", "N m", 10_000.0),
+    ("10 kN*m", "N m", 10_000.0),
+    ("10 kN·m", "N m", 10_000.0),
+    ("2 h", "s", 7200.0),
+    ("10 ms", "s", 0.01),
+    ("5 Hz", "Hz", 5.0),
+    ("5 1/s", "Hz", 5.0),
+    ("0.4 1/s", "1/s", 0.4),
+    ("23.2 N m s/rad", "N m s/rad", 23.2),
+    ("4 kN m s/rad", "N m s/rad", 4000.0),
+    ("473 N m/rad", "N m/rad", 473.0),
+    ("0.9 s/rad", "s/rad", 0.9),
+    ("2122 kg m2", "kg m2", 2122.0),
+    ("2 t m^2", "kg m2", 2000.0),
+    ("3 m/s²", "m/s2", 3.0),
+    ("30 %", "1", 0.3),
+    ("0.8", "1", 0.8),
+    ("20 degC", "K", 293.15),
+]
+
+
+@pytest.mark.parametrize(("text", "unit", "value"), EXACT)
+def test_a_text_with_a_unit_is_the_nearest_double_of_its_exact_value(text, unit, value):
+    assert parse(text, unit) == value
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_a_number_is_si_and_passes_unchanged(number):
+    assert parse(number, "N") == number
+
+
+@given(st.floats(min_value=-1e12, max_value=1e12))
+def test_writing_a_number_with_its_own_unit_changes_nothing(number):
+    assert parse(f"{number!r} N m s/rad", "N m s/rad") == number
+
+
+def test_numpy_numbers_and_integers_are_numbers():
+    assert parse(np.float64(2.5), "N") == 2.5
+    assert parse(np.int64(2), "N") == 2.0
+    assert type(parse(7, "N")) is float
+
+
+@pytest.mark.parametrize("unit", USUAL)
+def test_every_unit_that_an_error_may_suggest_is_known_and_fits_itself(unit):
+    assert parse(f"1.5 {unit}", unit) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"), [("2 Hz", "rad/s"), ("2 1/s", "rad/s"), ("2 rad/s", "Hz"), ("120 rpm", "Hz"), ("2 rad/s", "1/s")]
+)
+def test_an_angular_speed_and_a_frequency_never_stand_for_each_other(text, unit):
+    with pytest.raises(SceneError, match="1 Hz"):
+        parse(text, unit, "speed")
+
+
+def test_beside_a_force_the_angle_may_be_left_out_and_is_converted_where_it_is_given():
+    assert parse("473 N m", "N m/rad") == 473.0
+    assert parse("5 N m/rad", "N m") == 5.0
+    assert parse("1 N m/deg", "N m/rad") == pytest.approx(180 / math.pi, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"), [("2 rad", "1"), ("0.9 s", "s/rad"), ("0.9 s/m", "s/rad"), ("97 kg", "N"), ("1 m", "s"), ("1 N", "1")]
+)
+def test_a_unit_of_another_dimension_is_an_error(text, unit):
+    with pytest.raises(SceneError, match="must be"):
+        parse(text, unit)
+
+
+def test_errors_name_the_argument_what_must_hold_and_what_came():
+    with pytest.raises(SceneError) as caught:
+        parse("97 kg", "N", "bit.weight")
+    assert str(caught.value) == "Argument `bit.weight` must be in N, but `97 kg` is in kg."
+    with pytest.raises(SceneError) as caught:
+        parse("97", "N", "bit.weight")
+    assert str(caught.value) == "Argument `bit.weight` must be in N, but `97` has no unit: write a plain number, or `97 N`."
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "hint"),
+    [("97 KN", "N", "`kN`"), ("12 RPM", "rad/s", "`rpm`"), ("3 klbff", "N", "`klbf`"), ("3 kNn m", "N m", "`kN m`")],
+)
+def test_an_unknown_unit_is_answered_with_units_that_fit(text, unit, hint):
+    with pytest.raises(SceneError, match="unknown unit") as caught:
+        parse(text, unit)
+    assert hint in str(caught.value)
+
+
+BROKEN = ["", " ", "N", "kN 97", "nan N", "inf N", "-inf N", "1e999 N", "1e9999 N", "97,347 N", "1.2.3 N", "1 2 N", "1 N 3", "(((", "1 (((", "1 N/0",
+          "1 N; import os", "1 __import__('os')", "1 N**99999999999", "1e5", "--1 N", "0x10 N"]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_text_that_is_no_quantity_is_an_error(text):
+    with pytest.raises(SceneError, match="`weight`"):
+        parse(text, "N", "weight")
+
+
+@pytest.mark.parametrize("value", [True, False, None, math.nan, math.inf, -math.inf, 10**400, [1.0], {"N": 1}, b"1 N", 1j, object()])
+def test_a_value_that_is_no_finite_number_is_an_error(value):
+    with pytest.raises(SceneError, match="`weight`"):
+        parse(value, "N", "weight")
+
+
+def test_a_part_that_declares_an_unknown_unit_still_takes_plain_numbers():
+    assert parse(3.0, "furlong/bogus") == 3.0
+    with pytest.raises(SceneError, match="plain number"):
+        parse("3 m", "furlong/bogus")
+
+
+@given(st.text(max_size=20))
+def test_no_text_whatever_raises_anything_but_a_scene_error(text):
+    with contextlib.suppress(SceneError):
+        assert math.isfinite(parse(text, "N"))

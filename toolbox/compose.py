@@ -44,9 +44,9 @@ def compose(*components: Component) -> HybridSystem:
 
 def assembled(components: tuple[Component, ...]) -> HybridSystem:
     """The system of parts whose controllers have been designed."""
+    key = tuple(structure_of(component) for component in components)
     for component in components:
         checked(component)
-    key = tuple(structure_of(component) for component in components)
     shared = _COMPOSED.get(key)
     if shared is None:
         shared = _Composer(components).system()

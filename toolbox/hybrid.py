@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, is_finite_number
+from toolbox.elements import Element
 from toolbox.errors import SceneError, suggest
-from toolbox.parts import Component, checked, numbers_of, rebuilt
+from toolbox.parts import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.switching import Switching, switching
 
 
@@ -31,21 +31,11 @@ class Parameter:
     def check(self, values: Any, name: str | None = None) -> None:
         """Raise SceneError unless every value is finite and within the declared bounds."""
         name = name or self.name
-        unit = "" if self.unit == "1" else " " + self.unit
         for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
-            if not is_finite_number(value):
-                raise SceneError(f"Argument `{name}` must be a finite number in {self.unit}, but it is {value!r}.")
-            for key, holds, words in _BOUNDS:
-                bound = self.bounds.get(key)
-                if bound is not None and not holds(value, bound):
-                    raise SceneError(f"Argument `{name}` must be {words} {bound:g}{unit}, but it is {value!r}.")
-
-
-_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
-    ("at_least", lambda value, bound: value >= bound, ">="),
-    ("above", lambda value, bound: value > bound, ">"),
-    ("at_most", lambda value, bound: value <= bound, "<="),
-]
+            broken = bounds_broken(value, self.bounds)
+            if broken:
+                unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
+                raise SceneError(f"Argument `{name}` must be {broken}{unit}, but it is {value!r}.")
 
 
 @dataclass(frozen=True)

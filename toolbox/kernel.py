@@ -6,6 +6,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t)
     project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
+    burden   y = [size of what the forces of elements cancel]         of each slope
     update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
 """
 
@@ -58,6 +59,8 @@ def machine(
     pace = ca.diag(form.gain) * form.static  # the acceleration that a force at its bound makes
     probed = ca.vertcat(*map(ca.densify, (form.slip, form.slip_rate, form.force, form.static, pace)))
     probe = ca.Function("probe", [t, x, p, m], [probed])
+    padded = ca.vertcat(ca.densify(form.burden), ca.SX.zeros(x.numel() - form.burden.numel()))
+    burden = ca.Function("burden", [t, x, p, m], [padded])
     n = x.numel()
 
     bodies: dict[str, list[Body]] = {}
@@ -71,6 +74,7 @@ def machine(
     bodies["field"] = [_plain(field, n)]
     bodies["project"] = [_plain(project, 0)]
     bodies["probe"] = [_plain(probe, 0)]
+    bodies["burden"] = [_plain(burden, 0)]
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
         bodies[f"update_{i}"] = [_plain(update, 0)]
@@ -86,7 +90,7 @@ def machine(
         n,
         len(elements),
         form.guards.numel(),
-        tuple(found[name] for name in ("field", "step", "project", "probe")),
+        tuple(found[name] for name in ("field", "step", "project", "probe", "burden")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
     )

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, FrictionLaw, State
+from toolbox.elements import Element, FrictionLaw, State, is_finite_number
 from toolbox.errors import SceneError
 
 
@@ -75,12 +75,37 @@ def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
 
 
 def checked(part: Any) -> None:
-    """Call `check` of a part, of its law and of the friction laws among its fields."""
-    part.check()
+    """Call `check` of a part, of its law and of the friction laws among its fields, where their numbers are finite and within bounds.
+
+    Where they are not, the parameter table of the composed plant knows the full name to complain about.
+    """
+    sound = True
     for spec in dataclasses.fields(part):
         value = getattr(part, spec.name)
         if isinstance(value, (FrictionLaw, Component)):
             checked(value)
+        elif _is_numeric(spec, value):
+            sound = sound and not any(bounds_broken(number, spec.metadata) for number in (value if isinstance(value, tuple) else (value,)))
+    if sound:
+        part.check()
+
+
+def bounds_broken(value: Any, bounds: Mapping[str, Any]) -> str | None:
+    """What a number must be and is not, by the bounds of a `quantity`; None where it is sound."""
+    if not is_finite_number(value):
+        return "a finite number"
+    for key, holds, words in _BOUNDS:
+        bound = bounds.get(key)
+        if bound is not None and not holds(value, bound):
+            return f"{words} {bound:g}"
+    return None
+
+
+_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
+    ("at_least", lambda value, bound: value >= bound, ">="),
+    ("above", lambda value, bound: value > bound, ">"),
+    ("at_most", lambda value, bound: value <= bound, "<="),
+]
 
 
 def numbers_of(part: Any) -> list[float]:

@@ -31,7 +31,7 @@ class Switching:
 
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
     modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
-    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A.
+    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel.
     """
 
     field: ca.SX
@@ -43,6 +43,7 @@ class Switching:
     guard_rates: ca.SX
     projected: ca.SX
     gain: ca.SX
+    burden: ca.SX
 
 
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
@@ -98,7 +99,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     guards = ca.vertcat(guards, *kinks)
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
-    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain)
+    burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
+    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden)
 
 
 def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:

@@ -214,7 +214,7 @@ class Trajectory(Samples):
         nodes = self.nodes
         machine = self.program.machine
         states = np.empty((times.size, self.states.shape[1]))
-        field, step, project, _ = machine.addresses
+        field, step, project, *_ = machine.addresses
         loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, nodes.time, nodes.states, nodes.mode, nodes.held,
                       self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)

@@ -334,14 +334,16 @@ def _topological(expressions: dict[str, ca.SX], links: dict[str, ca.SX]) -> list
 
 
 def _check_gain(system: HybridSystem) -> None:
-    """A force must pull its slip towards zero: the diagonal of A is positive on the declared numbers (where they alone decide)."""
-    expression = ca.densify(ca.diag(system.switching.gain)) if system.elements else ca.SX(0, 1)
-    if not system.elements or ca.depends_on(expression, ca.vertcat(system.t, system.x, system.u)):
+    """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
+    gain = system.switching.gain
+    if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
         return
-    gain = system.function("gain", expression, "A_ii")
-    diagonal = np.array(gain(0.0, 0.0, 0.0, system.values, 0.0)).ravel()
-    for element, entry in zip(system.elements, diagonal, strict=True):
+    matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
+    for element, entry in zip(system.elements, np.diag(matrix), strict=True):
         if not entry > 0:
             raise SceneError(
                 f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
             )
+    if not gain.sparsity().is_diag() and np.linalg.cond(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))) > 1e13:
+        names = ", ".join(f"`{element.name}`" for element in system.elements)
+        raise SceneError(f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force.")

@@ -33,6 +33,7 @@ class Machine:
     states: int
     elements: int
     guards: int
+    coupled: bool
     addresses: tuple[int, ...]
     updates: tuple[int, ...]
     instructions: int
@@ -90,6 +91,7 @@ def machine(
         n,
         len(elements),
         form.guards.numel(),
+        not form.gain.sparsity().is_diag(),
         tuple(found[name] for name in ("field", "step", "project", "probe", "burden")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,

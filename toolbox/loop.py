@@ -28,7 +28,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 # --- indices into `Work.ints`: sizes, addresses, counters
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE,
  BUDGET,
- CULPRIT, STARTED, NODES, LOCATED, MERGED) = range(24)  # fmt: skip
+ CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED) = range(25)  # fmt: skip
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
@@ -45,7 +45,7 @@ class Work(NamedTuple):
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
-    side, armed, fired: per guard;  zero, before: per element;  excited: see below;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see below;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
@@ -75,6 +75,7 @@ class Work(NamedTuple):
     fired: np.ndarray
     excited: np.ndarray
     zero: np.ndarray
+    forced: np.ndarray
     before: np.ndarray
     rec_t: np.ndarray
     rec_x: np.ndarray
@@ -155,6 +156,7 @@ def _borrowed_all(w):
         _borrowed(w.fired),
         _borrowed(w.excited),
         _borrowed(w.zero),
+        _borrowed(w.forced),
         _borrowed(w.before),
         _borrowed(w.rec_t),
         _borrowed(w.rec_x),
@@ -256,33 +258,56 @@ def _close(w, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _consistent(w, t, change, one):
+    """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
+    ne = w.ints[NE]
+    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    consistent = True
+    for j in range(ne):
+        i = j if one < 0 else (j + one) % ne
+        if not w.zero[i]:
+            continue
+        rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+        if w.m[i] == 0.0:
+            if abs(force) <= static * (1.0 + 1e-9):
+                continue
+            right = -1.0 if force > 0.0 else 1.0
+        else:
+            # a contact released exactly at its limit starts with zero slip rate and must not fall back
+            if w.m[i] * rate >= -1e-7 * abs(pace):
+                continue
+            right = 0.0
+        if not change:
+            return False
+        consistent = False
+        w.m[i] = right
+        if one >= 0:
+            return False
+    return consistent
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
-    Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. Returns False where
-    no consistent set is found.
+    Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
+    kinetic several sets can be consistent: what can stick beside the others does. Returns False where no consistent set is found.
     """
     ne = w.ints[NE]
     together = 20 + 4 * ne
+    settled = False
     for attempt in range(together + 60 + 20 * ne):
-        _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-        changed = False
-        for j in range(ne):
-            i = j if attempt % 2 == 0 else ne - 1 - j
-            if not w.zero[i] or (changed and attempt > together):
-                continue
-            rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
-            if w.m[i] == 0.0:
-                if not abs(force) <= static * (1.0 + 1e-9):
-                    w.m[i] = -1.0 if force > 0.0 else 1.0
-                    changed = True
-            elif w.m[i] * rate < -1e-7 * abs(pace):
-                # a contact released exactly at its limit starts with zero slip rate and must not fall back
+        if _consistent(w, t, True, -1 if attempt < together else attempt % ne):
+            settled = True
+            break
+    if settled and w.ints[COUPLED] == 1:
+        for i in range(ne):
+            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0:
+                mode = w.m[i]
                 w.m[i] = 0.0
-                changed = True
-        if not changed:
-            return True
-    return False
+                if not _consistent(w, t, False, -1):
+                    w.m[i] = mode
+    return settled
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -406,7 +431,7 @@ def _inputs_changed(w, t):
     for i in range(ne):
         w.before[i] = w.m[i]
         slip, force, static = w.z[i], w.z[2 * ne + i], w.z[3 * ne + i]
-        w.zero[i] = w.m[i] == 0.0
+        w.zero[i], w.forced[i] = w.m[i] == 0.0, False
         if w.m[i] == 0.0:
             if abs(slip) > 1e-9 * w.guard_scale[2 * i] and slip != 0.0:
                 w.m[i] = math.copysign(1.0, slip)
@@ -667,7 +692,8 @@ def _fire(w, t):
             w.zero[i] = True
     _project(w, t)
     for i in range(ne):
-        if w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]:
+        w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
+        if w.forced[i]:
             w.m[i] = -1.0 if w.fired[2 * i] else 1.0
     events = w.ints[EVENTS]
     if not _settle(w, t):

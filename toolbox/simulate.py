@@ -278,9 +278,10 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     times = np.array(sorted({jump[0] for jump in jumps}))
     first = np.array([*(next(i for i, j in enumerate(jumps) if j[0] == t) for t in times), len(jumps)], np.int64)
 
-    ints = np.zeros(24, np.int64)
+    ints = np.zeros(25, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
     ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN] = machine.addresses
+    ints[loop.COUPLED] = machine.coupled
     ints[loop.ORDER] = program.pair.order
     ints[loop.TWO_ERRORS] = 1 if program.pair.error_low else 0
     ints[loop.FIRST_HELD] = program.first_held
@@ -310,7 +311,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
-        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), before=np.zeros(ne), excited=program.excited,
+        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne), excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),

@@ -165,7 +165,7 @@ class _Composer:
         for name, (expression, unit) in equations.gives.items():
             self._give(renamed(name), ca.SX(expression), unit)
         for element in elements:
-            for tail, expression, unit in (("force", element.force, element.force_unit), ("slip", element.slip, element.slip_unit)):
+            for tail, expression, unit in (("force", element.force, element.force_unit), ("slip", element.mode**2 * element.slip, element.slip_unit)):
                 if f"{element.name}.{tail}" not in self.given:
                     self._give(f"{element.name}.{tail}", expression, unit)
         if equations.update is not None:

@@ -87,7 +87,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     else:
         solved = masked_solve(matrix, -(sticks * free_rate + mode * free_load * free_sliding))
     bound = ca.substitute(static, force, solved)
-    field = free + gain_of_force @ solved
+    field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, t, sticks)
     slip_rate = free_rate + gain @ solved
 
     limit = sticks * bound
@@ -101,6 +101,27 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
     burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
     return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden)
+
+
+def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:
+    """The field with the rate of a sticking slip that is a state (up to sign and a function of time) masked, not left to cancellation."""
+    field = ca.densify(field)
+    supports = _supports(slip_of_state, slip.numel())
+    for i, support in enumerate(supports):
+        if len(support) == 1:
+            ((j, factor),) = support.items()
+            if abs(factor) == 1.0:
+                field[j] = (1 - sticks[i]) * field[j] - sticks[i] * factor * ca.jacobian(slip[i], t)
+    return field
+
+
+def _supports(slip_of_state: ca.SX, count: int) -> list[dict[int, float]]:
+    """For every slip its states, with the factor where that is a number and 0 where it is not."""
+    supports: list[dict[int, float]] = [{} for _ in range(count)]
+    for k, (i, j) in enumerate(zip(*slip_of_state.sparsity().get_triplet(), strict=True)):
+        entry = slip_of_state.nz[k]
+        supports[i][j] = float(entry) if entry.is_constant() else 0.0
+    return supports
 
 
 def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
@@ -153,11 +174,7 @@ def _project(
         return x
     impulse = masked_solve(matrix, -sticks * slip)
     projected = x + gain_of_force @ impulse
-    supports: list[dict[int, float]] = [{} for _ in range(slip.numel())]
-    rows, columns = slip_of_state.sparsity().get_triplet()
-    for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
-        entry = slip_of_state.nz[k]
-        supports[i][j] = float(entry) if entry.is_constant() else 0.0
+    supports = _supports(slip_of_state, slip.numel())
     for i, pivot in _exact_order(supports):
         support = list(supports[i])
         slip_now = ca.substitute(slip[i], x[support], projected[support])

@@ -238,7 +238,7 @@ class Trajectory(Samples):
         from toolbox.simulate import again
 
         nodes = self.nodes
-        better = again(self.run, accuracy=max(self.accuracy / 100, 1e-13), output_times=None)
+        better = again(self.run, accuracy=self.accuracy / 100, output_times=None)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0)

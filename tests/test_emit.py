@@ -13,8 +13,8 @@ from scipy import special
 from models import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, compose, emit, kernel, simulate, state
 from toolbox.elements import time
-from toolbox.switching import switching
 from toolbox.runge_kutta import DOP853, DOPRI5
+from toolbox.switching import switching
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, State, time
+from toolbox.elements import Element, State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.parts import Component, Equations, Slot, Update, checked, numbers_of, structure_of, symbolic_copy
@@ -114,6 +114,9 @@ class _Composer:
         equations = symbolic.equations(signal)
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
+        for variable in equations.flow:
+            if not isinstance(variable, State):
+                raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
         law = getattr(component, "law", component)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
@@ -150,8 +153,6 @@ class _Composer:
         for name, unit, default, placeholder in needs:
             self._need(renamed(name), unit, default, placeholder, title)
         for variable, derivative in equations.flow.items():
-            if not isinstance(variable, State):
-                raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
             name = renamed(variable.label)
             derivative = ca.densify(ca.SX(derivative))
             if derivative.shape != variable.shape:
@@ -185,6 +186,9 @@ class _Composer:
         expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
         for element in equations.elements:
             expressions += [element.slip, element.static, element.kinetic]
+        expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
+        if equations.update is not None:
+            expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
         for expression in expressions:
             expression = ca.SX(expression)
             function = ca.Function("scan", ca.symvar(expression), [expression])
@@ -239,6 +243,10 @@ class _Composer:
                 raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no stand-in: {suggest(name, self.given)}")
             if isinstance(default, ca.SX):
                 expression = default
+                if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
+                    raise SceneError(f"The stand-in of `{name}` must be a number or an expression of parameters, but it is {default}.")
+            elif not is_finite_number(default):
+                raise SceneError(f"The stand-in of `{name}` must be a finite number in {unit}, but it is {default!r}.")
             else:
                 if name in self.parameters:
                     raise SceneError(f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in.")

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -149,9 +150,21 @@ class Relay(Element):
 
 def is_finite_number(value: Any) -> bool:
     """True for a finite real number that is not a bool."""
-    if isinstance(value, bool):
+    if isinstance(value, (bool, np.bool_, str, bytes)):
         return False
     try:
         return math.isfinite(value)
-    except TypeError:
+    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
         return False
+
+
+def finite_array(value: Any) -> np.ndarray | None:
+    """Numbers as a float array, or None where they are not finite real numbers."""
+    try:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            return None
+        array = np.array(raw, float)
+    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
+        return None
+    return array if np.isfinite(array).all() else None

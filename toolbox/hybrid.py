@@ -146,6 +146,8 @@ class HybridSystem:
         return self.values[entry.offset : entry.offset + entry.size].copy()
 
     def _parameter(self, name: str) -> Parameter:
+        if not isinstance(name, str):
+            raise SceneError(f"The name of a parameter must be a string, but it is {name!r}.")
         entry = self.parameters.get(name)
         if entry is not None:
             return entry
@@ -161,6 +163,8 @@ class HybridSystem:
         changed.values = self.values.copy()
         for name, value in values.items():
             entry = self._parameter(name)
+            if isinstance(value, np.ndarray) and not value.ndim:
+                value = value.item()
             entry.check(value)
             if entry.size is None:
                 if np.ndim(value):

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import is_finite_number
+from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import SceneError
 
 
@@ -23,14 +23,11 @@ class Table:
     @staticmethod
     def of(name: str, times: Sequence[float], values: Sequence[float]) -> Table:
         """A checked table; raises SceneError naming the input."""
-        try:
-            t, v = np.array(times, float), np.array(values, float)
-        except (TypeError, ValueError):
-            raise SceneError(f"Argument `{name}` must be (times, values) of numbers, but it is ({times!r}, {values!r}).") from None
+        t, v = finite_array(times), finite_array(values)
+        if t is None or v is None:
+            raise SceneError(f"Argument `{name}` must be (times, values) of finite numbers, but it is ({times!r}, {values!r}).")
         if t.ndim != 1 or t.shape != v.shape or not t.size:
             raise SceneError(f"Argument `{name}` must have as many times as values, but it has shapes {t.shape} and {v.shape}.")
-        if not (np.isfinite(t).all() and np.isfinite(v).all()):
-            raise SceneError(f"Argument `{name}` must be finite, but its table holds NaN or infinity.")
         if (np.diff(t) < 0).any():
             raise SceneError(f"Argument `{name}` must have non-decreasing times.")
         return Table(t, v)

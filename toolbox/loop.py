@@ -449,22 +449,27 @@ def _inputs_changed(w, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _due(w, t):
-    """Parameter jumps, samples and applications due at time t. Returns (status, whether the slopes must be refreshed, whether a jump came)."""
-    changed, jumped = False, False
+def _jumps(w, t):
+    """Apply the parameter jumps due at time t; returns whether there were any."""
+    changed = False
     while w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
         j = w.ints[JUMP]
         for q in range(w.jump_first[j], w.jump_first[j + 1]):
             w.p[w.jump_index[q]] = w.jump_value[q]
         w.ints[JUMP] = j + 1
-        changed, jumped = True, True
+        changed = True
+    return changed
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _samples(w, t):
+    """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set)."""
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        period, delay = w.clocks[c, 0], w.clocks[c, 1]
-        if s[TAKEN] * period <= t and t < w.reals[END]:
+        if s[TAKEN] * w.clocks[c, 0] <= t and t < w.reals[END]:
             if s[ADDRESS] == 0:
                 w.ints[CULPRIT] = c
-                return SAMPLE_DUE, changed, jumped
+                return SAMPLE_DUE, False
             states, outputs = s[STATES], s[OUTPUTS]
             memory = w.memory[s[FIRST_STATE] :]
             _call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
@@ -474,13 +479,16 @@ def _due(w, t):
             for i in range(outputs):
                 w.queue[c, slot, i] = w.z[states + i]
             s[TAKEN] += 1
-        while s[APPLIED] < s[TAKEN] and s[APPLIED] * period + delay <= t:
+    changed = False
+    for c in range(w.samplers.shape[0]):
+        s = w.samplers[c]
+        while s[APPLIED] < s[TAKEN] and s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1] <= t:
             slot = s[APPLIED] % w.queue.shape[1]
             for i in range(s[OUTPUTS]):
                 w.p[s[FIRST_OUTPUT] + i] = w.queue[c, slot, i]
             s[APPLIED] += 1
             changed = True
-    return DONE, changed, jumped
+    return DONE, changed
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -757,22 +765,29 @@ def advance(w):
         if w.ints[EVENTS] + 2 * ne + 1 > w.ev_t.size:
             return EVENTS_FULL
         # --- everything due at this instant: events came first, then samples, then updates, then hold
-        status, changed, jumped = _due(w, t)
-        if changed:
+        recorded = False
+        if _jumps(w, t):
             if not _inputs_changed(w, t):
                 return INCONSISTENT
-            if jumped:
-                _first_step(w)
+            _first_step(w)
             if every_node:
-                if not jumped and w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
-                    w.ints[RECORDS] -= 1
                 _record(w, t, w.x)
+                recorded = True
+        status, held = _samples(w, t)
         if status == SAMPLE_DUE:
             return SAMPLE_DUE
+        if held:
+            if not _inputs_changed(w, t):
+                return INCONSISTENT
+            if every_node:
+                if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
+                    w.ints[RECORDS] -= 1
+                _record(w, t, w.x)
+                recorded = True
         if w.ints[STARTED] == 0:
             w.ints[STARTED] = 1
             _first_step(w)
-            if every_node and not changed:
+            if every_node and not recorded:
                 _record(w, t, w.x)
         while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
             _record(w, t, w.x)

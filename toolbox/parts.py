@@ -123,11 +123,27 @@ def numbers_of(part: Any) -> list[float]:
     return out
 
 
+def _check_kind(part: Any, spec: dataclasses.Field[Any], value: Any) -> None:
+    """Raise SceneError where a field holds another kind of thing than it declares."""
+    optional = value is None and spec.default is None
+    declared = str(spec.type)
+    where = f"Argument `{spec.name}` of {type(part).__name__}"
+    if spec.name == "name" and value is not None and not (isinstance(value, str) and value.isidentifier()):
+        raise SceneError(f"{where} must be a word without dots, but it is {value!r}.")
+    if "FrictionLaw" in declared and not optional and not isinstance(value, FrictionLaw):
+        raise SceneError(f"{where} must be a friction law such as Coulomb(), but it is {value!r}.")
+    if "unit" in spec.metadata and value is None and not optional:
+        raise SceneError(f"{where} must be a number in {spec.metadata['unit']}, but it is None.")
+    if declared.startswith("tuple[float") and not optional and not isinstance(value, tuple):
+        raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+
+
 def structure_of(part: Any) -> Any:
     """Everything about a part but its numbers, as a hashable key."""
     key: list[Any] = [type(part)]
     for spec in dataclasses.fields(part):
         value = getattr(part, spec.name)
+        _check_kind(part, spec, value)
         if isinstance(value, (FrictionLaw, Component)):
             key.append(structure_of(value))
         elif _is_numeric(spec, value):

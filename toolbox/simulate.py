@@ -8,6 +8,7 @@ import sys
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any
 
 import casadi as ca
@@ -15,11 +16,11 @@ import numpy as np
 
 from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
 from toolbox.compose import assembled
-from toolbox.elements import is_finite_number
+from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
-from toolbox.parts import Component, numbers_of, structure_of
+from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.runge_kutta import DOP853, DOPRI5
 from toolbox.trajectory import Trajectory, output_function
@@ -93,10 +94,13 @@ def _prepared(
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
+        if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
+            raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
     grid = None
     if output_times is not None:
-        grid = np.array(output_times, float).ravel()
-        if not grid.size or not np.isfinite(grid).all() or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
+        grid = finite_array(output_times)
+        if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
             raise SceneError(f"Argument `output_times` must be increasing times between 0 and {duration:g} s.")
     declared = plant
     if parameters:
@@ -128,8 +132,10 @@ def _closed(
             sampled.check()
         if isinstance(law, Controller):
             law = law.design(declared)
+            structure_of(law)
+            checked(law)
             parts.append(law if sampled is None else Held(law, float(sampled.period)))
-        elif callable(law):
+        elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")
             parts.append(callable_law(law, declared))
@@ -187,7 +193,7 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             kinds.append((name, (value.kind, len(value.coefficients))))
         elif isinstance(value, ca.SX):
             strangers = [str(s) for s in ca.symvar(value) if not ca.is_equal(s, system.t)]
-            if strangers or value.numel() != 1:
+            if strangers or value.numel() != 1 or (value.is_constant() and not is_finite_number(float(value))):
                 raise SceneError(f"Argument `{name}` must be a scalar expression of `toolbox.time`, but it is {value}.")
             kinds.append((name, ExpressionKey(value)))
         elif is_finite_number(value):
@@ -227,7 +233,7 @@ def _run(run: Run) -> Trajectory:
     loop = _event_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
-    laws = [copy.deepcopy(law) if not hasattr(law, "__code__") else law for law in run.laws]
+    laws = [law if isinstance(law, FunctionType) else copy.deepcopy(law) for law in run.laws]  # a law with a state starts afresh
     bar: Any = None
     try:
         while True:
@@ -237,7 +243,7 @@ def _run(run: Run) -> Trajectory:
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL)
             elif status == loop.SAMPLE_DUE:
-                _sample(loop, run, program, work, laws)
+                _sample(loop, run, program, work, laws, began)
             elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
                 if bar is None and clock.perf_counter() - began > 1.0:
                     from tqdm import tqdm
@@ -275,8 +281,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         elif not isinstance(value, ca.SX):
             p[program.coefficient_slot[name]] = value
     jumps.sort(key=lambda jump: jump[0])
-    times = np.array(sorted({jump[0] for jump in jumps}))
-    first = np.array([*(next(i for i, j in enumerate(jumps) if j[0] == t) for t in times), len(jumps)], np.int64)
+    times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
+    first = np.append(first, len(jumps)).astype(np.int64)
 
     ints = np.zeros(25, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
@@ -311,7 +317,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
-        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne), excited=program.excited,
+        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
+        excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
@@ -344,9 +351,9 @@ def _place(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
         if name in system.signals:
             raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
         raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
-    array = np.asarray(value, float)
-    if not np.isfinite(array).all():
-        raise SceneError(f"Argument `{name}` must be finite, but it is {value!r}.")
+    array = finite_array(value)
+    if array is None:
+        raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
     if array.ndim and array.shape != x[target].shape:
         raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
     x[target] = array
@@ -364,7 +371,7 @@ def _grown(loop: Any, work: Any, records: bool) -> Any:
     return work._replace(**bigger)
 
 
-def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any]) -> None:
+def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any], began: float) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
@@ -372,12 +379,15 @@ def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any]) -
     part = [part for part in run.system.parts if isinstance(part, External)][index]
     point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
     y = np.array([point[name] for name in part.measures])
-    u = np.asarray(laws[index](float(work.reals[loop.TIME]), y), float).ravel()
-    if u.size != row[loop.OUTPUTS] or not np.isfinite(u).all():
+    answer = laws[index](float(work.reals[loop.TIME]), y)
+    u = finite_array(answer)
+    if u is None or u.size != row[loop.OUTPUTS]:
         raise SimulationError(
-            f"The controller must return {row[loop.OUTPUTS]} finite value(s) for {part.drives}, but at t = {work.reals[loop.TIME]:g} s it returned {u}."
+            f"The controller must return {row[loop.OUTPUTS]} finite value(s) for {', '.join(part.drives)}, but at "
+            f"t = {work.reals[loop.TIME]:g} s it returned {answer!r}.",
+            _trajectory(loop, run, program, work, began),
         )
-    work.queue[c, row[loop.TAKEN] % work.queue.shape[1], : u.size] = u
+    work.queue[c, row[loop.TAKEN] % work.queue.shape[1], : u.size] = u.ravel()
     row[loop.TAKEN] += 1
 
 

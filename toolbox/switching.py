@@ -87,7 +87,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     else:
         solved = masked_solve(matrix, -(sticks * free_rate + mode * free_load * free_sliding))
     bound = ca.substitute(static, force, solved)
-    field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, t, sticks)
+    field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
 
     limit = sticks * bound
@@ -103,25 +103,20 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden)
 
 
-def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:
-    """The field with the rate of a sticking slip that is a state (up to sign and a function of time) masked, not left to cancellation."""
+def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, x: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:
+    """The field with the rate of a sticking slip that holds one state masked, not left to cancellation."""
     field = ca.densify(field)
-    supports = _supports(slip_of_state, slip.numel())
-    for i, support in enumerate(supports):
-        if len(support) == 1:
-            ((j, factor),) = support.items()
-            if abs(factor) == 1.0:
-                field[j] = (1 - sticks[i]) * field[j] - sticks[i] * factor * ca.jacobian(slip[i], t)
+    for i, j in _single(slip_of_state, x):
+        field[j] = (1 - sticks[i]) * field[j] - sticks[i] * ca.jacobian(slip[i], t) / slip_of_state[i, j]
     return field
 
 
-def _supports(slip_of_state: ca.SX, count: int) -> list[dict[int, float]]:
-    """For every slip its states, with the factor where that is a number and 0 where it is not."""
-    supports: list[dict[int, float]] = [{} for _ in range(count)]
-    for k, (i, j) in enumerate(zip(*slip_of_state.sparsity().get_triplet(), strict=True)):
-        entry = slip_of_state.nz[k]
-        supports[i][j] = float(entry) if entry.is_constant() else 0.0
-    return supports
+def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
+    """(slip, state) where a slip contains a single state, with a factor that no state changes."""
+    columns: dict[int, list[int]] = {}
+    for i, j in zip(*slip_of_state.sparsity().get_triplet(), strict=True):
+        columns.setdefault(i, []).append(j)
+    return [(i, js[0]) for i, js in columns.items() if len(js) == 1 and not ca.depends_on(slip_of_state[i, js[0]], x)]
 
 
 def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
@@ -174,8 +169,17 @@ def _project(
         return x
     impulse = masked_solve(matrix, -sticks * slip)
     projected = x + gain_of_force @ impulse
-    supports = _supports(slip_of_state, slip.numel())
+    alone = dict(_single(slip_of_state, x))
+    for i, j in alone.items():
+        rest = ca.substitute(slip[i], x[j], 0)
+        projected[j] = (1 - sticks[i]) * projected[j] - sticks[i] * rest / slip_of_state[i, j]
+    supports: list[dict[int, float]] = [{} for _ in range(slip.numel())]
+    for k, (i, j) in enumerate(zip(*slip_of_state.sparsity().get_triplet(), strict=True)):
+        entry = slip_of_state.nz[k]
+        supports[i][j] = float(entry) if entry.is_constant() else 0.0
     for i, pivot in _exact_order(supports):
+        if i in alone:
+            continue
         support = list(supports[i])
         slip_now = ca.substitute(slip[i], x[support], projected[support])
         projected[pivot] = projected[pivot] - sticks[i] * slip_now * supports[i][pivot]

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
 
 MODES = ("slip-", "stick", "slip+")
@@ -208,8 +209,9 @@ class Trajectory(Samples):
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
         from toolbox import loop
 
-        times = np.atleast_1d(np.asarray(time, float))
-        if not np.isfinite(times).all() or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+        numbers = finite_array(time)
+        times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
+        if numbers is None or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
             raise SceneError(f"Argument `time` must be between 0 and {self.end:g} s, but it is {time!r}.")
         nodes = self.nodes
         machine = self.program.machine

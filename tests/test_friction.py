@@ -1,0 +1,124 @@
+"""Static laws of dry friction: numbers of the papers, limits, and values that a law must refuse."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, Hyperbolic, TwoDisks, wells
+from toolbox import SceneError, compose, simulate
+
+pytestmark = pytest.mark.timeout(60)
+
+LAWS = [
+    Coulomb(static=0.5, kinetic=0.3),
+    Exponential(static=0.8, kinetic=0.5, decay=0.9),
+    Hyperbolic(static=1.0, decay=3.0),
+    CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5),
+]
+each_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+
+
+def coefficient(law, speed):
+    return float(ca.DM(law.sliding(ca.DM(speed))))
+
+
+def test_coulomb_friction_does_not_depend_on_speed():
+    law = Coulomb(static=0.5, kinetic=0.3)
+    assert [coefficient(law, v) for v in (0.0, 1e-9, 1.0, 1e9)] == [0.3] * 4
+    assert law.breakaway() == 0.5
+
+
+def test_exponential_friction_is_the_law_of_navarro_lopez_and_cortes():
+    # W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)]
+    for speed in (0.0, 0.1, 1.0, 5.0):
+        assert coefficient(Exponential(), speed) == pytest.approx(0.5 + 0.3 * math.exp(-0.9 * speed / 1.0), rel=1e-15)
+    assert 97_347.0 * 0.155575 * Exponential().breakaway() == pytest.approx(12_115.807, rel=1e-6)
+
+
+def test_hyperbolic_friction_is_the_law_of_leine():
+    for speed in (0.0, 0.2, 1.0):
+        assert coefficient(Hyperbolic(), speed) == pytest.approx(1.0 / (1 + 3 * speed), rel=1e-15)
+
+
+def test_cubic_friction_has_its_minimum_where_it_is_declared():
+    # mu(v_m) = mu_m with zero slope and positive curvature; mu_s - 1.5 (mu_s - mu_m) (2 - 8/3) = mu_s + (mu_s - mu_m) at 2 v_m
+    law = CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5)
+    v = ca.SX.sym("v")
+    slope = ca.Function("slope", [v], [ca.gradient(law.sliding(v), v)])
+    assert coefficient(law, 0.5) == pytest.approx(0.25, rel=1e-15)
+    assert float(slope(0.5)) == pytest.approx(0.0, abs=1e-15)
+    assert float(slope(0.49)) < 0 < float(slope(0.51))
+    assert coefficient(law, 1.0) == pytest.approx(0.55, rel=1e-15)
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if not isinstance(law, Coulomb)], ids=lambda law: type(law).__name__)
+def test_friction_starts_at_the_static_bound_where_the_law_is_continuous(law):
+    assert coefficient(law, 0.0) == pytest.approx(law.breakaway(), rel=1e-15)
+
+
+def test_an_exponential_law_without_decay_is_coulomb_friction_at_the_static_bound():
+    assert coefficient(Exponential(static=0.6, kinetic=0.2, decay=0.0), 3.0) == 0.6
+
+
+def test_an_exponential_law_with_a_steep_decay_is_coulomb_friction_with_a_jump():
+    assert coefficient(Exponential(static=0.6, kinetic=0.2, decay=1e6), 1e-3) == 0.2
+
+
+@each_law
+def test_the_force_in_a_run_is_minus_the_sign_of_slip_times_load_times_the_law(law):
+    for speed in (0.25, -0.25):
+        plant = compose(BlockOnBelt(belt_speed=0.0, load=2.5, friction=law))
+        run = simulate(plant, 0.01, start={"block.speed": speed})
+        slip = run["block.speed"]
+        expected = -np.sign(speed) * 2.5 * np.array([coefficient(law, abs(v)) for v in slip])
+        np.testing.assert_allclose(run["belt.force"], expected, rtol=1e-14)
+
+
+@each_law
+def test_the_static_bound_decides_whether_a_block_starts_to_move(law):
+    bound = 2.5 * law.breakaway()
+    plant = compose(BlockOnBelt(belt_speed=0.0, load=2.5, friction=law))
+    held = simulate(plant, 1.0, inputs={"block.force": bound * (1 - 1e-6)})
+    assert held.time_in("belt", "stick") == 1.0
+    assert held.at(0.5)["belt.force"] == pytest.approx(-bound * (1 - 1e-6), rel=1e-15)
+    freed = simulate(plant, 1.0, inputs={"block.force": bound * (1 + 1e-6)})
+    assert freed.time_in("belt", "stick") < 1.0
+
+
+@pytest.mark.parametrize(
+    "law",
+    [Coulomb(static=0.3, kinetic=0.5), Exponential(static=0.3, kinetic=0.5), CubicStribeck(static=0.2, minimum=0.3)],
+    ids=lambda law: type(law).__name__,
+)
+@pytest.mark.parametrize("part", [BlockOnBelt, BitRock, TwoDisks], ids=lambda part: part.__name__)
+def test_kinetic_friction_above_the_static_bound_is_refused(law, part):
+    parts = (wells.JANSEN_2, part(friction=law)) if part is BitRock else (part(friction=law),)
+    with pytest.raises(SceneError, match="static"):
+        compose(*parts)
+
+
+def test_an_override_that_lifts_kinetic_friction_above_the_static_bound_is_refused():
+    plant = compose(BlockOnBelt(friction=Coulomb(static=0.5, kinetic=0.3)))
+    with pytest.raises(SceneError, match="static"):
+        plant.with_parameters({"belt.friction.kinetic": 0.6})
+    with pytest.raises(SceneError, match="static"):
+        simulate(plant, 1.0, parameters={"belt.friction.static": 0.2})
+
+
+@each_law
+@pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf, "0.5", True])
+def test_every_number_of_a_law_is_checked(law, bad):
+    for spec in dataclasses.fields(law):
+        with pytest.raises(SceneError, match=spec.name):
+            compose(BlockOnBelt(friction=dataclasses.replace(law, **{spec.name: bad})))
+
+
+def test_the_parameters_of_a_law_are_named_after_its_contact():
+    plant = compose(BlockOnBelt(friction=Exponential()))
+    assert {"belt.friction.static", "belt.friction.kinetic", "belt.friction.decay"} <= set(plant.parameters)
+    assert plant.parameter("belt.friction.decay") == 0.9

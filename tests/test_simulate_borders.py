@@ -1,0 +1,378 @@
+"""Arguments of `simulate` and of its results that cannot be meant, and failed runs: typed errors that name what is wrong."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from controllers import PI
+from models import BitRock, BlockOnBelt, Coulomb, wells
+from toolbox import BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, sweep, time
+
+pytestmark = pytest.mark.timeout(60)
+
+BLOCK = compose(BlockOnBelt())
+RIG = compose(wells.JANSEN_2, BitRock())
+NO_NUMBERS = [math.nan, math.inf, -math.inf, "1", "abc", None, True, [1.0], {}, 1j, 10**400, object()]
+
+
+def named(value):
+    return "1e400" if isinstance(value, int) and not isinstance(value, bool) and value > 1e300 else type(value).__name__ + repr(value)[:12]
+
+
+@pytest.mark.parametrize("bad", [*NO_NUMBERS, -1.0, -1e-300], ids=named)
+def test_a_bad_duration_is_refused(bad):
+    with pytest.raises(SceneError, match="duration"):
+        simulate(BLOCK, bad)
+
+
+@pytest.mark.parametrize("bad", [*NO_NUMBERS, 0.0, -1e-6, 1e-14, 0.11, 1.0], ids=named)
+def test_a_bad_accuracy_is_refused(bad):
+    with pytest.raises(SceneError, match="accuracy"):
+        simulate(BLOCK, 1.0, accuracy=bad)
+
+
+@pytest.mark.parametrize("bad", ["Event", "rk45", None, 5, True], ids=repr)
+def test_an_unknown_method_is_refused(bad):
+    with pytest.raises(SceneError, match="method"):
+        simulate(BLOCK, 1.0, method=bad)
+
+
+@pytest.mark.parametrize("bad", [None, 5, "block", BlockOnBelt(), BlockOnBelt, [BLOCK], compose], ids=lambda v: type(v).__name__)
+def test_something_that_is_no_plant_is_refused(bad):
+    with pytest.raises(SceneError, match="plant"):
+        simulate(bad, 1.0)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [[], [0.5, 0.5], [0.5, 0.2], [-0.1, 0.5], [0.5, 1.1], [math.nan], [0.1, math.nan], [math.inf], "abc", ["a"], [None], [[0.1, 0.2], [0.3, 0.4]],
+     {}, [1j], [True, False], 10**400, object()],
+    ids=named,
+)  # fmt: skip
+def test_bad_output_times_are_refused(bad):
+    with pytest.raises(SceneError, match="output_times"):
+        simulate(BLOCK, 1.0, output_times=bad)
+
+
+@pytest.mark.parametrize("good", [[0.0], [1.0], [0.0, 1.0], (0.1, 0.2), np.linspace(0, 1, 3), range(2), [0, 1]], ids=named)
+def test_output_times_may_be_any_increasing_sequence(good):
+    run = simulate(BLOCK, 1.0, output_times=good)
+    np.testing.assert_array_equal(run.time, list(good))
+
+
+def test_output_times_are_copied():
+    grid = np.linspace(0, 1, 5)
+    run = simulate(BLOCK, 1.0, output_times=grid)
+    grid[:] = 7.0
+    np.testing.assert_array_equal(run.time, np.linspace(0, 1, 5))
+    assert run.error < 1e-5
+
+
+# --- start
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, "1", "abc", None, True, [1.0, 2.0], {}, 1j, 10**400, object(), ca.SX.sym("a")], ids=named)
+def test_a_bad_start_value_is_refused_by_name(bad):
+    with pytest.raises(SceneError, match=r"block\.speed"):
+        simulate(BLOCK, 1.0, start={"block.speed": bad})
+
+
+@pytest.mark.parametrize("bad", [(1.0,), (1.0, 2.0, 3.0), ((1.0, 2.0),), (1.0, math.nan), "ab"], ids=named)
+def test_a_start_vector_must_have_its_shape(bad):
+    with pytest.raises(SceneError, match=r"chain\.speed"):
+        simulate(RIG, 1.0, start={"chain.speed": bad})
+
+
+def test_a_start_may_name_a_state_an_entry_a_signal_or_fill_a_vector():
+    for start, expected in (
+        ({"chain.speed": (3.0, 2.0)}, (3.0, 2.0)),
+        ({"chain.speed": 4.0}, (4.0, 4.0)),
+        ({"chain.speed.1": 2.0}, (0.0, 2.0)),
+        ({"bit.speed": 2.0, "top.speed": 3.0}, (3.0, 2.0)),
+    ):
+        np.testing.assert_array_equal(simulate(RIG, 1.0, start=start).at(0.0)["chain.speed"], expected)
+
+
+@pytest.mark.parametrize(("wrong", "right"), [("block.sped", "block.speed"), ("block.velocity", "block"), ("speed", "block.speed"), ("chain", "block")])
+def test_an_unknown_start_is_refused_with_the_nearest_known_name(wrong, right):
+    with pytest.raises(SceneError, match=f"{wrong}.*{right}"):
+        simulate(BLOCK, 1.0, start={wrong: 1.0})
+
+
+@pytest.mark.parametrize("name", ["belt.force", "belt.slip", "top.load", "bit.torque", "bit.weight", "top.torque", "chain.inertia"])
+def test_what_follows_from_the_states_cannot_be_started(name):
+    plant = BLOCK if name.startswith("belt") else RIG
+    with pytest.raises(SceneError, match=name):
+        simulate(plant, 1.0, start={name: 1.0})
+
+
+# --- inputs
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [math.nan, math.inf, "1", None, True, [1.0], {}, 1j, 10**400, object(), lambda t: t, np.array([1.0, 2.0]), ((0.0, 1.0),), (1.0, 2.0, 3.0), ca.SX.sym("a"),
+     ca.vertcat(time, time), ca.DM(math.nan), ca.SX(math.nan), ca.MX.sym("m")],
+    ids=named,
+)  # fmt: skip
+def test_a_bad_input_is_refused_by_name(bad):
+    with pytest.raises(SceneError, match=r"block\.force"):
+        simulate(BLOCK, 1.0, inputs={"block.force": bad})
+
+
+@pytest.mark.parametrize(
+    "table",
+    [((0.0, 1.0), (0.0,)), ((), ()), ((1.0, 0.0), (0.0, 1.0)), ((0.0, math.nan), (0.0, 1.0)), ((0.0, 1.0), (0.0, math.inf)), (("a", "b"), (0.0, 1.0)),
+     ((0.0, 1.0), None), (([0.0], [1.0]), (0.0, 1.0)), ((0.0, 1.0), (0.0, 1j)), (5.0, 5.0)],
+    ids=named,
+)  # fmt: skip
+def test_a_bad_table_is_refused_by_name(table):
+    with pytest.raises(SceneError, match=r"block\.force"):
+        simulate(BLOCK, 1.0, inputs={"block.force": table})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: sine(0.0, math.nan, 1.0), lambda: sine(0.0, "1", 1.0), lambda: sine(0.0, 1.0, None), lambda: sine(True, 1.0, 1.0),
+     lambda: sweep(0.0, 1.0, 0.1, 1.0, 0.0), lambda: sweep(0.0, 1.0, 0.1, 1.0, -1.0), lambda: sweep(0.0, 1.0, math.inf, 1.0, 1.0),
+     lambda: step(0.0, math.nan, 1.0), lambda: step(0.0, 1.0, "now"), lambda: ramp(0.0, 1.0, 2.0, 1.0), lambda: ramp(0.0, None, 0.0, 1.0)],
+)  # fmt: skip
+def test_a_bad_shape_is_refused(make):
+    with pytest.raises(SceneError):
+        make()
+
+
+@pytest.mark.parametrize("value", [-1.0, ((0.0, 1.0), (1.0, -1.0)), sine(0.0, 1.0, 1.0), step(1.0, -1.0, 0.5), ramp(1.0, -1.0, 0.0, 1.0)], ids=named)
+def test_an_input_is_held_to_the_bounds_of_the_parameter_it_replaces(value):
+    with pytest.raises(SceneError, match=r"bit\.weight"):
+        simulate(RIG, 1.0, inputs={"bit.weight": value})
+
+
+@pytest.mark.parametrize(("wrong", "right"), [("block.forse", "block.force"), ("force", "block.force"), ("block.mass", "block.force")])
+def test_an_unknown_input_is_refused_with_the_nearest_known_name(wrong, right):
+    with pytest.raises(SceneError, match=f"{wrong}.*{right}"):
+        simulate(BLOCK, 1.0, inputs={wrong: 1.0})
+
+
+@pytest.mark.parametrize("name", ["bit.speed", "bit.torque", "top.load", "chain.speed"])
+def test_a_signal_that_a_part_gives_is_no_input(name):
+    with pytest.raises(SceneError, match=f"{name}.*gives"):
+        simulate(RIG, 1.0, inputs={name: 1.0})
+
+
+def test_a_signal_may_be_overridden_in_time_or_by_its_constant_but_not_both():
+    with pytest.raises(SceneError, match=r"bit\.weight.*both"):
+        simulate(RIG, 1.0, inputs={"bit.weight": 1e4}, parameters={"bit.weight": 2e4})
+    once = simulate(RIG, 10.0, inputs={"bit.weight": 5e4, "top.torque": 9e3})
+    other = simulate(RIG, 10.0, parameters={"bit.weight": 5e4, "top.torque": 9e3})
+    assert [e.time for e in once.events] == pytest.approx([e.time for e in other.events], rel=1e-9)
+
+
+def test_numbers_tables_shapes_and_expressions_of_one_function_give_one_answer():
+    # 0.3 as a number, a table, a shape and an expression; a ramp as a table, a shape and an expression
+    runs = [simulate(BLOCK, 20.0, inputs={"block.force": value}, accuracy=1e-9) for value in (0.3, ((0.0,), (0.3,)), sine(0.3, 0.0, 1.0), 0.3 + 0 * time)]
+    for run in runs[1:]:
+        assert [e.time for e in run.events] == pytest.approx([e.time for e in runs[0].events], abs=1e-7)
+    values = (((0.0, 20.0), (0.0, 0.4)), ramp(0.0, 0.4, 0.0, 20.0), 0.02 * time)
+    runs = [simulate(BLOCK, 20.0, inputs={"block.force": value}, accuracy=1e-9) for value in values]
+    for run in runs[1:]:
+        assert [e.time for e in run.events] == pytest.approx([e.time for e in runs[0].events], abs=1e-7)
+    grid = np.linspace(0, 20, 41)
+    for run in runs:
+        np.testing.assert_allclose(run.at(grid)["block.force"], 0.02 * grid, atol=1e-14)
+
+
+def test_a_shape_is_its_formula():
+    grid = np.linspace(0, 10, 201)
+    run = simulate(BLOCK, 10.0, inputs={"block.force": sine(0.1, 0.2, 0.7, 0.3)})
+    np.testing.assert_allclose(run.at(grid)["block.force"], 0.1 + 0.2 * np.sin(2 * np.pi * 0.7 * grid + 0.3), atol=1e-13)
+    run = simulate(BLOCK, 10.0, inputs={"block.force": sweep(0.1, 0.2, 0.5, 2.0, 10.0)})
+    # phase 2 pi (f0 t + (f1 - f0) t^2 / (2 T)): its rate is the frequency, 0.5 Hz at the start and 2 Hz at the end
+    np.testing.assert_allclose(run.at(grid)["block.force"], 0.1 + 0.2 * np.sin(2 * np.pi * (0.5 + 1.5 * grid / 20) * grid), atol=1e-12)
+
+
+def test_a_table_holds_its_ends_and_jumps_to_the_right_at_repeated_times():
+    table = ((1.0, 2.0, 2.0, 2.0, 3.0), (0.1, 0.2, 9.0, -0.3, 0.0))
+    run = simulate(BLOCK, 4.0, inputs={"block.force": table})
+    times = [0.0, 1.0, 1.5, 2.0 - 1e-9, 2.0, 2.5, 3.0, 4.0]
+    np.testing.assert_allclose(run.at(times)["block.force"], [0.1, 0.1, 0.15, 0.2, -0.3, -0.15, 0.0, 0.0], atol=1e-8)
+
+
+def test_a_table_may_begin_before_the_run_and_end_after_it():
+    run = simulate(BLOCK, 4.0, inputs={"block.force": ((-10.0, 10.0), (-0.5, 0.5))})
+    np.testing.assert_allclose(run.at([0.0, 2.0, 4.0])["block.force"], [0.0, 0.1, 0.2], atol=1e-15)
+
+
+@pytest.mark.timeout(10)
+def test_a_long_table_costs_what_it_holds():
+    # a thousand times more nodes must not cost a million times more: the work before the first step is a sort
+    n = 20_000
+    nodes = np.linspace(0, 1.0, n)
+    run = simulate(BLOCK, 1e-3, inputs={"block.force": (nodes, 0.1 * np.sin(nodes))})
+    assert run.time[-1] == 1e-3
+
+
+@pytest.mark.parametrize("name", ["start", "inputs", "parameters"])
+@pytest.mark.parametrize("bad", [5, "abc", ["block.speed"], 1.5, [("block.speed", 1.0, 2.0)]], ids=named)
+def test_a_mapping_must_be_a_mapping(name, bad):
+    with pytest.raises(SceneError, match=name):
+        simulate(BLOCK, 1.0, **{name: bad})
+
+
+@pytest.mark.parametrize("name", ["start", "inputs", "parameters"])
+@pytest.mark.parametrize("key", [5, None, ("block", "speed")], ids=repr)
+def test_a_key_that_is_no_name_is_refused(name, key):
+    with pytest.raises(SceneError):
+        simulate(BLOCK, 1.0, **{name: {key: 1.0}})
+
+
+@pytest.mark.parametrize("name", ["start", "inputs", "parameters"])
+def test_an_empty_mapping_is_none(name):
+    assert simulate(BLOCK, 5.0, **{name: {}}).events == simulate(BLOCK, 5.0).events
+
+
+def test_arguments_are_left_as_they_were_given():
+    start, inputs, parameters = {"block.speed": 0.1}, {"block.force": ([0.0, 1.0], [0.0, 0.1])}, {"block.mass": 2.0}
+    simulate(BLOCK, 1.0, start=start, inputs=inputs, parameters=parameters)
+    assert (start, inputs, parameters) == ({"block.speed": 0.1}, {"block.force": ([0.0, 1.0], [0.0, 0.1])}, {"block.mass": 2.0})
+
+
+# --- results
+
+
+def test_an_unknown_signal_of_a_result_is_refused_with_the_nearest_known_name():
+    run = simulate(BLOCK, 1.0)
+    for ask in (lambda: run["block.sped"], lambda: run.at(0.5)["block.sped"], lambda: run.unit("block.sped")):
+        with pytest.raises(SceneError, match=r"block\.sped.*block\.speed"):
+            ask()
+    with pytest.raises(SceneError, match="bel.*belt"):
+        run.time_in("bel", "stick")
+    with pytest.raises(SceneError, match="stik.*stick"):
+        run.time_in("belt", "stik")
+
+
+@pytest.mark.parametrize("bad", [-1e-9, 1.0000001, math.nan, math.inf, "a", None, [0.5, math.nan], [-1.0, 0.5], object()], ids=named)
+def test_a_result_is_not_asked_outside_its_run(bad):
+    run = simulate(BLOCK, 1.0)
+    with pytest.raises(SceneError, match="time"):
+        run.at(bad)
+
+
+def test_a_result_may_be_asked_at_no_time_at_one_and_at_many_in_any_order():
+    run = simulate(BLOCK, 10.0)
+    assert run.at([])["block.speed"].shape == (0,)
+    assert isinstance(run.at(3.0)["block.speed"], float)
+    times = np.array([7.0, 3.0, 3.0, 9.9, 0.0])
+    np.testing.assert_array_equal(run.at(times)["block.speed"], [run.at(float(t))["block.speed"] for t in times])
+
+
+def test_a_vector_signal_has_one_row_per_time():
+    run = simulate(compose(wells.NAVARRO_LOPEZ_4, BitRock()), 5.0, inputs={"top.torque": 1e4}, output_times=[0.0, 2.0, 5.0])
+    assert run["chain.speed"].shape == (3, 4)
+    assert run["chain.twist"].shape == (3, 3)
+    assert run.at(1.0)["chain.speed"].shape == (4,)
+    np.testing.assert_array_equal(run["chain.speed.3"], run["bit.speed"])
+    with pytest.raises(SceneError, match=r"chain\.speed\.4"):
+        run["chain.speed.4"]
+
+
+def test_every_signal_of_a_result_has_values_and_a_unit():
+    run = simulate(RIG, 20.0, controller=PI())
+    for name in run.names:
+        assert name in run
+        assert run.unit(name)
+        assert np.isfinite(run[name]).all()
+        assert len(run[name]) == run.time.size
+
+
+# --- failed runs
+
+
+def blow_up():
+    """v' = +v^2 by a force that no friction can hold: a spring of negative stiffness is not allowed, an input that explodes is."""
+    return simulate(BLOCK, 2.0, start={"block.speed": 0.2}, inputs={"block.force": 0.01 / (1 - time)})
+
+
+def test_a_failed_run_carries_what_there_is_so_far():
+    with pytest.raises(SimulationError) as caught:
+        blow_up()
+    run = caught.value.run
+    assert 0.9 < run.time[-1] <= 1.0
+    assert run.at(0.3)["block.position"] == pytest.approx(0.06, rel=1e-9)
+    assert run.time_in("belt", "stick") > 0.3
+    assert "BlockOnBelt" in str(run)
+
+
+def test_a_failed_run_is_not_asked_beyond_its_end():
+    with pytest.raises(SimulationError) as caught:
+        blow_up()
+    with pytest.raises(SceneError, match="time"):
+        caught.value.run.at(1.5)
+
+
+def test_a_failed_run_counts_only_the_time_it_lived():
+    with pytest.raises(SimulationError) as caught:
+        blow_up()
+    run = caught.value.run
+    assert sum(run.time_in("belt", mode) for mode in ("stick", "slip+", "slip-")) == pytest.approx(run.time[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("grid", [None, np.linspace(0, 300, 11)], ids=["steps", "grid"])
+def test_a_run_that_uses_up_its_budget_says_how_far_it_came(monkeypatch, grid):
+    module = sys.modules["toolbox.simulate"]
+    monkeypatch.setattr(module, "MAX_STEPS", 10)
+    # 20 000 rad/s for 300 s; the loop looks at its budget every 200 000 steps
+    fast = compose(BlockOnBelt(stiffness=4e8, load=1e-3, friction=Coulomb(static=1.0, kinetic=1.0)))
+    with pytest.raises(BudgetError, match="10 steps.*t = ") as caught:
+        simulate(fast, 300.0, start={"block.position": 1.0}, output_times=grid)
+    assert 0 < caught.value.run.steps[0] < 3_000_000
+    assert caught.value.run is not None
+
+
+def test_the_errors_are_a_family_a_caller_can_catch():
+    assert issubclass(SceneError, ValueError)
+    assert issubclass(SimulationError, RuntimeError)
+    assert issubclass(ZenoError, SimulationError) and issubclass(BudgetError, SimulationError)
+    assert not issubclass(SimulationError, SceneError)
+
+
+def test_an_input_that_is_nan_at_some_time_ends_the_run_there():
+    # log(1 - t) is finite until t = 1 and NaN from then on
+    with pytest.raises(SimulationError) as caught:
+        simulate(BLOCK, 2.0, inputs={"block.force": 0.01 * ca.log(1 - time)})
+    assert caught.value.run.time[-1] <= 1.0 + 1e-9
+    assert np.isfinite(caught.value.run.states).all()
+
+
+def test_an_input_that_is_nan_from_the_start_is_refused_at_once():
+    with pytest.raises((SceneError, SimulationError)) as caught:
+        simulate(BLOCK, 2.0, inputs={"block.force": ca.sqrt(time - 1)})
+    assert caught.value is not None
+
+
+@pytest.mark.parametrize("start", [1e150, 1e200, 1e300])
+def test_a_start_so_large_that_numbers_overflow_ends_in_a_typed_error_or_in_a_finite_answer(start):
+    try:
+        run = simulate(BLOCK, 1.0, start={"block.position": start})
+    except SimulationError:
+        return
+    assert np.isfinite(run.states).all()
+
+
+def test_a_run_after_a_failed_one_is_not_affected():
+    before = simulate(BLOCK, 20.0).events
+    with pytest.raises(SimulationError):
+        blow_up()
+    assert simulate(BLOCK, 20.0).events == before
+
+
+def test_the_same_run_twice_is_the_same_to_the_last_bit():
+    for settings in ({}, {"accuracy": 1e-10}, {"output_times": np.linspace(0, 30, 100)}):
+        first, second = (simulate(BLOCK, 30.0, **settings) for _ in range(2))
+        np.testing.assert_array_equal(first.states, second.states)
+        assert first.events == second.events

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -465,6 +466,15 @@ def test_plants_of_one_structure_live_side_by_side():
         # a result computes its signals with its own numbers, also after other runs
         assert run.at(1.0)["belt.slip"] == run.at(1.0)["block.speed"] - speed
         assert run.error < 1e-7
+
+
+def test_runs_in_threads_do_not_disturb_each_other():
+    # the event loop gives up the interpreter lock; plants of one structure share machine code and nothing else
+    plants = [compose(BlockOnBelt(belt_speed=0.1 + 0.02 * i)) for i in range(12)]
+    alone = [simulate(plant, 200.0).events for plant in plants]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda plant: simulate(plant, 200.0).events, plants * 3))
+    assert together == alone * 3
 
 
 def test_controllers_of_one_class_with_other_gains_do_not_share_them(no_compiler):

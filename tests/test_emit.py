@@ -199,6 +199,20 @@ def test_an_unknown_operation_in_a_plant_is_an_error_that_names_it():
         simulate(compose(Odd()), 1.0)
 
 
+def test_a_function_too_large_to_be_optimised_hard_is_as_right_as_a_small_one():
+    # 24 000 instructions: the code generator takes its fast way
+    symbols = ca.SX.sym("x", 3)
+    values = [symbols[i] for i in range(3)]
+    for i in range(4000):
+        a, b, c = values
+        values = [ca.sin(b) + 0.5 * a, 0.7 * c - ca.fabs(a) * 0.1, 0.3 * b + 0.01 * i]
+    function = ca.Function("f", [symbols], [ca.vertcat(*values)])
+    assert function.n_instructions() > 20_000
+    code = machine_code(function)
+    for point in np.random.default_rng(2).normal(size=(20, 3)):
+        np.testing.assert_allclose(code(point), np.array(function(point)).ravel(), rtol=1e-11)
+
+
 # --- the cache on disk
 
 

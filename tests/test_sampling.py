@@ -6,6 +6,7 @@ import functools
 import math
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -123,6 +124,20 @@ def test_a_period_longer_than_the_run_samples_once():
 def test_a_run_of_no_time_takes_no_harm_from_a_sampled_law():
     run = simulate(tank, 0.0, start={"tank.level": 1.0}, controller=Proportional(), sample_time=0.1)
     assert run.at(0.0)["tank.level"] == 1.0
+
+
+def test_a_sampled_law_may_jump():
+    # bang-bang u = -sgn(x_k): from 1 down in steps of the period, then to and fro across zero
+    @dataclass(frozen=True)
+    class Bang(Controller):
+        drives = ("tank.inflow",)
+
+        def sampled(self, signal, period):
+            level = signal("tank.level", "m")
+            return Update(memory={}, outputs={"tank.inflow": (ca.if_else(level > 0, -1.0, 1.0), "m/s")})
+
+    run = simulate(tank, 4.0, start={"tank.level": 1.05}, controller=Bang(), sample_time=0.1)
+    np.testing.assert_allclose(run.at([0.5, 1.0, 1.1, 1.2, 3.9])["tank.level"], [0.55, 0.05, -0.05, 0.05, -0.05], atol=1e-12)
 
 
 # --- delays

@@ -8,8 +8,8 @@ the start of the step to the root of a cubic Hermite interpolant, with shrinking
 the accuracy at an event, like at an output time, is that of a step.
 
 A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
-integrated along as one more state with an offset of a hundredth of the bound over the tolerance, so that the error control sees it; `Work.excited` names
-the element of each such state.
+integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state, and
+`excited_size` the error it may have.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Work(NamedTuple):
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
-    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see below;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
@@ -74,6 +74,7 @@ class Work(NamedTuple):
     armed: np.ndarray
     fired: np.ndarray
     excited: np.ndarray
+    excited_size: np.ndarray
     zero: np.ndarray
     forced: np.ndarray
     before: np.ndarray
@@ -155,6 +156,7 @@ def _borrowed_all(w):
         _borrowed(w.armed),
         _borrowed(w.fired),
         _borrowed(w.excited),
+        _borrowed(w.excited_size),
         _borrowed(w.zero),
         _borrowed(w.forced),
         _borrowed(w.before),
@@ -509,10 +511,12 @@ def _next_stop(w):
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
-    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run.
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. Hidden forces
+    count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
-    n = w.ints[N]
-    base = 2 * n + 2 * w.ints[NG]
+    hidden = w.excited.size
+    n = w.ints[N] - hidden
+    base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
     share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
@@ -522,12 +526,17 @@ def _error(w, h):
         e = w.y[base + i] * tol
         sum1 += e * e
         if two:
-            e = w.y[base + n + i] * tol
+            e = w.y[base + w.ints[N] + i] * tol
             sum2 += e * e
-    if not two:
-        return math.sqrt(sum1 / n)
-    bottom = sum1 + 0.01 * sum2
-    return 0.0 if bottom == 0.0 else sum1 / math.sqrt(bottom * n)  # NaN stays NaN
+    if two:
+        bottom = sum1 + 0.01 * sum2
+        error = 0.0 if bottom == 0.0 else sum1 / math.sqrt(bottom * n)  # NaN stays NaN
+    else:
+        error = math.sqrt(sum1 / n)
+    lowest = base + w.ints[N] if two else base
+    for q in range(hidden):
+        error = max(error, abs(w.y[lowest + n + q]) / w.excited_size[q])
+    return error
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -734,7 +743,7 @@ def _begin(w):
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
         for q in range(w.excited.size):
             if w.excited[q] == i:
-                w.x[w.ints[N] - w.excited.size + q] = 0.01 * w.z[3 * ne + i] / max(w.reals[RTOL], 1e-11)
+                w.excited_size[q] = max((0.02 if w.ints[TWO_ERRORS] == 1 else 3e-4) * w.z[3 * ne + i], 1e-300)
     _project(w, t)
     if not _decide(w, t):
         return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -36,12 +36,12 @@ class Equations:
     physics, not from the flow: the audit compares the two. States are given as signals by themselves.
     """
 
-    flow: Mapping[State, Any] = field(default_factory=dict)
-    gives: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
+    gives: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
     elements: Sequence[Element] = ()
     stored: Any = None
-    losses: Mapping[str, Any] = field(default_factory=dict)
-    supplies: Mapping[str, Any] = field(default_factory=dict)
+    losses: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    supplies: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     update: Update | None = None
 
 
@@ -57,7 +57,7 @@ class Component:
     replaces that prefix.
     """
 
-    name: str | None = field(default=None, kw_only=True)
+    name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""
@@ -67,11 +67,38 @@ class Component:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
 
 
-def _is_numeric(spec: dataclasses.Field[Any], value: Any) -> bool:
-    """True for a field that becomes a symbol: declared with `quantity`, or annotated as float or tuple of floats."""
-    if spec.name == "name" or value is None or isinstance(value, (FrictionLaw, Component)):
-        return False
-    return "unit" in spec.metadata or str(spec.type).startswith(("float", "tuple[float", "<class 'float'>"))
+@dataclass(frozen=True)
+class _Field:
+    """What a class declares about one of its fields."""
+
+    name: str
+    spec: dataclasses.Field[Any]
+    numeric: bool
+    tuples: bool
+    law: bool
+    optional: bool
+
+
+_FIELDS: dict[type, tuple[_Field, ...]] = {}
+
+
+def _fields(kind: type) -> tuple[_Field, ...]:
+    """The declared fields of a part or law; looked up for every run, and therefore kept."""
+    known = _FIELDS.get(kind)
+    if known is not None:
+        return known
+    found = []
+    for spec in dataclasses.fields(kind):
+        declared = str(spec.type)
+        tuples = declared.startswith("tuple[float")
+        numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
+        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None))
+    return _FIELDS.setdefault(kind, tuple(found))
+
+
+def _nested(value: Any) -> bool:
+    """True for a field that is a law or a part with fields of its own."""
+    return isinstance(value, (FrictionLaw, Component))
 
 
 def checked(part: Any) -> None:
@@ -80,12 +107,13 @@ def checked(part: Any) -> None:
     Where they are not, the parameter table of the composed plant knows the full name to complain about.
     """
     sound = True
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        if isinstance(value, (FrictionLaw, Component)):
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        if _nested(value):
             checked(value)
-        elif _is_numeric(spec, value):
-            sound = sound and not any(bounds_broken(number, spec.metadata) for number in (value if isinstance(value, tuple) else (value,)))
+        elif field.numeric and value is not None:
+            numbers = value if isinstance(value, tuple) else (value,)
+            sound = sound and not any(bounds_broken(number, field.spec.metadata) for number in numbers)
     if sound:
         part.check()
 
@@ -111,11 +139,11 @@ _BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
 def numbers_of(part: Any) -> list[float]:
     """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
     out: list[float] = []
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        if isinstance(value, (FrictionLaw, Component)):
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        if _nested(value):
             out.extend(numbers_of(value))
-        elif _is_numeric(spec, value):
+        elif field.numeric and value is not None:
             if isinstance(value, tuple):
                 out.extend(value)
             else:
@@ -123,36 +151,33 @@ def numbers_of(part: Any) -> list[float]:
     return out
 
 
-def _check_kind(part: Any, spec: dataclasses.Field[Any], value: Any) -> None:
+def _check_kind(part: Any, field: _Field, value: Any) -> None:
     """Raise SceneError where a field holds another kind of thing than it declares."""
-    optional = value is None and spec.default is None
-    declared = str(spec.type)
-    where = f"Argument `{spec.name}` of {type(part).__name__}"
-    if spec.name == "name" and value is not None and not (isinstance(value, str) and value.isidentifier()):
+    where = f"Argument `{field.name}` of {type(part).__name__}"
+    if field.name == "name" and value is not None and not (isinstance(value, str) and value.isidentifier()):
         raise SceneError(f"{where} must be a word without dots, but it is {value!r}.")
-    if "FrictionLaw" in declared and not optional and not isinstance(value, FrictionLaw):
+    if value is None and field.optional:
+        return
+    if field.law and not isinstance(value, FrictionLaw):
         raise SceneError(f"{where} must be a friction law such as Coulomb(), but it is {value!r}.")
-    if "unit" in spec.metadata and value is None and not optional:
-        raise SceneError(f"{where} must be a number in {spec.metadata['unit']}, but it is None.")
-    if declared.startswith("tuple[float") and not optional and not isinstance(value, tuple):
+    if not field.numeric:
+        return
+    if field.tuples and not isinstance(value, tuple):
         raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
+            raise SceneError(f"{where} must be a number in {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")
 
 
 def structure_of(part: Any) -> Any:
     """Everything about a part but its numbers, as a hashable key."""
     key: list[Any] = [type(part)]
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        _check_kind(part, spec, value)
-        if isinstance(value, (FrictionLaw, Component)):
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        _check_kind(part, field, value)
+        if _nested(value):
             key.append(structure_of(value))
-        elif _is_numeric(spec, value):
-            if isinstance(value, (list, np.ndarray)):
-                raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a tuple of numbers, but it is {value!r}.")
-            for number in value if isinstance(value, tuple) else (value,):
-                if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
-                    unit = spec.metadata.get("unit", "1")
-                    raise SceneError(f"Argument `{spec.name}` of {type(part).__name__} must be a number in {unit}, but it is {number!r}.")
+        elif field.numeric and value is not None:
             key.append(len(value) if isinstance(value, tuple) else "number")
         else:
             key.append(value)
@@ -169,16 +194,16 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
     def rebuild(node: Any) -> Any:
         nonlocal offset
         changes: dict[str, Any] = {}
-        for spec in dataclasses.fields(node):
-            value = getattr(node, spec.name)
-            if isinstance(value, (FrictionLaw, Component)):
-                changes[spec.name] = rebuild(value)
-            elif _is_numeric(spec, value):
+        for field in _fields(type(node)):
+            value = getattr(node, field.name)
+            if _nested(value):
+                changes[field.name] = rebuild(value)
+            elif field.numeric and value is not None:
                 if isinstance(value, tuple):
-                    changes[spec.name] = tuple(float(v) for v in values[offset : offset + len(value)])
+                    changes[field.name] = tuple(float(v) for v in values[offset : offset + len(value)])
                     offset += len(value)
                 else:
-                    changes[spec.name] = float(values[offset])
+                    changes[field.name] = float(values[offset])
                     offset += 1
         return dataclasses.replace(node, **changes)
 
@@ -199,18 +224,18 @@ class Slot:
 def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
     """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
     clone = copy.copy(part)
-    for spec in dataclasses.fields(part):
-        value = getattr(part, spec.name)
-        here = f"{path}{spec.name}"
-        if isinstance(value, (FrictionLaw, Component)):
-            object.__setattr__(clone, spec.name, symbolic_copy(value, here + ".", slots))
-        elif _is_numeric(spec, value):
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        here = f"{path}{field.name}"
+        if _nested(value):
+            object.__setattr__(clone, field.name, symbolic_copy(value, here + ".", slots))
+        elif field.numeric and value is not None:
             if isinstance(value, tuple):
                 symbol = ca.SX.sym(here, len(value))
-                slots.append(Slot(clone, here, spec, symbol, len(value)))
-                object.__setattr__(clone, spec.name, tuple(symbol[i] for i in range(len(value))))
+                slots.append(Slot(clone, here, field.spec, symbol, len(value)))
+                object.__setattr__(clone, field.name, tuple(symbol[i] for i in range(len(value))))
             else:
                 symbol = ca.SX.sym(here)
-                slots.append(Slot(clone, here, spec, symbol, None))
-                object.__setattr__(clone, spec.name, symbol)
+                slots.append(Slot(clone, here, field.spec, symbol, None))
+                object.__setattr__(clone, field.name, symbol)
     return clone

@@ -207,11 +207,15 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values
 
 
+_LOADED: list[bool] = []
+
+
 def _event_loop(run: Run, program: Program) -> Any:
     """The event loop, loaded by a run of no duration in each process; says so on stderr where this machine has to compile it first."""
     from toolbox import loop
 
-    if not loop.advance.signatures:
+    if not _LOADED:
+        _LOADED.append(True)
         try:
             target = loop.advance.targetctx.codegen().magic_tuple()
             known = any(target in key for key in loop.advance._cache._cache_file._load_index())
@@ -280,9 +284,11 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
             p[slot : slot + len(value.coefficients)] = value.coefficients
         elif not isinstance(value, ca.SX):
             p[program.coefficient_slot[name]] = value
-    jumps.sort(key=lambda jump: jump[0])
-    times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
-    first = np.append(first, len(jumps)).astype(np.int64)
+    times, first = np.empty(0), np.zeros(1, np.int64)
+    if jumps:
+        jumps.sort(key=lambda jump: jump[0])
+        times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
+        first = np.append(first, len(jumps)).astype(np.int64)
 
     ints = np.zeros(25, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
@@ -318,7 +324,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        excited=program.excited,
+        excited=program.excited, excited_size=np.ones(program.excited.size),
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),

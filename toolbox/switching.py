@@ -95,7 +95,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     guards = ca.SX(0, 1)
     for i in range(len(elements)):
         guards = ca.vertcat(guards, limit[i] - held[i] + mode[i] * slip[i], limit[i] + held[i] + slides[i])
-    kinks = [arg for arg in kink_arguments(field) if ca.depends_on(arg, ca.vertcat(t, x))]
+    kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks)
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
@@ -212,7 +212,8 @@ def kink_arguments(expression: ca.SX) -> list[ca.SX]:
     Raises SceneError for sign, floor, comparisons and the like: a jump must be a declared element.
     """
     jumps = {ca.OP_SIGN: "sign", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==",
-             ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign"}  # fmt: skip
+             ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_REMAINDER: "remainder"}  # fmt: skip
+    expression = ca.densify(expression)
     function = ca.Function("scan", ca.symvar(expression), [expression]) if not expression.is_constant() else None
     if function is None or not any(
         function.instruction_id(k) in jumps or function.instruction_id(k) in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
@@ -230,7 +231,7 @@ def kink_arguments(expression: ca.SX) -> list[ca.SX]:
         seen.add(key)
         op = node.op()
         if op in jumps:
-            raise SceneError(f"The flow jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay or DryFriction.")
+            raise SceneError(f"The flow, a slip or a bound jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay, or a table with a repeated time.")
         if op == ca.OP_FABS:
             argument = node.dep(0)
         elif op in (ca.OP_FMIN, ca.OP_FMAX):

@@ -5,9 +5,13 @@ from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
-from toolbox.inputs import ramp, sine, step, sweep
+from toolbox.inputs import ramp, sine, step
+from toolbox.linear import equilibrium, linearise
+from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
 from toolbox.parts import Component, Equations, Update
+from toolbox.scene import Scene
 from toolbox.simulate import simulate
+from toolbox.trajectory import Trajectory
 
 __all__ = [
     "BudgetError",
@@ -19,17 +23,25 @@ __all__ = [
     "HybridSystem",
     "Relay",
     "Sampled",
+    "Scene",
     "SceneError",
     "SimulationError",
+    "Trajectory",
     "Update",
     "ZenoError",
     "compose",
+    "energy_audit",
+    "equilibrium",
+    "linearise",
+    "overshoot",
     "quantity",
     "ramp",
+    "settling",
+    "severity",
     "simulate",
     "sine",
     "state",
     "step",
-    "sweep",
+    "stick_intervals",
     "time",
 ]

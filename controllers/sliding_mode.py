@@ -20,8 +20,8 @@ from toolbox import Controller, Equations, Relay, SceneError, Update, quantity, 
 
 
 @dataclass(frozen=True)
-class SlidingMode(Controller):
-    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled.
+class SlidingSurface(Controller):
+    """What both forms share: the surface, the equivalent control and the numbers in them; use one of the two below.
 
     `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given.
     """
@@ -30,18 +30,38 @@ class SlidingMode(Controller):
     drives = ("top.torque",)
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed")
-    surface: float = quantity(0.4, "1/s", "weight lam of the integrals in the surface", at_least=0)
+    surface: float = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
     reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    width: float = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
     inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
     drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
 
     def design(self, plant):
-        return with_top_drive(self, plant)
+        """The law with inertia and drag of the top drive read from the plant where they are not given."""
+        try:
+            inertia = self.inertia if self.inertia is not None else float(plant.parameter("chain.inertia")[0])
+            drag = self.drag if self.drag is not None else plant.parameter("chain.top_drag")
+        except SceneError as error:
+            raise SceneError(f"{type(self).__name__} needs `inertia` and `drag` of the top drive: {error}") from None
+        return replace(self, inertia=inertia, drag=drag)
+
+    def terms(self, signal, angle):
+        """Rate of the integral term, the surface s, and the equivalent control."""
+        top, bit, load = signal("top.speed", "rad/s"), signal("bit.speed", "rad/s"), signal("top.load", "N m")
+        error = top - signal("top.reference", "rad/s", default=self.reference)
+        rate = error + (top - bit)
+        equivalent = self.drag * top + load - self.inertia * self.surface * rate
+        return rate, error + self.surface * angle, equivalent
+
+
+@dataclass(frozen=True)
+class SlidingMode(SlidingSurface):
+    """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled."""
+
+    width: float = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
 
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")
-        rate, s, equivalent = surface(self, signal, angle)
+        rate, s, equivalent = self.terms(signal, angle)
         saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
         return Equations(
             flow={angle: rate},
@@ -53,7 +73,7 @@ class SlidingMode(Controller):
 
     def sampled(self, signal, period):
         angle = state("slidingmode.angle", "rad")
-        rate, s, equivalent = surface(self, signal, angle)
+        rate, s, equivalent = self.terms(signal, angle)
         saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
         return Update(
             memory={angle: angle + period * rate},
@@ -62,49 +82,18 @@ class SlidingMode(Controller):
 
 
 @dataclass(frozen=True)
-class IdealSlidingMode(Controller):
+class IdealSlidingMode(SlidingSurface):
     """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only.
 
     Its contact is `slidingmode`; while it "sticks" the surface is reached and its force is what the equivalent control lacks.
     """
 
-    measures = ("top.speed", "bit.speed", "top.load")
-    drives = ("top.torque",)
-
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed")
-    surface: float = quantity(0.4, "1/s", "weight lam of the integrals in the surface", at_least=0)
-    reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
-    drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
-
-    def design(self, plant):
-        return with_top_drive(self, plant)
-
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")
-        rate, s, equivalent = surface(self, signal, angle)
+        rate, s, equivalent = self.terms(signal, angle)
         relay = Relay("slidingmode", s, self.inertia * self.reaching, surface_unit="rad/s", force_unit="N m")
         return Equations(
             flow={angle: rate},
             gives={"top.torque": (equivalent + relay.force, "N m"), "slidingmode.surface": (s, "rad/s")},
             elements=[relay],
         )
-
-
-def surface(law, signal, angle):
-    """Rate of the integral term, the surface s, and the equivalent control of a sliding-mode law."""
-    top, bit, load = signal("top.speed", "rad/s"), signal("bit.speed", "rad/s"), signal("top.load", "N m")
-    error = top - signal("top.reference", "rad/s", default=law.reference)
-    rate = error + (top - bit)
-    equivalent = law.drag * top + load - law.inertia * law.surface * rate
-    return rate, error + law.surface * angle, equivalent
-
-
-def with_top_drive(law, plant):
-    """The law with inertia and drag of the top drive read from the plant where they are not given."""
-    try:
-        inertia = law.inertia if law.inertia is not None else float(plant.parameter("chain.inertia")[0])
-        drag = law.drag if law.drag is not None else plant.parameter("chain.top_drag")
-    except SceneError as error:
-        raise SceneError(f"{type(law).__name__} needs `inertia` and `drag` of the top drive: {error}") from None
-    return replace(law, inertia=inertia, drag=drag)

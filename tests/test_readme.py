@@ -86,7 +86,10 @@ def test_a_regularised_bit_creeps_and_is_stiff_where_the_exact_one_stands(readme
     creep = smooth.at(200.0)["bit.speed"]
     assert creep == pytest.approx(0.01 * math.atanh(6000.0 / (97_347.0 * 0.155575 * 0.8)), rel=0.02)  # less what drags take
     assert f"ends at {creep:.4f} rad/s instead of 0" in " ".join(readme.split())
-    few, many = (int(word.replace(" ", "")) for word in re.search(r"tries some (\d+) steps .*? and ([\d ]+) with tanh", " ".join(readme.split())).groups())
+    few, many = (
+        int(word.replace(" ", ""))
+        for word in re.search(r"tries some (\d+) steps .*? and ([\d ]+) with tanh", " ".join(readme.split())).groups()
+    )
     assert sum(exact.steps) == pytest.approx(few, rel=0.15)
     assert sum(smooth.steps) == pytest.approx(many, rel=0.15)
 
@@ -108,7 +111,11 @@ def test_every_part_and_law_is_in_the_tables_of_the_readme(readme):
     import controllers
     import models
 
-    names = [*controllers.__all__, *(name for name in models.__all__ if name != "wells"), *(f"wells.{name}" for name in vars(wells) if name.isupper())]
+    names = [
+        *controllers.__all__,
+        *(name for name in models.__all__ if name != "wells"),
+        *(f"wells.{name}" for name in vars(wells) if name.isupper()),
+    ]
     assert [name for name in names if f"`{name}`" not in readme] == []
 
 

@@ -11,7 +11,8 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, wells
-from toolbox import BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, sweep, time
+from toolbox import BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, time
+from toolbox.inputs import sweep
 
 pytestmark = pytest.mark.timeout(60)
 

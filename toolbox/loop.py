@@ -351,12 +351,18 @@ def _tolerance(w, i):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _round_off(w):
-    """Size of round-off in every slope: small relative changes of states, parameters and time show how large the terms are that cancel in it."""
+def _nudge(w):
+    """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
     for i in range(w.ints[N]):
         w.s[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
     for i in range(w.p.size):
         w.q[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _round_off(w):
+    """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
+    _nudge(w)
     _call(w.ints[FIELD], w.reals[TIME] * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.z)
     for i in range(w.ints[N]):
         w.noise[i] = 1e7 * abs(w.z[w.ints[N] + i] - w.k[i]) * 32.0 * EPS
@@ -731,10 +737,7 @@ def _begin(w):
     for i in range(ne):
         w.m[i] = 0.0
     # a slip is zero where it is no more than the round-off of its terms, which small relative changes show
-    for i in range(w.ints[N]):
-        w.s[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
-    for i in range(w.p.size):
-        w.q[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
+    _nudge(w)
     _call(w.ints[PROBE], t, 0.0, w.s, w.k, w.q, w.m, w.y)
     _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):

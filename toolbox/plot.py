@@ -133,7 +133,10 @@ def phase_plane(
         color = LINES[0]["color"]
         ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
         if both.any():
-            ax.add_collection(LineCollection(list(pieces[both]), colors="black", linewidths=3.4, capstyle="butt", zorder=3))
+            starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
+            ends = np.flatnonzero(both & ~np.concatenate([both[1:], [False]])) + 2
+            segments = [points[i:j] for i, j in zip(starts, ends, strict=True)]  # whole, for short pieces would leave gaps
+            ax.add_collection(LineCollection(segments, colors="black", linewidths=3.4, capstyle="butt", joinstyle="round", zorder=3))
             ax.plot([], [], color=color, linewidth=1.0, label="slip")
             ax.plot([], [], color="black", linewidth=3.4, label=f"stick ({_words(str(element))})")
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2, handlelength=1.6)

@@ -15,6 +15,7 @@ its unit. The keys, with those in brackets optional:
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import tomllib
 import types
 import typing
@@ -70,7 +71,8 @@ def _data(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        near = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        beside = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
         raise SceneError("there is no such file" + (f": {suggest(path.name, near)}" if near else ".")) from None
     except OSError as error:
         raise SceneError(f"the file cannot be read: {error.strerror}.") from None

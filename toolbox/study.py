@@ -114,7 +114,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 _number(row.stuck, "{:.2f} s"),
                 _number(row.severity, "{:.3f}"),
                 "never" if row.settling == math.inf else _number(row.settling, "{:.1f} s"),
-                _number(100 * row.overshoot, "{:.1f} %"),
+                "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
                 _number(row.peak, ("{:.0f} " if row.peak >= 1000 else "{:.4g} ") + effort),
                 _number(row.error, "{:.0e}"),
                 _number(1e3 * row.wall_time, "{:.2g} ms"),

@@ -231,7 +231,10 @@ def kink_arguments(expression: ca.SX) -> list[ca.SX]:
         seen.add(key)
         op = node.op()
         if op in jumps:
-            raise SceneError(f"The flow, a slip or a bound jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay, or a table with a repeated time.")
+            raise SceneError(
+                f"The flow, a slip or a bound jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay, or a table with a "
+                "repeated time."
+            )
         if op == ca.OP_FABS:
             argument = node.dep(0)
         elif op in (ca.OP_FMIN, ca.OP_FMAX):

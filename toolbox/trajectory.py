@@ -295,7 +295,7 @@ class Trajectory(Samples):
 
     def __str__(self) -> str:
         lines = [
-            f"{type(self).__name__} of {', '.join(type(part).__name__ for part in self.run.system.parts)}",
+            f"{type(self).__name__} of {', '.join(type(getattr(part, 'law', part)).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
@@ -305,9 +305,11 @@ class Trajectory(Samples):
             parts = [f"{mode} {self.time_in(name, mode):.4g} s" for mode in reversed(MODES) if self.time_in(name, mode) > 0]
             lines.append(f"  {name}: {', '.join(parts) or 'no time'}")
         if self.time.size:
+            lines.append("  at the recorded times")
             for name in self.names:
                 values = self[name]
                 if values.ndim == 1:
-                    lines.append(f"  {name:<18} {values.min() + 0.0:>12.5g} .. {values.max() + 0.0:<12.5g} end {values[-1] + 0.0:.5g} {self.unit(name)}")
+                    values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
+                    lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
         return "\n".join(lines)
 

@@ -295,7 +295,7 @@ def test_a_plant_with_other_parameters_is_linearised_with_them(rig):
 
 def test_the_result_is_at_home_in_python_control(rig):
     system = linearise(rig, {"bit.speed": 9.0}, inputs="top.torque", outputs="top.speed")
-    loop = control.feedback(system * control.tf([4000.0, 1500.0], [1.0, 0.0]), 1)
+    loop = control.feedback(system * control.ss([[0.0]], [[1.0]], [[1500.0]], [[4000.0]]), 1)
     assert loop.poles().real.max() < 0
     named = control.interconnect(
         [

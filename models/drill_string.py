@@ -19,7 +19,8 @@ class TorsionalChain(Component):
     Twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed` (n) [rad/s].
     Signals: needs `top.torque` [N m] (0) and `bit.torque` [N m] (0, against the rotation); gives `top.speed`, `bit.speed` [rad/s] and
     `top.load` [N m], the torque of the string on the top inertia. `friction` adds dry friction at every inertia i, contact `chain.i`
-    (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`.
+    (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where
+    `BitRock` holds it.
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -39,8 +40,11 @@ class TorsionalChain(Component):
                 raise SceneError(f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}.")
         if (self.friction is None) != (self.friction_load is None):
             raise SceneError("Arguments `chain.friction` and `chain.friction_load` must be given together.")
-        if self.friction_load is not None and len(self.friction_load) != n:
-            raise SceneError(f"Argument `chain.friction_load` must have {n} entries, but it has {len(self.friction_load)}.")
+        if self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
+            raise SceneError(
+                f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
+                f"{len(self.friction_load)}."
+            )
 
     def equations(self, signal):
         n = len(self.inertia)
@@ -52,7 +56,8 @@ class TorsionalChain(Component):
         contacts = []
         if self.friction is not None:
             contacts = [
-                DryFriction(f"chain.{i}", speed[i], self.friction, self.friction_load[i], slip_unit="rad/s", force_unit="N m") for i in range(n)
+                DryFriction(f"chain.{i}", speed[i], self.friction, self.friction_load[i], slip_unit="rad/s", force_unit="N m")
+                for i in range(len(self.friction_load))
             ]
         push = ca.vertcat(0, tau) - ca.vertcat(tau, 0)
         push[0] += top_torque - self.top_drag * speed[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -185,7 +186,7 @@ def test_each_inertia_of_a_rod_with_friction_sticks_until_the_twist_above_reache
         ({"damping": (-1.0,)}, "damping"),
         ({"friction": Coulomb()}, "friction"),
         ({"friction_load": (1.0, 1.0)}, "friction"),
-        ({"friction": Coulomb(), "friction_load": (1.0,)}, "friction_load"),
+        ({"friction": Coulomb(), "friction_load": (1.0, 1.0, 1.0)}, "friction_load"),
         ({"friction": Coulomb(), "friction_load": (1.0, -1.0)}, "friction_load"),
         ({"top_drag": -1.0}, "top_drag"),
     ],
@@ -193,3 +194,18 @@ def test_each_inertia_of_a_rod_with_friction_sticks_until_the_twist_above_reache
 def test_a_string_that_cannot_be_built_is_refused_by_name(change, word):
     with pytest.raises(SceneError, match=word):
         compose(TorsionalChain(**change))
+
+
+def test_a_string_with_dry_friction_along_it_leaves_its_last_inertia_to_the_rock():
+    # at rest every contact holds what the string brings it: a torque below the first bound moves nothing
+    chain = TorsionalChain(
+        inertia=(1.0, 1.0, 1.0), stiffness=(1000.0, 1000.0), damping=(5.0, 5.0),
+        friction=Coulomb(static=1.0, kinetic=0.8), friction_load=(100.0, 100.0),
+    )  # fmt: skip
+    plant = compose(chain, BitRock(weight=1000.0))
+    assert [element.name for element in plant.elements] == ["chain.0", "chain.1", "bit"]
+    run = simulate(plant, 5.0, inputs={"top.torque": 90.0})
+    assert all(run.time_in(name, "stick") == 5.0 for name in run.modes)
+    with pytest.raises(SceneError, match=r"chain\.2.*bit|bit.*chain\.2") as refused:
+        compose(dataclasses.replace(chain, friction_load=(100.0, 100.0, 100.0)), BitRock(weight=1000.0))
+    assert "chain.0" not in str(refused.value)  # only those that share a slip are named

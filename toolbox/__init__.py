@@ -11,7 +11,7 @@ from toolbox.measure import energy_audit, overshoot, settling, severity, stick_i
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.simulate import simulate
-from toolbox.trajectory import Trajectory
+from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
     "BudgetError",
@@ -19,6 +19,7 @@ __all__ = [
     "Controller",
     "DryFriction",
     "Equations",
+    "Event",
     "FrictionLaw",
     "HybridSystem",
     "Relay",

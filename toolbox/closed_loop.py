@@ -6,7 +6,7 @@ held from t_k + delay on; delays may exceed the period, then several outputs are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -50,7 +50,8 @@ class Sampled:
     """A law with a period and delay of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
     law: a Controller, or any callable (t, y) -> u with attributes `measures` and `drives`, y in the order of `measures`, u a number
-    or a sequence in the order of `drives`;  period, delay in s.
+    or a sequence in the order of `drives`;  period, delay in s. A callable object is copied for every run, so that each starts from the
+    state it was given in; a plain function is called as it is and should keep no state.
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -99,7 +100,7 @@ def callable_law(law: Callable[..., Any], plant: HybridSystem) -> External:
     measures = names(getattr(law, "measures", ("top.speed",)))
     drives = names(getattr(law, "drives", ("top.torque",)))
     for name in measures:
-        if name not in plant.signals:
+        if not plant.has_signal(name) or (name in plant.states and plant.states[name][1] is not None):
             raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")
     for name in drives:
         if name not in plant.inputs:
@@ -107,4 +108,4 @@ def callable_law(law: Callable[..., Any], plant: HybridSystem) -> External:
     return External(measures=measures, drives=drives, units=tuple(plant.inputs[name].unit for name in drives))
 
 
-__all__ = ["Controller", "External", "Held", "Mapping", "Sampled", "Update", "callable_law", "names"]
+__all__ = ["Controller", "External", "Held", "Sampled", "Update", "callable_law", "names"]

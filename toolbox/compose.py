@@ -51,7 +51,7 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
     if shared is None:
         shared = _Composer(components).system()
         if len(_COMPOSED) >= 256:
-            _COMPOSED.pop(next(iter(_COMPOSED)))
+            _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
         _COMPOSED[key] = shared
     system = copy.copy(shared)
     system.parts = components
@@ -352,6 +352,12 @@ def _check_gain(system: HybridSystem) -> None:
             raise SceneError(
                 f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
             )
-    if not gain.sparsity().is_diag() and np.linalg.cond(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))) > 1e13:
-        names = ", ".join(f"`{element.name}`" for element in system.elements)
+    if gain.sparsity().is_diag():
+        return
+    size = np.sqrt(np.diag(matrix))
+    values, vectors = np.linalg.eig(matrix / np.outer(size, size))
+    weakest = np.argmin(np.abs(values))
+    if abs(values[weakest]) < 1e-12:
+        share = np.abs(vectors[:, weakest])
+        names = ", ".join(f"`{e.name}`" for e, part in zip(system.elements, share, strict=True) if part > 1e-6 * share.max())
         raise SceneError(f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force.")

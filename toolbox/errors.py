@@ -18,6 +18,9 @@ class SimulationError(RuntimeError):
         super().__init__(message)
         self.run = run
 
+    def __reduce__(self) -> Any:
+        return type(self), (str(self), self.run)
+
 
 class ZenoError(SimulationError):
     """Endlessly many events in a time too short to resolve."""

@@ -35,7 +35,7 @@ class Parameter:
             broken = bounds_broken(value, self.bounds)
             if broken:
                 unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
-                raise SceneError(f"Argument `{name}` must be {broken}{unit}, but it is {value!r}.")
+                raise SceneError(f"Argument `{name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,22 @@ class HybridSystem:
         """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
         return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
 
+    def __reduce__(self) -> Any:
+        """A plant travels as its parts and values."""
+        return _restored, (self.parts, self.values)
+
+    def __copy__(self) -> HybridSystem:
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
+
+    def has_signal(self, name: object) -> bool:
+        """True for a signal, an input, or one entry of a vector state such as `chain.speed.0`."""
+        if name in self.signals or name in self.inputs:
+            return True
+        head, _, tail = str(name).rpartition(".")
+        return head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0)
+
     def parameter(self, name: str) -> Any:
         """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
         entry = self._parameter(name)
@@ -185,3 +201,12 @@ class HybridSystem:
         for part in self.parts:
             yield offset
             offset += len(numbers_of(part))
+
+
+def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
+    """A plant from what `HybridSystem.__reduce__` gives."""
+    from toolbox.compose import assembled
+
+    system = assembled(parts)
+    system.values = values
+    return system

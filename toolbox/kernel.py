@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox.elements import Element
-from toolbox.emit import SIGNATURE, Body, compiled, function_text, inline, literal
+from toolbox.emit import Body, compiled, function_text, inline, literal
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching
 
@@ -200,5 +200,3 @@ def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], 
         f"{label}z:",
     ]
 
-
-__all__ = ["SIGNATURE", "Machine", "machine"]

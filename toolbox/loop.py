@@ -31,7 +31,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
  CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED) = range(25)  # fmt: skip
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT = range(8)
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST = range(9)
 
 # --- columns of `Work.samplers`, one row per sampled controller
 ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS = range(7)
@@ -815,7 +815,7 @@ def advance(w):
 
         # --- one step
         stop = _next_stop(w)
-        h_wanted = w.reals[STEP_SIZE]
+        h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
         h, t_new = h_wanted, t + h_wanted
         if t_new >= stop or stop - t_new < 1e-3 * h:
             h, t_new = stop - t, stop
@@ -937,7 +937,16 @@ def advance(w):
                 if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * _size(w, j):
                     w.armed[j] = True
         w.reals[TIME] = t_new
-        _project(w, t_new)
+        if event and h > 0.0:  # slips that have just become zero are zero in the record, too
+            for i in range(ne):
+                w.before[i] = w.m[i]
+                if w.m[i] != 0.0 and (w.ints[LOCATED] == 2 * i or (w.g[2 * i] <= 1e-9 * _size(w, 2 * i) and w.g[ng + 2 * i] <= 0.0)):
+                    w.m[i] = 0.0
+            _project(w, t_new)
+            for i in range(ne):
+                w.m[i] = w.before[i]
+        else:
+            _project(w, t_new)
         if refresh:
             _round_off(w)
         if every_node and h > 0.0:

@@ -21,7 +21,8 @@ class Program:
     """A closed system compiled for one kind of inputs: everything about a run but its numbers.
 
     layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
-    signals, then (value, slope, time) of every table.
+    signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.loop`), `varying` those whose bound
+    is not constant, and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it.
     """
 
     system: HybridSystem
@@ -33,6 +34,8 @@ class Program:
     table_slot: dict[str, int]
     first_held: int
     excited: np.ndarray
+    varying: list[int]
+    forced: bool
     groups: np.ndarray
     group_count: int
     outputs: dict[str, Any]
@@ -101,6 +104,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         machine=machine(system.t, x, p, elements, form, pair, updates),
         excited=np.array(excited, np.int64),
+        varying=[i for i, e in enumerate(elements) if ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
+        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import sys
@@ -25,7 +26,7 @@ from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.runge_kutta import DOP853, DOPRI5
 from toolbox.trajectory import Trajectory, output_function
 
-MAX_STEPS = 50_000_000
+MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
 
 
@@ -43,6 +44,7 @@ class Run:
     laws: list[Any]
     accuracy: float
     output_times: np.ndarray | None
+    longest_step: float
 
 
 def simulate(
@@ -111,7 +113,7 @@ def _prepared(
         plant = plant.with_parameters(parameters)
     system, clocks, laws = _closed(declared, plant, controller, sample_time)
     kinds, values = _input_kinds(system, inputs or {})
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid)
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, float(duration) / 256)
 
 
 def _closed(
@@ -180,7 +182,7 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             if name in system.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
-        if isinstance(value, tuple) and len(value) == 2:
+        if isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
             value = Table.of(name, *value)
         bounds = system.parameters.get(name)
         if isinstance(value, Table):
@@ -237,13 +239,13 @@ def _run(run: Run) -> Trajectory:
     loop = _event_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
-    laws = [law if isinstance(law, FunctionType) else copy.deepcopy(law) for law in run.laws]  # a law with a state starts afresh
+    laws = [_fresh(law) for law in run.laws]
     bar: Any = None
     try:
         while True:
             status = loop.advance(work)
             if status == loop.DONE:
-                return _trajectory(loop, run, program, work, began)
+                return _sound(_trajectory(loop, run, program, work, began), program)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL)
             elif status == loop.SAMPLE_DUE:
@@ -257,9 +259,38 @@ def _run(run: Run) -> Trajectory:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
                 raise _failure(loop, status, run, program, work, began)
+    except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
+        if getattr(error, "run", None) is None:
+            with contextlib.suppress(AttributeError):
+                error.run = _trajectory(loop, run, program, work, began)  # type: ignore[attr-defined]
+        raise
     finally:
         if bar is not None:
             bar.close()
+
+
+def _fresh(law: Any) -> Any:
+    """A copy of a law that may have a state, so that every run starts alike; itself where it is a function or cannot be copied."""
+    if isinstance(law, FunctionType):
+        return law
+    try:
+        return copy.deepcopy(law)
+    except Exception:  # whatever an object that holds a lock or a solver raises
+        return law
+
+
+def _sound(run: Trajectory, program: Program) -> Trajectory:
+    """The run, unless a bound that varies in time was negative at a recorded time: friction would have driven the machine."""
+    if program.varying:
+        names = [program.system.elements[i].name for i in program.varying]
+        expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
+        bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
+        if (bounds < 0).any():
+            i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
+            raise SimulationError(
+                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
+            )
+    return run
 
 
 def _work(loop: Any, run: Run, program: Program) -> Any:
@@ -299,9 +330,10 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
     ints[loop.BUDGET] = 200_000
-    reals = np.zeros(8)
+    reals = np.zeros(9)
+    reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.END] = run.duration
-    reals[loop.RTOL] = run.accuracy * LOCAL[program.pair.name]
+    reals[loop.RTOL] = run.accuracy
     reals[loop.POWER] = program.pair.power
     reals[loop.LAST_EVENT] = -np.inf
 
@@ -312,7 +344,11 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         size = update.memory.numel()
         samplers[c] = 0 if update.external else machine.updates[c], 0, 0, memory_size, size, program.held_slot + update.first_held, len(update.names)
         memory_size += size
-    depth = 1 + int(max((np.ceil(d / h) for h, d in clocks), default=0)) + 1
+        if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
+            first_output = program.held_slot + update.first_held
+            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
+            p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
+    depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((len(u.names) for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
@@ -332,10 +368,6 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
-
-
-LOCAL = {"dopri5": 1.0, "dop853": 1.0}
-"""Error that the steps of a run may add up to, as a multiple of the accuracy asked; DOP853 overestimates its errors."""
 
 
 def _place(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
@@ -421,7 +453,11 @@ def _failure(loop: Any, status: int, run: Run, program: Program, work: Any, bega
     t = float(work.reals[loop.TIME])
     names = [element.name for element in program.system.elements]
     if status == loop.PAUSED:
-        return BudgetError(f"The run used {MAX_STEPS} steps and reached t = {t:.9g} s of {run.duration:g} s.", so_far)
+        return BudgetError(
+            f"The run used {MAX_STEPS} steps and reached t = {t:.9g} s of {run.duration:g} s: steps of about {t / MAX_STEPS:.1g} s, which a fast "
+            "stiff part of the plant or a very short period asks for.",
+            so_far,
+        )
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
     if status in (loop.INCONSISTENT, loop.ENDLESS):
         bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
@@ -437,6 +473,11 @@ def _failure(loop: Any, status: int, run: Run, program: Program, work: Any, bega
     finite = np.isfinite(work.k)
     if not finite.all():
         return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
+    if not np.isfinite(work.y[: len(labels)]).all():
+        name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
+        return SimulationError(
+            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.", so_far
+        )
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)

@@ -25,6 +25,18 @@ class Event(NamedTuple):
     after: str
 
 
+class Modes(dict[str, Any]):
+    """Modes by element; an unknown element is an error that suggests the nearest."""
+
+    def __missing__(self, name: str) -> Any:
+        raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else text[:56] + " ..."
+
+
 class Samples:
     """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
 
@@ -47,7 +59,7 @@ class Samples:
         return [*system.signals, *system.inputs]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.program.system.signals or name in self.program.system.inputs
+        return self.program.system.has_signal(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -64,6 +76,16 @@ class Samples:
             return system.states[head][2]
         raise SceneError(f"There is no signal `{name}`: {suggest(name, self.names)}")
 
+    @cached_property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
+        words = np.array(MODES)
+        return Modes({name: words[self.mode[:, i] + 1] for i, name in enumerate(self._elements)})
+
+    @property
+    def _elements(self) -> list[str]:
+        return [element.name for element in self.program.system.elements]
+
     def __getitem__(self, name: str) -> Any:
         system = self.program.system
         if name in system.states:
@@ -74,13 +96,14 @@ class Samples:
             if head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
                 values = self.states[:, system.states[head][0] + int(tail)]
             else:
-                values = self._computed(name)
+                values = self.computed(name)
         if self._single:
             return float(values[0]) if values.ndim == 1 else values[0]
         return values
 
-    def _computed(self, name: str) -> np.ndarray:
-        function = output_function(self.program, name)
+    def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
+        """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
+        function = output_function(self.program, name, expression)
         if not self.time.size:
             return np.empty(0)
         # casadi maps over columns
@@ -156,6 +179,12 @@ class Trajectory(Samples):
         held = p[program.first_held :]
         return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
 
+    def __reduce__(self) -> Any:
+        """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end")
+        data = {name: getattr(self, name) for name in names}
+        return _restored, (self.program.pair.name, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+
     @property
     def duration(self) -> float:
         """Duration asked for [s]."""
@@ -172,16 +201,6 @@ class Trajectory(Samples):
         names = self._elements
         times, index, modes = self._event_arrays
         return [Event(float(t), names[i], MODES[b + 1], MODES[a + 1]) for t, i, (b, a) in zip(times, index, modes, strict=True)]
-
-    @cached_property
-    def modes(self) -> dict[str, np.ndarray]:
-        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"."""
-        words = np.array(MODES)
-        return {name: words[self.mode[:, i] + 1] for i, name in enumerate(self._elements)}
-
-    @property
-    def _elements(self) -> list[str]:
-        return [element.name for element in self.program.system.elements]
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
@@ -202,6 +221,9 @@ class Trajectory(Samples):
         """Seconds that an element spends in a mode between `after` and `until` (the end of the run)."""
         if mode not in MODES:
             raise SceneError(f"There is no mode `{mode}`: {suggest(mode, MODES)}")
+        for word, value in (("after", after), ("until", until)):
+            if value is not None and not value == value:
+                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
         last = np.inf if until is None else until
         return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in self.intervals(element) if word == mode))
 
@@ -211,8 +233,8 @@ class Trajectory(Samples):
 
         numbers = finite_array(time)
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
-        if numbers is None or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(f"Argument `time` must be between 0 and {self.end:g} s, but it is {time!r}.")
+        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}.")
         nodes = self.nodes
         machine = self.program.machine
         states = np.empty((times.size, self.states.shape[1]))
@@ -240,7 +262,7 @@ class Trajectory(Samples):
         from toolbox.simulate import again
 
         nodes = self.nodes
-        better = again(self.run, accuracy=self.accuracy / 100, output_times=None)
+        better = again(self.run, accuracy=self.accuracy / 100, output_times=None, longest_step=self.run.longest_step / 5.3)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0)
@@ -313,3 +335,12 @@ class Trajectory(Samples):
                     lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
         return "\n".join(lines)
 
+
+def _restored(pair: str, data: dict[str, Any]) -> Trajectory:
+    """A trajectory from what `Trajectory.__reduce__` gives."""
+    from toolbox.program import program_of
+    from toolbox.runge_kutta import DOP853, DOPRI5
+
+    run = data["run"]
+    program = program_of(run.system, run.kinds, DOPRI5 if pair == DOPRI5.name else DOP853)
+    return Trajectory(program=program, **data)

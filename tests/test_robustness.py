@@ -108,3 +108,17 @@ def test_tables_may_be_lists_or_arrays(rig):
 def test_recorded_slips_keep_the_sign_of_their_mode(rig):
     run = simulate(rig, 60.0, inputs={"top.torque": 1e4})
     assert np.all(run["bit.slip"][run.modes["bit"] == "slip+"] >= 0.0)
+
+
+def test_a_run_on_a_grid_repeats_the_answers_of_a_law_and_never_asks_it_again(rig):
+    calls = []
+
+    def counting(t, y):
+        calls.append(t)
+        return 1e3 * len(calls)
+
+    counting.measures, counting.drives = ("top.speed",), ("top.torque",)
+    run = simulate(rig, 1.0, controller=counting, sample_time=0.1, output_times=[0.0, 0.5, 1.0])
+    held = run["top.torque"]
+    np.testing.assert_array_equal(run.at([0.0, 0.5, 1.0])["top.torque"], held)
+    assert len(calls) == 10

@@ -240,16 +240,17 @@ def _run(run: Run) -> Trajectory:
     work = _work(loop, run, program)
     began = clock.perf_counter()
     laws = [_fresh(law) for law in run.laws]
+    answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
     try:
         while True:
             status = loop.advance(work)
             if status == loop.DONE:
-                return _sound(_trajectory(loop, run, program, work, began), program)
+                return _sound(_trajectory(loop, run, program, work, began, answers), program)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL)
             elif status == loop.SAMPLE_DUE:
-                _sample(loop, run, program, work, laws, began)
+                _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
                 if bar is None and clock.perf_counter() - began > 1.0:
                     from tqdm import tqdm
@@ -258,11 +259,11 @@ def _run(run: Run) -> Trajectory:
                 if bar is not None:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
-                raise _failure(loop, status, run, program, work, began)
+                raise _failure(loop, status, run, program, work, began, answers)
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
-                error.run = _trajectory(loop, run, program, work, began)  # type: ignore[attr-defined]
+                error.run = _trajectory(loop, run, program, work, began, answers)  # type: ignore[attr-defined]
         raise
     finally:
         if bar is not None:
@@ -409,7 +410,9 @@ def _grown(loop: Any, work: Any, records: bool) -> Any:
     return work._replace(**bigger)
 
 
-def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any], began: float) -> None:
+def _sample(
+    loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
+) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
@@ -423,13 +426,14 @@ def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any], b
         raise SimulationError(
             f"The controller must return {row[loop.OUTPUTS]} finite value(s) for {', '.join(part.drives)}, but at "
             f"t = {work.reals[loop.TIME]:g} s it returned {answer!r}.",
-            _trajectory(loop, run, program, work, began),
+            _trajectory(loop, run, program, work, began, answers),
         )
     work.queue[c, row[loop.TAKEN] % work.queue.shape[1], : u.size] = u.ravel()
+    answers[index].append(u.ravel())
     row[loop.TAKEN] += 1
 
 
-def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float) -> Trajectory:
+def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
     return Trajectory(
         run=run,
@@ -442,14 +446,17 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float) 
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,
         end=float(work.reals[loop.TIME]),
+        answers=answers,
         steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
         merged=int(work.ints[loop.MERGED]),
         wall_time=clock.perf_counter() - began,
     )
 
 
-def _failure(loop: Any, status: int, run: Run, program: Program, work: Any, began: float) -> SimulationError:
-    so_far = _trajectory(loop, run, program, work, began)
+def _failure(
+    loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
+) -> SimulationError:
+    so_far = _trajectory(loop, run, program, work, began, answers)
     t = float(work.reals[loop.TIME])
     names = [element.name for element in program.system.elements]
     if status == loop.PAUSED:

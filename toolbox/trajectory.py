@@ -13,8 +13,6 @@ import numpy as np
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
 
-MODES = ("slip-", "stick", "slip+")
-
 
 class Event(NamedTuple):
     """A switch of an element: time [s], element name, mode before and after."""
@@ -79,8 +77,11 @@ class Samples:
     @cached_property
     def modes(self) -> dict[str, np.ndarray]:
         """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
-        words = np.array(MODES)
-        return Modes({name: words[self.mode[:, i] + 1] for i, name in enumerate(self._elements)})
+        words = {}
+        for i, element in enumerate(self.program.system.elements):
+            modes, place = np.unique(self.mode[:, i], return_inverse=True)
+            words[element.name] = np.array([element.legend[int(mode)] for mode in modes], dtype=np.str_)[place]
+        return Modes(words)
 
     @property
     def _elements(self) -> list[str]:
@@ -137,13 +138,25 @@ def output_function(program: Any, name: str, expression: ca.SX | None = None) ->
     return made
 
 
+class Replay:
+    """A law that gives the recorded answers of another, one after the other."""
+
+    def __init__(self, answers: list[np.ndarray]):
+        self.answers = answers
+        self.place = 0
+
+    def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
+        self.place += 1
+        return self.answers[self.place - 1]
+
+
 class Trajectory(Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
     end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
     merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
-    can be resolved.
+    can be resolved;  answers: what each Python controller returned, sample by sample.
     """
 
     def __init__(
@@ -159,6 +172,7 @@ class Trajectory(Samples):
         event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
         last_mode: np.ndarray,
         end: float,
+        answers: list[list[np.ndarray]],
         steps: tuple[int, int],
         merged: int,
         wall_time: float,
@@ -172,6 +186,7 @@ class Trajectory(Samples):
         self._event_arrays = event_arrays
         self._last_mode = last_mode
         self.end = end
+        self.answers = answers
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
@@ -181,7 +196,7 @@ class Trajectory(Samples):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end")
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers")
         data = {name: getattr(self, name) for name in names}
         return _restored, (self.program.pair.name, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
@@ -198,9 +213,12 @@ class Trajectory(Samples):
     @cached_property
     def events(self) -> list[Event]:
         """Every switch of every element, in order of time."""
-        names = self._elements
+        elements = self.program.system.elements
         times, index, modes = self._event_arrays
-        return [Event(float(t), names[i], MODES[b + 1], MODES[a + 1]) for t, i, (b, a) in zip(times, index, modes, strict=True)]
+        return [
+            Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)])
+            for t, i, (b, a) in zip(times, index, modes, strict=True)
+        ]
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
@@ -209,7 +227,7 @@ class Trajectory(Samples):
         index = self._elements.index(element)
         own = [event for event in self.events if event.element == element]
         end = self.end
-        mode = own[0].before if own else MODES[int(self._last_mode[index]) + 1]
+        mode = own[0].before if own else self.program.system.elements[index].legend[int(self._last_mode[index])]
         out, begin = [], 0.0
         for event in own:
             out.append((begin, event.time, mode))
@@ -219,13 +237,15 @@ class Trajectory(Samples):
 
     def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
         """Seconds that an element spends in a mode between `after` and `until` (the end of the run)."""
-        if mode not in MODES:
-            raise SceneError(f"There is no mode `{mode}`: {suggest(mode, MODES)}")
+        intervals = self.intervals(element)
+        known = self.program.system.elements[self._elements.index(element)].legend.values()
+        if mode not in known:
+            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
         for word, value in (("after", after), ("until", until)):
             if value is not None and not value == value:
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
         last = np.inf if until is None else until
-        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in self.intervals(element) if word == mode))
+        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 
     def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
@@ -251,8 +271,9 @@ class Trajectory(Samples):
             return self
         from toolbox.simulate import again
 
+        laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
         try:
-            return again(self.run, output_times=None)
+            return again(self.run, output_times=None, laws=laws)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
             return failed.run
 
@@ -323,9 +344,10 @@ class Trajectory(Samples):
         ]
         if self.merged:
             lines.append(f"  {self.merged} touches without a change of mode")
-        for name in self._elements:
-            parts = [f"{mode} {self.time_in(name, mode):.4g} s" for mode in reversed(MODES) if self.time_in(name, mode) > 0]
-            lines.append(f"  {name}: {', '.join(parts) or 'no time'}")
+        for element in self.program.system.elements:
+            spent = {mode: self.time_in(element.name, mode) for mode in element.legend.values()}
+            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
+            lines.append(f"  {element.name}: {', '.join(parts) or 'no time'}")
         if self.time.size:
             lines.append("  at the recorded times")
             for name in self.names:

@@ -93,7 +93,9 @@ def _list(given: argparse.Namespace) -> int:
 
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
-        catalogue.part(given.name or "any")  # raises the error that says why
+        if given.name is None:
+            raise SceneError("No package offers parts: install stickslip-toolbox (pip install .) to register its own.")
+        catalogue.part(given.name)  # raises the error that says why
     for kind in catalogue.KINDS:
         if any(entry.kind == kind for entry in entries):
             print(f"{kind.capitalize()}s")
@@ -102,7 +104,7 @@ def _list(given: argparse.Namespace) -> int:
                 print(f"  {entry.name}: {entry.summary}")
                 for name, unit, value, meaning in entry.parameters:
                     shown = "required" if value is dataclasses.MISSING else _shown(value)
-                    print(f"    {name:<16} {shown} {'' if unit == '1' else unit}{'  ' + meaning if meaning else ''}")
+                    print("    " + " ".join(filter(None, [f"{name:<16} {shown}", "" if unit == "1" or value is None else unit, meaning and f" {meaning}"])))
     return 0
 
 

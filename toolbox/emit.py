@@ -250,12 +250,21 @@ def _write_atomically(path: Path, image: bytes) -> None:
     """Keep an object file; a cache that cannot be written only costs time."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _make_room(path.parent)
         handle, name = tempfile.mkstemp(dir=path.parent)
         with os.fdopen(handle, "wb") as file:
             file.write(image)
         os.replace(name, path)
     except OSError:
         pass
+
+
+def _make_room(directory: Path, most: int = 4096) -> None:
+    """Forget the older half of the object files where there are more than `most`: every formula of time leaves one."""
+    files = [entry for entry in os.scandir(directory) if entry.name.endswith(".o")]
+    if len(files) > most:
+        for entry in sorted(files, key=lambda entry: entry.stat().st_mtime)[: len(files) // 2]:
+            os.unlink(entry.path)
 
 
 _LIBRARY: list[Any] = []

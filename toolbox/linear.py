@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compose import HybridSystem
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.simulate import _place
+from toolbox.hybrid import HybridSystem
+from toolbox.simulate import place_start
 from toolbox.trajectory import Samples
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def equilibrium(
     u = _input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
     for name, value in (start or {}).items():
-        _place(plant, given, name, value)
+        place_start(plant, given, name, value)
     free = _free(plant)
     guesses = [given] if start else [_frictionless(plant, free, u), given]
     residual, jacobian = _residual(plant)
@@ -302,7 +302,7 @@ def _point(
         for name in plant.states:
             if name not in at:
                 raise SceneError(f"Argument `at` must hold the state `{name}`, but the run it comes from has none.")
-            _place(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
+            place_start(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
         placed[:] = True
         ran = [element.name for element in at.program.system.elements]
         own = {name: WORDS[float(at.mode[0, ran.index(name)])] for name in (e.name for e in plant.elements) if name in ran} | own
@@ -313,8 +313,8 @@ def _point(
                 given.setdefault(name, value)
                 continue
             mark = np.full(x.size, np.nan)
-            _place(plant, x, name, value)
-            _place(plant, mark, name, value)
+            place_start(plant, x, name, value)
+            place_start(plant, mark, name, value)
             placed |= ~np.isnan(mark)
     elif at is not None:
         raise SceneError(f"Argument `at` must be a mapping, an equilibrium or one instant of a run, but it is {at!r}.")

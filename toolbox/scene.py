@@ -15,7 +15,7 @@ from toolbox.compose import compose
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.simulate import Run, _place, _prepared, simulate
+from toolbox.simulate import Run, checked_run, place_start, simulate
 from toolbox.trajectory import Trajectory
 
 Number = float | tuple[float, ...]
@@ -141,7 +141,7 @@ class Scene:
             twice = next(label for label in self.labels if self.labels.count(label) > 1)
             raise SceneError(f"The labels of controllers must differ, but `{twice}` is there {self.labels.count(twice)} times.")
         for name, value in self.start.items():
-            _place(plant, np.zeros(plant.x.numel()), name, value)
+            place_start(plant, np.zeros(plant.x.numel()), name, value)
         for case in self.cases:
             try:
                 prepared(plant, self.duration, **self._arguments(case))
@@ -162,7 +162,7 @@ class Scene:
 def prepared(plant: HybridSystem, duration: float, **arguments: Any) -> Run:
     """What `simulate` makes of its arguments, checked, without a simulation."""
     rest = {"start": None, "inputs": None, "parameters": None, "controller": None, "sample_time": None, "method": "event", "accuracy": 1e-6}
-    return _prepared(plant, duration, **(rest | arguments), output_times=None)
+    return checked_run(plant, duration, **(rest | arguments), output_times=None)
 
 
 def unit_of(system: HybridSystem, name: str) -> str:

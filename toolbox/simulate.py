@@ -71,10 +71,10 @@ def simulate(
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished.
     """
-    return _run(_prepared(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times))
+    return _run(checked_run(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times))
 
 
-def _prepared(
+def checked_run(
     plant: HybridSystem,
     duration: float,
     start: Mapping[str, Any] | None,
@@ -86,6 +86,7 @@ def _prepared(
     accuracy: float,
     output_times: Any,
 ) -> Run:
+    """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
     if not is_finite_number(duration) or duration < 0:
@@ -355,7 +356,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
-        _place(system, x, name, value)
+        place_start(system, x, name, value)
     return loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
@@ -371,7 +372,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     )  # fmt: skip
 
 
-def _place(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
+def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
     """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
     target: Any = None
     head, _, tail = name.rpartition(".")

@@ -113,7 +113,9 @@ def _shown(value: Any) -> str:
         return "[" + ", ".join(map(_shown, value)) + "]"
     if isinstance(value, float):
         return f"{value:.10g}"
-    return type(value).__name__ if dataclasses.is_dataclass(value) else str(value).lower() if value is None else str(value)
+    if dataclasses.is_dataclass(value):
+        return f"{type(value).__name__}({', '.join(f'{spec.name}={_shown(getattr(value, spec.name))}' for spec in dataclasses.fields(value))})"
+    return "none" if value is None else str(value)
 
 
 # --- stickslip study

@@ -839,7 +839,6 @@ def advance(w):
                     suspicious = suspicious or _lowest(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
             elif b < -1e-12 * _size(w, j):
                 hit = True
-        event = False
         if hit or suspicious:
             for j in range(2 * ng):
                 w.g_high[j] = w.y[end + j]

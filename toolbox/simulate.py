@@ -135,7 +135,7 @@ def _closed(
             sampled.check()
         if isinstance(law, Controller):
             law = law.design(declared)
-            structure_of(law)
+            structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
             parts.append(law if sampled is None else Held(law, float(sampled.period)))
         elif callable(law) and not isinstance(law, type):
@@ -154,7 +154,7 @@ def _closed(
         by_name = {p.name: p.offset for p in plant.parameters.values()}
         places: list[tuple[int, int]] = []
         for entry in closed.parameters.values():
-            if entry.name in by_name and entry.name in plant.parameters:
+            if entry.name in by_name:
                 size = entry.size or 1
                 places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
         first = sum(len(numbers_of(part)) for part in plant.parts)

@@ -107,5 +107,3 @@ def callable_law(law: Callable[..., Any], plant: HybridSystem) -> External:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")
     return External(measures=measures, drives=drives, units=tuple(plant.inputs[name].unit for name in drives))
 
-
-__all__ = ["Controller", "External", "Held", "Sampled", "Update", "callable_law", "names"]

@@ -1,6 +1,6 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; list the parts that scenes can name.
 
-Exit codes: 0 done; 1 no controller could be simulated, or a file could not be written; 2 the scene or an argument is wrong; 130 interrupted.
+Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
 
 from __future__ import annotations

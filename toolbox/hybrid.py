@@ -28,14 +28,13 @@ class Parameter:
     offset: int
     bounds: Mapping[str, float | None]
 
-    def check(self, values: Any, name: str | None = None) -> None:
+    def check(self, values: Any) -> None:
         """Raise SceneError unless every value is finite and within the declared bounds."""
-        name = name or self.name
         for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
             broken = bounds_broken(value, self.bounds)
             if broken:
                 unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
-                raise SceneError(f"Argument `{name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
+                raise SceneError(f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
 
 
 @dataclass(frozen=True)
@@ -64,9 +63,9 @@ class HybridSystem:
     """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
 
     t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
-    states: {name: (slice of x, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};  parameters: {name: Parameter};
-    elements: the set-valued elements;  values: declared parameter values, shape (n_p,);  held: symbols of the signals held by sampled
-    laws;  updates: those laws.
+    states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
+    parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
+    held: symbols of the signals held by sampled laws;  updates: those laws;  kernels: what is computed or compiled once per structure.
     """
 
     parts: tuple[Component, ...]
@@ -122,8 +121,11 @@ class HybridSystem:
     @property
     def input_defaults(self) -> ca.Function:
         """casadi Function p -> stand-ins of the inputs."""
-        defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
-        return ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+        made = self.kernels.get("input_defaults")
+        if made is None:
+            defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
+            made = self.kernels["input_defaults"] = ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+        return made
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
@@ -147,12 +149,34 @@ class HybridSystem:
         twin.__dict__.update(self.__dict__)
         return twin
 
+    def rows(self, name: str) -> tuple[int, int | None, str] | None:
+        """(first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`); None for any other name."""
+        if name in self.states:
+            return self.states[name]
+        head, _, tail = name.rpartition(".")
+        if head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0):
+            return self.states[head][0] + int(tail), None, self.states[head][2]
+        return None
+
     def has_signal(self, name: object) -> bool:
-        """True for a signal, an input, or one entry of a vector state such as `chain.speed.0`."""
-        if name in self.signals or name in self.inputs:
-            return True
-        head, _, tail = str(name).rpartition(".")
-        return head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0)
+        """True for a signal, an input, or one entry of a vector state."""
+        return name in self.signals or name in self.inputs or self.rows(str(name)) is not None
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for an unknown name."""
+        rows = self.rows(name)
+        if rows is not None:
+            return rows[2]
+        return self.signals[name][1] if name in self.signals else self._input(name).unit
+
+    def expression(self, name: str) -> ca.SX:
+        """A signal or input in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
+        return self.signals[name][0] if name in self.signals else self._input(name).symbol
+
+    def _input(self, name: str) -> Input:
+        if name not in self.inputs:
+            raise SceneError(f"There is no signal `{name}`: {suggest(name, [*self.signals, *self.inputs])}")
+        return self.inputs[name]
 
     def parameter(self, name: str) -> Any:
         """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""

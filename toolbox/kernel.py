@@ -64,28 +64,26 @@ def machine(
     burden = ca.Function("burden", [t, x, p, m], [padded])
     n = x.numel()
 
-    bodies: dict[str, list[Body]] = {}
+    bodies: dict[str, Body] = {}
     texts: list[str] = []
     if n * len(pair.b) <= UNROLLED:
-        bodies["step"] = [_unrolled_step(pair, rhs, field, n)]
+        bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
         step, inner = _looped_step(pair, rhs, field, n)
-        bodies["step"] = [step]
+        bodies["step"] = step
         texts.append(inner)
-    bodies["field"] = [_plain(field, n)]
-    bodies["project"] = [_plain(project, 0)]
-    bodies["probe"] = [_plain(probe, 0)]
-    bodies["burden"] = [_plain(burden, 0)]
+    bodies["field"] = _plain(field, n)
+    bodies["project"] = _plain(project, 0)
+    bodies["probe"] = _plain(probe, 0)
+    bodies["burden"] = _plain(burden, 0)
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
-        bodies[f"update_{i}"] = [_plain(update, 0)]
+        bodies[f"update_{i}"] = _plain(update, 0)
     declared: set[str] = set()
-    for name, (body,) in bodies.items():
+    for name, body in bodies.items():
         texts.append(function_text(name, body))
         declared |= body.intrinsics
-    if n * len(pair.b) > UNROLLED:
-        declared |= _declared_by(rhs)
-    count = sum(body.count for (body,) in bodies.values())
+    count = sum(body.count for body in bodies.values())
     found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
     return Machine(
         n,
@@ -168,14 +166,8 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
             _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
         base += n
-    body.intrinsics |= ends.intrinsics
+    body.intrinsics |= slope.intrinsics | ends.intrinsics
     return body, inner
-
-
-def _declared_by(rhs: ca.Function) -> set[str]:
-    body = Body()
-    inline(body, rhs, _arguments(body, rhs))
-    return body.intrinsics
 
 
 def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str]) -> None:

@@ -214,13 +214,7 @@ def _function(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list
 
 def _closed(plant: HybridSystem, name: str) -> ca.SX:
     """A signal as an expression of t, x, u, p and m."""
-    if name in plant.signals:
-        expression = plant.signals[name][0]
-    elif name in plant.inputs:
-        expression = plant.inputs[name].symbol
-    else:
-        raise SceneError(f"There is no signal `{name}`: {suggest(name, [*plant.signals, *plant.inputs])}")
-    expression = ca.densify(ca.SX(expression))
+    expression = ca.densify(ca.SX(plant.expression(name)))
     return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
 
 

@@ -25,16 +25,15 @@ from numba.extending import intrinsic
 # --- status codes of `advance`
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
 
-# --- indices into `Work.ints`: sizes, addresses, counters
+# --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE,
- BUDGET,
- CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED) = range(25)  # fmt: skip
+ BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(26)  # fmt: skip
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST = range(9)
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
 
 # --- columns of `Work.samplers`, one row per sampled controller
-ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS = range(7)
+ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, COLUMNS = range(8)
 
 EPS = 2.220446049250313e-16
 
@@ -692,28 +691,30 @@ def _locate(w, h, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _fire(w, t):
-    """Handle every guard that is at zero now: kinks change side, elements are put at zero slip or released, and modes are decided.
-
-    The guard that was located fires in any case, others with it if they are as near to zero and descending.
-    """
-    ne, ng = w.ints[NE], w.ints[NG]
-    located = w.ints[LOCATED]
-    for i in range(ne):
+def _mark(w):
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending."""
+    ng = w.ints[NG]
+    for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0
-    kink = False
     for j in range(ng):
-        near = w.side[j] * w.g[j] <= max(1e-9 * _size(w, j), 0.0) and w.side[j] * w.g[ng + j] <= 0.0
-        w.fired[j] = near or j == located
-        if j >= 2 * ne and w.fired[j]:
+        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
+        w.fired[j] = near or j == w.ints[LOCATED]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _fire(w, t):
+    """Handle the marked guards: kinks change side, elements are put at zero slip or released, and modes are decided."""
+    ne, ng = w.ints[NE], w.ints[NG]
+    kink = False
+    for j in range(2 * ne, ng):
+        if w.fired[j]:
             w.side[j] = -w.side[j]
             kink = True
     for i in range(ne):
         if w.before[i] != 0.0 and w.fired[2 * i]:
-            w.m[i] = 0.0
+            w.m[i] = 0.0  # its slip has been projected to zero already
             w.zero[i] = True
-    _project(w, t)
     for i in range(ne):
         w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
         if w.forced[i]:
@@ -936,10 +937,10 @@ def advance(w):
                 if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * _size(w, j):
                     w.armed[j] = True
         w.reals[TIME] = t_new
-        if event and h > 0.0:  # slips that have just become zero are zero in the record, too
+        if event:  # slips that have just become zero are zero in the record, too
+            _mark(w)
             for i in range(ne):
-                w.before[i] = w.m[i]
-                if w.m[i] != 0.0 and (w.ints[LOCATED] == 2 * i or (w.g[2 * i] <= 1e-9 * _size(w, 2 * i) and w.g[ng + 2 * i] <= 0.0)):
+                if w.m[i] != 0.0 and w.fired[2 * i]:
                     w.m[i] = 0.0
             _project(w, t_new)
             for i in range(ne):

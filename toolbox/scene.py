@@ -15,7 +15,7 @@ from toolbox.compose import compose
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.simulate import Run, checked_run, place_start, simulate
+from toolbox.simulate import checked_run, place_start, simulate
 from toolbox.trajectory import Trajectory
 
 Number = float | tuple[float, ...]
@@ -128,7 +128,7 @@ class Scene:
         if self.element not in contacts:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
         for name in (self.signal, self.effort):
-            unit_of(plant, name)
+            plant.unit(name)
             if name in plant.signals and plant.signals[name][0].numel() > 1:
                 raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
         if not 0 <= self.after < self.duration:
@@ -144,7 +144,7 @@ class Scene:
             place_start(plant, np.zeros(plant.x.numel()), name, value)
         for case in self.cases:
             try:
-                prepared(plant, self.duration, **self._arguments(case))
+                checked_run(plant, self.duration, **self._arguments(case))
             except SceneError as error:
                 raise SceneError(f"Controller `{case.label}`: {error}") from None
 
@@ -157,20 +157,3 @@ class Scene:
             "controller": case.controller,
             "accuracy": self.accuracy,
         }
-
-
-def prepared(plant: HybridSystem, duration: float, **arguments: Any) -> Run:
-    """What `simulate` makes of its arguments, checked, without a simulation."""
-    rest = {"start": None, "inputs": None, "parameters": None, "controller": None, "sample_time": None, "method": "event", "accuracy": 1e-6}
-    return checked_run(plant, duration, **(rest | arguments), output_times=None)
-
-
-def unit_of(system: HybridSystem, name: str) -> str:
-    """Unit of a signal, or of one entry of a vector state; raises SceneError where there is none."""
-    if name in system.inputs:
-        return system.inputs[name].unit
-    head, _, tail = name.rpartition(".")
-    entry = system.signals.get(name) or (system.signals.get(head) if tail.isdigit() else None)
-    if entry is None:
-        raise SceneError(f"There is no signal `{name}`: {suggest(name, [*system.signals, *system.inputs])}")
-    return entry[1]

@@ -32,7 +32,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.scene import Case, Number, Scene, Waveform, prepared, unit_of
+from toolbox.scene import Case, Number, Scene, Waveform
+from toolbox.simulate import checked_run
 from toolbox.units import parse
 
 _SHAPES: dict[str, dict[str, str]] = {
@@ -101,7 +102,7 @@ def _scene(data: dict[str, Any]) -> Scene:
     drive = "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
     reference = data.get("reference")
     if reference is not None:
-        reference = parse(reference, unit_of(plant, signal), "reference")
+        reference = parse(reference, plant.unit(signal), "reference")
     cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
     return Scene(
         title=_text(data["title"], "title"),
@@ -114,7 +115,7 @@ def _scene(data: dict[str, Any]) -> Scene:
         after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         reference=reference,
-        start={name: _number(value, unit_of(plant, name), name) for name, value in _keys(data.get("start", {}), "start").items()},
+        start={name: _number(value, plant.unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
         inputs=_inputs(data.get("inputs", {}), "inputs", plant),
         parameters={
             name: _number(value, plant._parameter(name).unit, name)
@@ -148,7 +149,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
         raise SceneError(f"The key `delay` of `{label}` must come with `sample_time`, but there is none.")
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"))
     try:
-        closed = prepared(plant, 1.0, controller=case.controller).system
+        closed = checked_run(plant, 1.0, controller=case.controller).system
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
@@ -243,7 +244,7 @@ def _number(value: Any, unit: str, name: str) -> Number:
 def _input_unit(system: HybridSystem, name: str) -> str:
     if name not in system.inputs and name not in system.signals:
         raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
-    return unit_of(system, name)
+    return system.unit(name)
 
 
 def _tables(data: Mapping[str, Any], key: str) -> list[Any]:

@@ -71,20 +71,26 @@ def simulate(
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished.
     """
-    return _run(checked_run(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times))
+    return _run(
+        checked_run(
+            plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
+            method=method, accuracy=accuracy, output_times=output_times,
+        )
+    )  # fmt: skip
 
 
 def checked_run(
     plant: HybridSystem,
     duration: float,
-    start: Mapping[str, Any] | None,
-    inputs: Mapping[str, Any] | None,
-    parameters: Mapping[str, Any] | None,
-    controller: Any,
-    sample_time: float | None,
-    method: str,
-    accuracy: float,
-    output_times: Any,
+    *,
+    start: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+    sample_time: float | None = None,
+    method: str = "event",
+    accuracy: float = 1e-6,
+    output_times: Any = None,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
@@ -323,7 +329,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
         first = np.append(first, len(jumps)).astype(np.int64)
 
-    ints = np.zeros(25, np.int64)
+    ints = np.zeros(loop.INTS, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
     ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN] = machine.addresses
     ints[loop.COUPLED] = machine.coupled
@@ -332,14 +338,14 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
     ints[loop.BUDGET] = 200_000
-    reals = np.zeros(9)
+    reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.END] = run.duration
     reals[loop.RTOL] = run.accuracy
     reals[loop.POWER] = program.pair.power
     reals[loop.LAST_EVENT] = -np.inf
 
-    samplers = np.zeros((len(system.updates), 7), np.int64)
+    samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
     memory_size = 0
     for c, update in enumerate(system.updates):
@@ -375,12 +381,9 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
     """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
     target: Any = None
-    head, _, tail = name.rpartition(".")
-    if name in system.states:
-        offset, size, _ = system.states[name]
-        target = slice(offset, offset + (size or 1))
-    elif head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
-        target = slice(system.states[head][0] + int(tail), system.states[head][0] + int(tail) + 1)
+    rows = system.rows(name)
+    if rows is not None:
+        target = slice(rows[0], rows[0] + (rows[1] or 1))
     elif name in system.signals:
         expression = system.signals[name][0]
         if expression.numel() == 1 and expression.is_symbolic():

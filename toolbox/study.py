@@ -100,9 +100,8 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 
 def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
-    from toolbox.scene import unit_of
-
-    effort, speed = (unit_of(scene.plant(), name) for name in (scene.effort, scene.signal))
+    plant = scene.plant()
+    effort, speed = plant.unit(scene.effort), plant.unit(scene.signal)
     set_point = f"; set-point {scene.reference:.4g} {speed}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
     cells = [head]
@@ -163,9 +162,7 @@ def _plot() -> Any:
 
 def _position(plant: HybridSystem, speed: str) -> str | None:
     """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
-    from toolbox.scene import unit_of
-
-    unit = unit_of(plant, speed)
+    unit = plant.unit(speed)
     for name, (_, size, own) in reversed(plant.states.items()):
         if f"{own}/s" == unit:
             return name if size is None else f"{name}.{size - 1}"

@@ -131,7 +131,7 @@ def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     matrix costs one division a row and a tridiagonal one eliminates without fill.
     """
     n = matrix.shape[0]
-    rows = [{j: matrix[i, j] for j in range(n) if matrix.has_nz(i, j)} for i in range(n)] if n <= 3 else _rows(matrix)
+    rows = _rows(matrix)
     values = [right[i] for i in range(n)]
     below: list[list[int]] = [[] for _ in range(n)]
     for i, row in enumerate(rows):

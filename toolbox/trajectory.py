@@ -64,15 +64,7 @@ class Samples:
 
     def unit(self, name: str) -> str:
         """Unit of a signal; raises SceneError for an unknown name."""
-        system = self.program.system
-        if name in system.signals:
-            return system.signals[name][1]
-        if name in system.inputs:
-            return system.inputs[name].unit
-        head, _, tail = name.rpartition(".")
-        if head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
-            return system.states[head][2]
-        raise SceneError(f"There is no signal `{name}`: {suggest(name, self.names)}")
+        return self.program.system.unit(name)
 
     @cached_property
     def modes(self) -> dict[str, np.ndarray]:
@@ -88,16 +80,12 @@ class Samples:
         return [element.name for element in self.program.system.elements]
 
     def __getitem__(self, name: str) -> Any:
-        system = self.program.system
-        if name in system.states:
-            offset, size, _ = system.states[name]
-            values = self.states[:, offset] if size is None else self.states[:, offset : offset + size]
+        rows = self.program.system.rows(name)
+        if rows is None:
+            values = self.computed(name)
         else:
-            head, _, tail = name.rpartition(".")
-            if head in system.states and tail.isdigit() and int(tail) < (system.states[head][1] or 0):
-                values = self.states[:, system.states[head][0] + int(tail)]
-            else:
-                values = self.computed(name)
+            first, size, _ = rows
+            values = self.states[:, first] if size is None else self.states[:, first : first + size]
         if self._single:
             return float(values[0]) if values.ndim == 1 else values[0]
         return values
@@ -121,12 +109,7 @@ def output_function(program: Any, name: str, expression: ca.SX | None = None) ->
         return found
     p, u, force = program.expressions
     if expression is None:
-        if name in system.signals:
-            expression = system.signals[name][0]
-        elif name in system.inputs:
-            expression = system.inputs[name].symbol
-        else:
-            raise SceneError(f"There is no signal `{name}`: {suggest(name, [*system.signals, *system.inputs])}")
+        expression = system.expression(name)
     expression = ca.densify(ca.SX(expression))
     if system.elements:
         expression = ca.substitute(expression, system.F, force)
@@ -198,7 +181,7 @@ class Trajectory(Samples):
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
         names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers")
         data = {name: getattr(self, name) for name in names}
-        return _restored, (self.program.pair.name, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+        return _restored, (self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
     @property
     def duration(self) -> float:
@@ -358,11 +341,9 @@ class Trajectory(Samples):
         return "\n".join(lines)
 
 
-def _restored(pair: str, data: dict[str, Any]) -> Trajectory:
+def _restored(pair: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.program import program_of
-    from toolbox.runge_kutta import DOP853, DOPRI5
 
     run = data["run"]
-    program = program_of(run.system, run.kinds, DOPRI5 if pair == DOPRI5.name else DOP853)
-    return Trajectory(program=program, **data)
+    return Trajectory(program=program_of(run.system, run.kinds, pair), **data)

@@ -87,23 +87,48 @@ def test_the_smooth_hysteretic_torque_is_that_of_its_own_acceleration_in_both_di
     np.testing.assert_allclose(run["bit.torque"], expected, rtol=1e-10, atol=1e-8)
 
 
-def test_hysteresis_does_not_change_the_break_off():
-    # at rest w' = 0, so both branches meet in the static torque
-    first = [
-        simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 30.0, inputs={"top.torque": 14_000.0}, accuracy=1e-10).events[0]
-        for rock in (BitRock(), HystereticBitRock())
-    ]
-    assert first[0][1:] == first[1][1:] == ("bit", "stick", "slip+")
-    assert first[1].time == pytest.approx(first[0].time, abs=1e-9)
+def first_release(rock, torque):
+    return simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 60.0, inputs={"top.torque": torque}, accuracy=1e-10).events[0]
 
 
-def test_without_distance_between_the_branches_the_hysteretic_bit_is_the_plain_one():
-    plain, same = (
-        simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 60.0, inputs=PUSH, accuracy=1e-9)
-        for rock in (BitRock(), HystereticBitRock(beta0=0.0))
-    )
+def test_the_rate_form_breaks_off_where_the_plain_law_does_and_the_switched_form_on_its_upper_branch():
+    plain, rate, switched = (first_release(rock, 16_000.0) for rock in (BitRock(), HystereticBitRock(beta1=0.5), HystereticBitRock()))
+    raised = first_release(BitRock(friction=Exponential(static=0.8 * 1.2, kinetic=0.5)), 16_000.0)
+    assert plain[1:] == rate[1:] == switched[1:] == ("bit", "stick", "slip+")
+    assert rate.time == pytest.approx(plain.time, abs=1e-9)
+    assert switched.time == pytest.approx(raised.time, abs=1e-9) and switched.time > plain.time + 0.1
+
+
+@pytest.mark.parametrize("rock", [HystereticBitRock(beta0=0.0), HystereticBitRock(beta0=0.0, beta1=1.0)], ids=["switched", "rate"])
+def test_without_distance_between_the_branches_the_hysteretic_bit_is_the_plain_one(rock):
+    plain, same = (simulate(compose(wells.NAVARRO_LOPEZ_4, each), 60.0, inputs=PUSH, accuracy=1e-9) for each in (BitRock(), rock))
     assert len(plain.events) == len(same.events) > 5
     np.testing.assert_allclose([e.time for e in same.events], [e.time for e in plain.events], atol=1e-6)
+
+
+@pytest.mark.parametrize("rock", [HystereticBitRock(), SmoothHystereticBitRock()], ids=["set-valued", "smooth"])
+def test_a_switched_bit_holds_its_speed_while_the_load_lies_between_the_branches(rock):
+    start = {"chain.speed": 6.0, "chain.twist": (12.0, 10.0, 12.0)}
+    run = simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 20.0, start=start, inputs={"top.torque": 9000.0}, accuracy=1e-9)
+    w, load, rate = run["bit.speed"], run["bit.load"], acceleration_of_bit(run)
+    base = WEIGHT * RADIUS * (0.5 + 0.3 * np.exp(-0.9 * w)) if isinstance(rock, HystereticBitRock) else smooth(w)
+    moves = w > 0
+    high, low = moves & (load > base * 1.2), moves & (load < base * 0.8)
+    held = moves & ~high & ~low
+    assert min(high.sum(), low.sum(), held.sum()) > 5
+    np.testing.assert_allclose(run["bit.torque"][high], 1.2 * base[high], rtol=1e-12)
+    np.testing.assert_allclose(run["bit.torque"][low], 0.8 * base[low], rtol=1e-12)
+    assert np.abs(rate[held]).max() < 1e-13 * base.max() / INERTIA
+
+
+def test_a_steeper_rate_form_tends_to_the_switched_form():
+    def end(beta1):
+        plant = compose(wells.NAVARRO_LOPEZ_4, HystereticBitRock(beta1=beta1))
+        start = {"chain.speed": 6.0, "chain.twist": (12.0, 8.0, 9.0)}
+        return simulate(plant, 4.0, start=start, inputs={"top.torque": 9000.0}, accuracy=1e-9).at(np.linspace(0, 4, 200))["bit.speed"]
+
+    gaps = [np.abs(end(beta1) - end(None)).max() for beta1 in (2.0, 20.0, 200.0)]
+    assert gaps[0] > 4 * gaps[1] > 16 * gaps[2]
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -146,12 +171,16 @@ def test_the_energy_of_a_string_on_each_rock_closes(rock):
 
 def test_hysteresis_calms_the_stick_slip_that_the_plain_law_keeps():
     # more torque while speeding up and less while slowing down resists every change of speed, like an inertia that takes energy
-    plain, hysteretic = (simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 200.0, inputs=PUSH) for rock in (BitRock(), HystereticBitRock()))
+    plain, hysteretic = (
+        simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 200.0, inputs=PUSH) for rock in (BitRock(), HystereticBitRock(beta1=0.5))
+    )
     assert plain.time_in("bit", "stick", after=100.0) > 30.0 and severity(plain, after=100.0) > 1.0
     assert hysteretic.time_in("bit", "stick", after=100.0) == 0.0 and severity(hysteretic, after=100.0) < 0.1
 
 
-@pytest.mark.parametrize("rock", [SmoothBitRock(), HystereticBitRock(), SmoothHystereticBitRock()], ids=lambda rock: type(rock).__name__)
+@pytest.mark.parametrize(
+    "rock", [SmoothBitRock(), HystereticBitRock(beta1=0.5), SmoothHystereticBitRock(beta1=0.5)], ids=lambda rock: type(rock).__name__
+)
 def test_every_number_of_a_rock_is_checked(rock):
     for spec in dataclasses.fields(rock):
         if spec.name in ("name", "friction"):

@@ -7,6 +7,7 @@ from models.bit_rock import BitRock
 from models.disks import TwoDisks
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
+from models.elastic_rock import ElasticRock
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
 from models.smooth_bit_rock import SmoothBitRock
@@ -19,6 +20,7 @@ __all__ = [
     "Coulomb",
     "CubicStribeck",
     "DragBit",
+    "ElasticRock",
     "Exponential",
     "Hyperbolic",
     "HystereticBitRock",

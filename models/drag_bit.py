@@ -64,7 +64,7 @@ class DragBit(Component):
     flat_stress: float = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0)
     engagement: float = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
     blades: int = 4
-    nodes: int = 10
+    nodes: int = 16
 
     def check(self):
         for name in ("blades", "nodes"):

@@ -157,6 +157,8 @@ def _study(given: argparse.Namespace) -> int:
         study.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
     print(study.table(scene, rows))
+    if warning := scene.needs().warning:
+        print(f"\n{warning}")
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 

@@ -102,7 +102,11 @@ def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: in
         used = ca.vertcat(read, *[expressions[k] for k in sorted(seen)])
         parameters = _columns(used, system.p)
         for name, owner in system.owners.items():
-            rows = {first + elements.index(name)} if name in elements else set(range(system.states[name][0], system.states[name][0] + (system.states[name][1] or 1)))
+            if name in elements:
+                rows = {first + elements.index(name)}
+            else:
+                start, size, _ = system.states[name]
+                rows = set(range(start, start + (size or 1)))
             if rows & seen:
                 chosen[owner].add(measure)
         for i in range(len(system.parts)):

@@ -250,7 +250,7 @@ def test_control_c_ends_the_process_with_130_and_nothing_written(tmp_path, belt)
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)  # while it loads the event loop, long before it is done
     errors = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
+    assert process.returncode == 130, errors
     assert "Traceback" not in errors and errors.endswith("stickslip: interrupted, and nothing was written.\n")
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
 

@@ -87,6 +87,7 @@ class _Composer:
         self.flow: list[ca.SX] = []
         self.given: dict[str, tuple[ca.SX, str]] = {}
         self.elements: list[Element] = []
+        self.owners: dict[str, int] = {}
         self.stored: dict[str, ca.SX] = {}
         self.losses: dict[str, ca.SX] = {}
         self.supplies: dict[str, ca.SX] = {}
@@ -94,8 +95,10 @@ class _Composer:
         self.updates: list[tuple[Update, int, tuple[str, ...]]] = []
 
     def system(self) -> HybridSystem:
-        for component in self.components:
+        for i, component in enumerate(self.components):
             self._add(component)
+            for name in [*self.states, *(element.name for element in self.elements)]:
+                self.owners.setdefault(name, i)
         return self._connected()
 
     def _add(self, component: Component) -> None:
@@ -286,6 +289,7 @@ class _Composer:
             raise SceneError("A plant needs at least one state, but these parts have none.")
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
         system.states = self.states
+        system.owners = self.owners
         system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
             for name in element.expressions:

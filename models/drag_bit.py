@@ -52,7 +52,9 @@ class DragBit(Component):
     `bit.cut_depth` d [m], negative off bottom. States: `bit.profile` q (nodes) [m], see the module.
     Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007). Assumed: all numbers, of the size that source uses; `engagement`;
     equal blades; backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned
-    back is not cut twice.
+    back is not cut twice. Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands
+    leaves it: the cutting force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with
+    negative `bit.cut_depth` is a warning, not a forecast. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
     """
 
     radius: float = quantity(0.108, "m", "radius a of the bit", above=0)
@@ -100,4 +102,5 @@ class DragBit(Component):
                 "bit.cut_depth": (depth, "m"),
             },
             elements=[flats, bit],
+            stored=0.0,  # what it takes is cut or rubbed away
         )

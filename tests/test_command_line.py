@@ -122,6 +122,9 @@ SHIPPED = {
         "ideal sliding mode": "free",
     },
     "block_on_belt": {"no controller": "stick-slip"},
+    "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},
+    "drag_bit": {"table at 57 rpm": "stick-slip", "table at 240 rpm": "free"},
+    "hysteretic_bit": {"constant torque": "stick-slip", "stiff PI": "stick-slip", "soft torque": "free"},
 }
 
 

@@ -13,6 +13,7 @@ from scipy.optimize import brentq, root
 from models import AxialChain, DragBit, TorsionalPendulum
 from models.drag_bit import radau
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
+from toolbox.measure import extent
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -222,6 +223,57 @@ def test_a_bit_that_leaves_the_bottom_comes_back_to_the_surface_that_it_left():
         errors.append(np.sqrt(np.mean((run.at(times)["bit.cut_depth"] - expected) ** 2)) / np.ptp(expected))
     # the surface has kinks, so convergence is algebraic
     assert errors[2] < errors[1] < errors[0] and errors[2] < 0.02
+
+
+def turned_by_hand(speed, weight=40_000.0):
+    """Mean torque and share of axial stick by time stepping with the history of the motion: no profile, no events, flats as an impulse."""
+    step, flat = 2e-5, 3e-3 * BIT.radius * BIT.flat_stress
+    delay = round(2 * math.pi / BIT.blades / speed / step)
+    turns = round(80 * 2 * math.pi / BIT.blades / speed / step)
+    pace = (weight - flat) / WEIGHT_PER_CUT * speed / (2 * math.pi)
+    z = np.empty(delay + turns)
+    z[:delay] = pace * step * np.arange(-delay, 0)
+    v, depth, stuck = 0.8 * pace, np.empty(turns), 0
+    for k in range(turns):
+        z[delay + k] = z[delay + k - 1] + step * v
+        depth[k] = BIT.blades * (z[delay + k] - z[k])
+        v += step * (weight - WEIGHT_PER_CUT * depth[k]) / MASS
+        v = v if v < 0 else max(0.0, v - step * flat / MASS)
+        stuck += v == 0.0 and 2 * k > turns
+    assert depth.min() > 0.0
+    return TORQUE_PER_CUT * depth[turns // 2 :].mean(), stuck / (turns - turns // 2)
+
+
+def turned(speed, nodes=16):
+    """The same by the model: a run whose last half is the cycle."""
+    bit = dataclasses.replace(BIT, flat_length=3e-3, nodes=nodes)
+    depth = (40_000.0 - 3e-3 * BIT.radius * BIT.flat_stress) / WEIGHT_PER_CUT
+    start = {"bit.speed": speed, "bit.axial_speed": 0.8 * depth * speed / (2 * math.pi), "bit.profile": depth / 4 * radau(nodes)[0][1:]}
+    return simulate(rig(40_000.0, bit, inertia=1e12, stiffness=0.0), 80 * 2 * math.pi / BIT.blades / speed, start=start)
+
+
+def test_the_axial_cycle_is_that_of_time_stepping_with_the_history_itself():
+    run = turned(8.0)
+    torque, stuck = turned_by_hand(8.0)
+    half = 0.5 * run.end
+    cutting = TORQUE_PER_CUT * extent(run, "bit.cut_depth", after=half).mean
+    assert cutting == pytest.approx(torque, rel=2e-3)
+    assert run.time_in("bit.axial", "stick", after=half) / half == pytest.approx(stuck, abs=5e-3)
+    assert 0.2 < stuck < 0.6 and not run.time_in("bit.axial", "slip-", after=half) > 0.05 * half
+
+
+def test_the_mean_torque_falls_with_speed_though_the_rock_knows_no_speed():
+    # the flats unload while the bit sticks axially, and the slower it turns the longer that is; above the critical speed cutting is steady
+    torques = [extent(run, "bit.torque", after=0.5 * run.end).mean for run in map(turned, (6.0, 9.0, 12.0, 16.0, 25.0))]
+    flat = 3e-3 * BIT.radius * BIT.flat_stress
+    steady = TORQUE_PER_CUT * (40_000.0 - flat) / WEIGHT_PER_CUT + TORQUE_PER_FLAT * flat
+    assert torques[0] > 1.03 * torques[1] > 1.06 * torques[2] > 1.08 * torques[3]
+    np.testing.assert_allclose(torques[3:], steady, rtol=1e-3)
+
+
+def test_the_axial_cycle_does_not_depend_on_the_number_of_nodes():
+    torques = [extent(run, "bit.torque", after=0.5 * run.end).mean for run in (turned(8.0, nodes) for nodes in (8, 12, 20))]
+    np.testing.assert_allclose(torques, torques[-1], rtol=2e-3)
 
 
 def test_while_the_bit_stands_the_rock_ahead_waits():

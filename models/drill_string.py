@@ -17,10 +17,9 @@ class TorsionalChain(Component):
 
     Twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed` (n) [rad/s].
     Signals: needs `top.torque` [N m] (0) and `bit.torque` [N m] (0, against the rotation); gives `top.speed`, `bit.speed` [rad/s],
-    `top.load` [N m], the torque of the string on the top inertia, `bit.load` [N m], all that turns the last inertia but the rock, and its
-    `bit.inertia` [kg m2]. `friction` adds dry friction at every inertia i, contact `chain.i`
-    (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where
-    `BitRock` holds it.
+    `top.load` [N m], the torque of the string on the top inertia, `bit.free_acceleration` [rad/s2], that of the last inertia without the rock, and
+    `bit.inertia` [kg m2]. `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of
+    `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where `BitRock` holds it.
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -37,7 +36,9 @@ class TorsionalChain(Component):
             raise SceneError(f"Argument `chain.inertia` must hold at least 2 inertias, but it has {n}.")
         for name in ("stiffness", "damping"):
             if len(getattr(self, name)) != n - 1:
-                raise SceneError(f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}.")
+                raise SceneError(
+                    f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}."
+                )
         if (self.friction is None) != (self.friction_load is None):
             raise SceneError("Arguments `chain.friction` and `chain.friction_load` must be given together.")
         if self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
@@ -77,7 +78,7 @@ class TorsionalChain(Component):
                 "top.speed": (speed[0], "rad/s"),
                 "bit.speed": (speed[-1], "rad/s"),
                 "top.load": (tau[0], "N m"),
-                "bit.load": (bit_load, "N m"),
+                "bit.free_acceleration": (bit_load / self.inertia[-1], "rad/s2"),
                 "bit.inertia": (self.inertia[-1], "kg m2"),
             },
             elements=contacts,

@@ -3,8 +3,8 @@
     rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
     switched form:  T = T0(w) (1 + beta0) while it speeds up, T0(w) (1 - beta0) while it slows down, and between at w' = 0
 
-T depends on the acceleration w' that it causes. With M (`bit.load`, all that turns the bit but the rock) and J (`bit.inertia`) from the part
-that owns the bit, both forms are solved inside the expressions: no state, no lag, no element.
+T depends on the acceleration w' that it causes. With M/J (`bit.free_acceleration`, that of the bit without the rock) and J (`bit.inertia`)
+from the part that owns the bit, both forms are solved inside the expressions: no state, no lag, no element.
 
 Switched: the bit holds its speed exactly while M lies between the branches, so that T = M there, and T is M cut off at the branches,
 T = min(max(M, T0 (1 - beta0)), T0 (1 + beta0)). The three modes are the three pieces of this function, and every step ends on its kinks. A switch with
@@ -53,7 +53,7 @@ def resisting(load: ca.SX, base: ca.SX, width: ca.SX, steepness: ca.SX | None, i
 class HystereticBitRock(Component):
     """Set-valued rock torque with hysteresis in the acceleration: T0 = W R_b mu(|w|) sgn w on branches (1 +- beta0) T0, see the module.
 
-    Signals: needs `bit.speed` w [rad/s], `bit.load` M [N m], `bit.inertia` J [kg m2] and `bit.weight` W [N] (the field `weight`); gives
+    Signals: needs `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and `bit.weight` W [N] (the field `weight`); gives
     `bit.torque` [N m]. Contact: `bit`, which sticks up to the torque at which it would speed up: W R_b mu_s in the rate form, whose branches
     meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form. With `beta1` the rate form of the hysteretic law of F. F. Real et al.
     (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes (2007), which unlike the smooth law sticks.
@@ -68,7 +68,8 @@ class HystereticBitRock(Component):
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
 
     def equations(self, signal):
-        speed, load, inertia = signal("bit.speed", "rad/s"), signal("bit.load", "N m"), signal("bit.inertia", "kg m2")
+        speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
+        load = inertia * signal("bit.free_acceleration", "rad/s2")
         weight = signal("bit.weight", "N", default=self.weight)
         bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
         base = bit.kinetic
@@ -101,7 +102,8 @@ class SmoothHystereticBitRock(Component):
     beta1: float | None = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
 
     def equations(self, signal):
-        speed, load, inertia = signal("bit.speed", "rad/s"), signal("bit.load", "N m"), signal("bit.inertia", "kg m2")
+        speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
+        load = inertia * signal("bit.free_acceleration", "rad/s2")
         weight = signal("bit.weight", "N", default=self.weight)
         torque = smooth_torque(self, weight, speed)
         width = self.beta0 * ca.fabs(torque)

@@ -12,7 +12,8 @@ class TorsionalPendulum(Component):
     """One inertia under a table of imposed speed: J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w.
 
     Two states. Signals: needs `top.speed` W [rad/s] (the field) and `bit.torque` T [N m] (0); gives `bit.speed` w [rad/s], `top.load`
-    [N m], the torque of the string on the table, `bit.load` [N m], all that turns the bit but the rock, and `bit.inertia` [kg m2]. The string
+    [N m], the torque of the string on the table, `bit.free_acceleration` [rad/s2], that of the bit without the rock, and
+    `bit.inertia` [kg m2]. The string
     of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
     """
 
@@ -32,7 +33,7 @@ class TorsionalPendulum(Component):
             gives={
                 "bit.speed": (speed, "rad/s"),
                 "top.load": (tau, "N m"),
-                "bit.load": (load, "N m"),
+                "bit.free_acceleration": (load / self.inertia, "rad/s2"),
                 "bit.inertia": (self.inertia, "kg m2"),
             },
             stored=self.inertia * speed**2 / 2 + self.stiffness * twist**2 / 2,

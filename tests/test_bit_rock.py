@@ -25,8 +25,8 @@ def smooth(w):
 
 
 def acceleration_of_bit(run):
-    """w' = (M - T) / J at the nodes of a run, from the signals alone."""
-    return (run["bit.load"] - run["bit.torque"]) / run["bit.inertia"]
+    """w' = M/J - T/J at the nodes of a run, from the signals alone."""
+    return run["bit.free_acceleration"] - run["bit.torque"] / run["bit.inertia"]
 
 
 def free_bit(rock, inertia=400.0):
@@ -110,7 +110,7 @@ def test_without_distance_between_the_branches_the_hysteretic_bit_is_the_plain_o
 def test_a_switched_bit_holds_its_speed_while_the_load_lies_between_the_branches(rock):
     start = {"chain.speed": 6.0, "chain.twist": (12.0, 10.0, 12.0)}
     run = simulate(compose(wells.NAVARRO_LOPEZ_4, rock), 20.0, start=start, inputs={"top.torque": 9000.0}, accuracy=1e-9)
-    w, load, rate = run["bit.speed"], run["bit.load"], acceleration_of_bit(run)
+    w, load, rate = run["bit.speed"], run["bit.free_acceleration"] * INERTIA, acceleration_of_bit(run)
     base = WEIGHT * RADIUS * (0.5 + 0.3 * np.exp(-0.9 * w)) if isinstance(rock, HystereticBitRock) else smooth(w)
     moves = w > 0
     high, low = moves & (load > base * 1.2), moves & (load < base * 0.8)
@@ -191,5 +191,5 @@ def test_every_number_of_a_rock_is_checked(rock):
 
 
 def test_a_hysteretic_rock_needs_a_part_that_says_what_turns_the_bit():
-    with pytest.raises(SceneError, match=r"bit\.(speed|load)"):
+    with pytest.raises(SceneError, match=r"bit\.(speed|free_acceleration|inertia)"):
         compose(HystereticBitRock(friction=Exponential()))

@@ -21,7 +21,8 @@ class AxialChain(Component):
     Top end, one of two: `hook_load` given, H is imposed and n masses have n-1 springs, 2n-1 states; without, the hook is lowered at a given
     speed through hoisting lines, which are the first of n springs, 2n states: `axial.stretch` [m] and `axial.speed` (n) [m/s].
     Signals: needs `hook.load` [N] (the field) or `hook.speed` [m/s], downwards (0), and `bit.weight` W [N] (0, off bottom); gives
-    `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N]. Textbook; the defaults have the size of a 1000 m string on ten lines and are chosen.
+    `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N]. What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`.
+    Textbook; the defaults have the size of a 1000 m string on ten lines and are chosen.
     """
 
     mass: tuple[float, ...] = quantity((34_000.0,), "kg", "masses, top first", above=0)

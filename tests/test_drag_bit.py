@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
-from models import AxialChain, DragBit, TorsionalPendulum
+from controllers import PI
+from models import AxialChain, DragBit, TorsionalPendulum, wells
 from models.drag_bit import radau
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
 from toolbox.measure import extent
@@ -339,12 +340,40 @@ def test_at_low_speed_the_coupled_string_sticks_both_ways_and_at_high_speed_in_n
     assert fast.time_in("bit", "stick", after=40.0) == 0.0 == fast.time_in("bit.axial", "stick", after=40.0)
 
 
+def test_a_bit_that_just_touches_starts_from_rest():
+    # depth, speeds and every bound are zero at once; the cut then grows as W t^2/(2 M), until the flats stick or cut
+    run = simulate(rig(40_000.0, top_speed=6.0), 5.0)
+    early = run.at(1e-3)
+    assert early["bit.cut_depth"] == pytest.approx(4 * 40_000.0 / MASS * 1e-6 / 2, rel=0.2)
+    assert energy_audit(run).relative < 1e-6
+
+
 def test_without_wear_flats_torque_and_weight_keep_the_ratio_of_the_cutters():
     sharp = dataclasses.replace(BIT, flat_length=0.0)
     run = simulate(rig(30_000.0, sharp, top_speed=25.0), 3.0, start={"bit.speed": 25.0})
     cutting = (run.modes["bit"] == "slip+") & (run["bit.cut_depth"] > 1e-6)
     assert cutting.sum() > 50
     np.testing.assert_allclose(run["bit.torque"][cutting], run["bit.weight"][cutting] * BIT.radius / (2 * BIT.inclination), rtol=1e-12)
+
+
+def test_a_published_string_with_axial_masses_and_a_drive_cuts_and_its_energy_closes():
+    string = AxialChain(
+        mass=(8000.0, 12_000.0, 20_000.0), stiffness=(4e6, 2e7, 4e7), damping=(4e4, 4e4, 4e4), drag=0.2
+    )  # fmt: skip
+    plant = compose(wells.NAVARRO_LOPEZ_4, string, dataclasses.replace(BIT, flat_length=3e-3))
+    assert plant.x.numel() == 7 + 6 + BIT.nodes
+    assert [element.name for element in plant.elements] == ["bit.axial", "bit"]
+    run = simulate(
+        plant, 30.0, start={"chain.speed": 12.0, "bit.profile": 1e-5}, inputs={"hook.speed": 8e-3}, accuracy=1e-9,
+        controller=PI(proportional=4000.0, integral=1500.0, reference=12.0),
+    )  # fmt: skip
+    audit = energy_audit(run)
+    assert audit.relative < 1e-8
+    # what the hook pays out is what the bit drills, on the mean of the last ten seconds
+    assert extent(run, "bit.axial_speed", after=20.0).mean == pytest.approx(8e-3, rel=0.05)
+    assert extent(run, "bit.cut_depth", after=20.0).minimum > 0.0
+    mean = extent(run, "bit.weight", after=20.0).mean
+    assert mean == pytest.approx(9.81 * 40_000.0 - extent(run, "hook.load", after=20.0).mean - 0.2 * 40_000.0 * -8e-3, rel=0.02)
 
 
 @pytest.mark.parametrize("nodes", [1, 10])

@@ -364,16 +364,16 @@ def test_a_published_string_with_axial_masses_and_a_drive_cuts_and_its_energy_cl
     assert plant.x.numel() == 7 + 6 + BIT.nodes
     assert [element.name for element in plant.elements] == ["bit.axial", "bit"]
     run = simulate(
-        plant, 30.0, start={"chain.speed": 12.0, "bit.profile": 1e-5}, inputs={"hook.speed": 8e-3}, accuracy=1e-9,
+        plant, 12.0, start={"chain.speed": 12.0, "bit.profile": 1e-5}, inputs={"hook.speed": 8e-3}, accuracy=1e-8,
         controller=PI(proportional=4000.0, integral=1500.0, reference=12.0),
     )  # fmt: skip
     audit = energy_audit(run)
-    assert audit.relative < 1e-8
-    # what the hook pays out is what the bit drills, on the mean of the last ten seconds
-    assert extent(run, "bit.axial_speed", after=20.0).mean == pytest.approx(8e-3, rel=0.05)
-    assert extent(run, "bit.cut_depth", after=20.0).minimum > 0.0
-    mean = extent(run, "bit.weight", after=20.0).mean
-    assert mean == pytest.approx(9.81 * 40_000.0 - extent(run, "hook.load", after=20.0).mean - 0.2 * 40_000.0 * -8e-3, rel=0.02)
+    assert audit.relative < 1e-7
+    # what the hook pays out is what the bit drills, on the mean of the last six seconds
+    assert extent(run, "bit.axial_speed", after=6.0).mean == pytest.approx(8e-3, rel=0.05)
+    assert extent(run, "bit.cut_depth", after=6.0).minimum > 0.0
+    mean = extent(run, "bit.weight", after=6.0).mean
+    assert mean == pytest.approx(9.81 * 40_000.0 - extent(run, "hook.load", after=6.0).mean - 0.2 * 40_000.0 * -8e-3, rel=0.02)
 
 
 @pytest.mark.parametrize("nodes", [1, 10])

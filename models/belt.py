@@ -129,26 +129,27 @@ class Absorber(Component):
     def tuned(block: Block | BlockOnBelt, mass_ratio: float) -> Absorber:
         """The absorber of `mass_ratio` e times the block's mass that keeps the block still under the strongest negative damping.
 
-        With the block's w_n = sqrt(k / m), its frequency is w_n / sqrt(1 + e) and its damping ratio sqrt((1 - 1 / sqrt(1 + e)) / 2): there both
-        pairs of poles meet on the imaginary axis, at the negative damping ratio `Absorber.bearable(e)` of the block. To first order in e this is
-        the rule sqrt(e) / 2 for absorbers on self-excited oscillators. Raises SceneError unless e > 0 and the block has a spring.
+        With the block's w_n = sqrt(k / m), its frequency is w_n / sqrt(1 + e) and its damping ratio sqrt(e / (1 + e)) / 2: by Hurwitz's conditions
+        both pairs of poles then reach the imaginary axis at once, at the negative damping ratio `Absorber.bearable(e)`. An absorber of that
+        mass set otherwise bears at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2), a factor of 1 + e / 8 to first order, and only near that limit.
+        Raises SceneError unless e > 0 and the block has a spring.
         """
         _check_ratio(mass_ratio)
         if not block.stiffness > 0:
             raise SceneError(f"Argument `block.stiffness` must be > 0 N/m to tune an absorber, but it is {block.stiffness!r}.")
         mass = mass_ratio * block.mass
         w = math.sqrt(block.stiffness / block.mass / (1 + mass_ratio))
-        ratio = math.sqrt((1 - 1 / math.sqrt(1 + mass_ratio)) / 2)
+        ratio = math.sqrt(mass_ratio / (1 + mass_ratio)) / 2
         return Absorber(mass=mass, stiffness=mass * w**2, damping=2 * ratio * mass * w)
 
     @staticmethod
     def bearable(mass_ratio: float) -> float:
-        """Largest negative damping ratio of a block that an absorber of `mass_ratio` e can outweigh, sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2).
+        """Negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps it still: sqrt(e) / 2.
 
-        The block is stable while -F'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
+        On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
         """
         _check_ratio(mass_ratio)
-        return math.sqrt((1 + mass_ratio) * (1 - 1 / math.sqrt(1 + mass_ratio)) / 2)
+        return math.sqrt(mass_ratio) / 2
 
     def equations(self, signal):
         y, w = state("absorber.position", "m"), state("absorber.speed", "m/s")

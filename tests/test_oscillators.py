@@ -280,6 +280,11 @@ def test_a_tuned_absorber_shrinks_the_range_of_stick_slip_and_does_not_abolish_i
     assert run.time_in("belt", "stick", after=500.0) > 10.0
 
 
+def test_the_default_absorber_is_tuned_to_the_default_block():
+    tuned, default = Absorber.tuned(BlockOnBelt(), 0.1), Absorber()
+    assert (default.mass, default.stiffness, default.damping) == pytest.approx((tuned.mass, tuned.stiffness, tuned.damping), rel=1e-5)
+
+
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.inf, math.nan])
 def test_an_absorber_without_mass_is_refused(bad):
     with pytest.raises(SceneError, match="mass_ratio"):

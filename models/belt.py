@@ -93,7 +93,9 @@ class BlocksOnBelt(Component):
             raise SceneError(f"Argument `blocks.mass` must hold at least 2 masses, but it has {n}.")
         for name, size in (("stiffness", n), ("damping", n), ("load", n), ("tie", n - 1)):
             if len(getattr(self, name)) != size:
-                raise SceneError(f"Argument `blocks.{name}` must have {size} entries for {n} blocks, but it has {len(getattr(self, name))}.")
+                raise SceneError(
+                    f"Argument `blocks.{name}` must have {size} entries for {n} blocks, but it has {len(getattr(self, name))}."
+                )
 
     def equations(self, signal):
         n = len(self.mass)

@@ -30,6 +30,6 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     for begin, end, sign in ((-math.pi / 2, turn, -1.0), (turn, math.pi / 2, 1.0)):
         phase = begin + (end - begin) * (points + 1) / 2
         slip = np.abs(speed + amplitude * np.sin(phase))
-        coefficient = np.array(ca.DM(law.sliding(ca.DM(slip)))).ravel()
+        coefficient = np.array(ca.evalf(ca.SX(law.sliding(ca.SX(slip))))).ravel()
         total += sign * (end - begin) / 2 * float(np.sum(weights * coefficient))
     return total / math.pi

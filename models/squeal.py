@@ -27,7 +27,9 @@ class SquealingPad(Component):
 
     mass: float = quantity(1.0, "kg", "mass of the pad", above=0)
     damping: float = quantity(0.15, "N s/m", "viscous damping c along and across", at_least=0)
-    stiffness: tuple[float, ...] = quantity((2 / 3 * (2 - math.sqrt(3)), 2 / 3 * (2 + math.sqrt(3))), "N/m", "stiffness of the springs", at_least=0)
+    stiffness: tuple[float, ...] = quantity(
+        (2 / 3 * (2 - math.sqrt(3)), 2 / 3 * (2 + math.sqrt(3))), "N/m", "stiffness of the springs", at_least=0
+    )
     angle: tuple[float, ...] = quantity((math.radians(150), math.radians(30)), "rad", "inclination of the springs to the disc")
     contact_stiffness: float = quantity(4 / 3, "N/m", "stiffness k_c of the contact", at_least=0)
     preload: float = quantity(10.0, "N", "normal force P at rest", at_least=0)

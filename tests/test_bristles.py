@@ -70,7 +70,11 @@ def test_asperities_bend_with_the_way_alone():
 
 @pytest.mark.parametrize(
     ("bristle", "stiffness", "damping"),
-    [(Dahl(stiffness=200.0), 200.0, 0.0), (LuGre(stiffness=200.0, damping=3.0, viscous=0.5), 200.0, 3.5), (Dankowicz(reach=0.005), 200.0, 0.0)],
+    [
+        (Dahl(stiffness=200.0), 200.0, 0.0),
+        (LuGre(stiffness=200.0, damping=3.0, viscous=0.5), 200.0, 3.5),
+        (Dankowicz(reach=0.005), 200.0, 0.0),
+    ],
     ids=["Dahl", "LuGre", "Dankowicz"],
 )
 def test_before_sliding_a_bristle_is_a_spring_and_a_damper(bristle, stiffness, damping):

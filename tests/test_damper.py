@@ -23,7 +23,12 @@ def loss_per_cycle(load, *, amplitude=1.0, stiffness=1.0, mass=1e-4):
     w = 2 * math.pi / period
     force = amplitude * (1e4 - w**2)
     start = {"block.speed": amplitude * w, "damper.stretch": 0.0}
-    ends = [energy_audit(simulate(plant, n * period, start=start, inputs={"block.force": sine(0.0, force, 1 / period)})).losses["damper.friction"] for n in (2, 3)]
+    ends = [
+        energy_audit(simulate(plant, n * period, start=start, inputs={"block.force": sine(0.0, force, 1 / period)})).losses[
+            "damper.friction"
+        ]
+        for n in (2, 3)
+    ]
     return ends[1] - ends[0]
 
 
@@ -40,7 +45,12 @@ def test_a_lighter_slider_comes_nearer_to_the_jenkins_element():
 
 def test_a_damper_that_never_slides_takes_nothing_and_is_a_spring():
     block = Block(stiffness=3.0)
-    run = simulate(compose(block, FrictionDamper(damping=0.0, load=10.0, friction=LAW)), 10.0, start={"block.position": 0.1, "damper.stretch": 0.1}, accuracy=1e-10)
+    run = simulate(
+        compose(block, FrictionDamper(damping=0.0, load=10.0, friction=LAW)),
+        10.0,
+        start={"block.position": 0.1, "damper.stretch": 0.1},
+        accuracy=1e-10,
+    )
     times = np.linspace(0, 10, 100)
     np.testing.assert_allclose(run.at(times)["block.position"], 0.1 * np.cos(2 * times), atol=1e-9)
     assert run.time_in("damper", "stick") == 10.0
@@ -62,6 +72,11 @@ def test_the_highest_resonance_is_lowest_at_a_load_in_between():
 
 
 def test_every_joule_of_the_damper_is_accounted_for():
-    run = simulate(compose(Block(damping=0.02), FrictionDamper(load=0.1, friction=LAW)), 60.0, inputs={"block.force": sine(0.0, 0.1, 0.17)}, accuracy=1e-9)
+    run = simulate(
+        compose(Block(damping=0.02), FrictionDamper(load=0.1, friction=LAW)),
+        60.0,
+        inputs={"block.force": sine(0.0, 0.1, 0.17)},
+        accuracy=1e-9,
+    )
     assert len(run.events) > 10
     assert energy_audit(run).relative < 1e-8

@@ -1,7 +1,7 @@
 """Published oscillators with dry friction, as ready-made blocks on a belt.
 
-LEINE: R. I. Leine, D. H. van Campen, A. de Kraker, L. van den Steen, Nonlinear Dynamics 16 (1998) 41-54. At rest on the belt it is stable for no
-belt speed of interest, and always in stick-slip.
+LEINE: R. I. Leine, D. H. van Campen, A. de Kraker, L. van den Steen, Nonlinear Dynamics 16 (1998) 41-54, doi:10.1023/A:1008289604683. Without
+damping, steady sliding is unstable at every belt speed.
 THOMSEN_FIDLIN: J. J. Thomsen, A. Fidlin, Int. J. Non-Linear Mechanics 38 (2003) 389-403, doi:10.1016/S0020-7462(01)00073-7; dimensionless, beta =
 0.05, g2 = 1. Three ranges of belt speed: see `hopf_speed`.
 VERASZTO_STEPAN: numbers of Veraszto and Stepan (2017); beyond its Hopf speed of 0.1906 m/s, rest and stick-slip are both stable.

@@ -166,7 +166,7 @@ def draw_belt(plt: Any) -> Any:
     _branch(right, speeds, [(1e3 * a, s) for a, s in stuck], "started in stick")
     right.plot(speeds, [1e3 * a for a, _ in near], "+", color="0.45", markersize=7, label="started near rest")
     right.axvline(hopf, color="0.5", linewidth=0.7, linestyle=":")
-    right.annotate("Hopf", (hopf, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 2), textcoords="offset points", ha="center")
+    right.annotate("Hopf", (hopf, 0.95), xycoords=("data", "axes fraction"), xytext=(-3, 0), textcoords="offset points", ha="right")
     right.set(xlabel="belt speed [m/s]", ylabel="amplitude of the position [mm]", ylim=(-0.05, None))
     right.set_title("Veraszto and Stepan", loc="left", fontsize=9.0, pad=12.0)
     right.legend(frameon=False, fontsize=8.0, loc="lower right", bbox_to_anchor=(1.0, 0.12))
@@ -197,7 +197,7 @@ def draw_load(plt: Any) -> Any:
         period = 2 * math.pi / ratio
         exponent, section = lyapunov(plant, _load(0.95, ratio), period, max(80, round(300 / period)), skip=max(40, round(200 / period)))
         exponents.append(exponent)
-        panels[1].plot(np.full(80, ratio), section[-80:, 0], ",", color="black")
+        panels[1].plot(np.full(80, ratio), section[-80:, 0], ".", color="black", markersize=1.2, markeredgewidth=0)
     panels[1].set(ylabel="position once\nper period [m]")
     panels[2].plot(ratios, exponents, color="black", linewidth=1.0)
     panels[2].axhline(0, color="0.5", linewidth=0.7)

@@ -16,8 +16,14 @@ from models import (
     BlocksOnBelt,
     Coulomb,
     CubicStribeck,
+    Dahl,
+    Dankowicz,
+    DiscBrake,
     Exponential,
+    FrictionDamper,
     Hyperbolic,
+    LuGre,
+    SquealingPad,
     averaged_friction,
     oscillators,
 )
@@ -56,6 +62,38 @@ def test_every_joule_of_an_oscillator_is_accounted_for(name):
     plant = compose(*PARTS[name])
     run = simulate(plant, 50.0, inputs={"block.force": sine(0.1, 0.3, 0.2)} if "block.force" in plant.inputs else {}, accuracy=1e-9)
     assert energy_audit(run).relative < 1e-8
+
+
+NEW = [
+    Block(),
+    BlockOnBelt(),
+    BlocksOnBelt(),
+    Absorber(),
+    Dahl(),
+    LuGre(),
+    Dankowicz(),
+    FrictionDamper(),
+    DiscBrake(lag=0.05),
+    SquealingPad(),
+]
+
+
+@pytest.mark.parametrize("part", NEW, ids=lambda part: type(part).__name__)
+def test_every_number_of_a_part_must_be_a_number(part):
+    beside = () if isinstance(part, (Block, BlockOnBelt, BlocksOnBelt, DiscBrake, SquealingPad)) else (Block(),)
+    compose(part, *beside)
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        bad = (math.nan, *value[1:]) if isinstance(value, tuple) else math.nan
+        if isinstance(value, (float, tuple)):
+            with pytest.raises(SceneError, match=field.name):
+                compose(dataclasses.replace(part, **{field.name: bad}), *beside)
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness", "damping", "load"])
+def test_a_part_refuses_what_no_machine_has(name):
+    with pytest.raises(SceneError, match=f"block.{name}.*must be >"):
+        compose(BlockOnBelt(**{name: -1.0}))
 
 
 # --- Veraszto and Stepan 2017, and the Hopf speeds in closed form

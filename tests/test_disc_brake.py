@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from models import Coulomb, DiscBrake, Exponential
-from toolbox import SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine
+from toolbox import (
+    Controller,
+    SceneError,
+    SimulationError,
+    Update,
+    compose,
+    energy_audit,
+    equilibrium,
+    linearise,
+    measure,
+    quantity,
+    simulate,
+    sine,
+    state,
+)
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -141,3 +156,33 @@ def test_less_fall_of_friction_or_more_damping_ends_the_groan():
     assert groan(BRAKE)[0] > 0.1
     assert groan(dataclasses.replace(BRAKE, damping=1200.0))[0] == 0.0
     assert groan(dataclasses.replace(BRAKE, friction=Exponential(static=0.36, kinetic=0.35, decay=5.0)))[0] == 0.0
+
+
+@dataclass(frozen=True)
+class Follow(Controller):
+    """Force that brakes with the deceleration a = `deceleration` under the friction `expected`, plus `gain` times the speed in excess of the plan."""
+
+    measures, drives = ("disc.speed",), ("brake.force",)
+    deceleration: float = quantity(2.0, "rad/s2", "wanted deceleration")
+    expected: float = quantity(0.4, "1", "friction believed in")
+    gain: float = quantity(0.0, "N s/rad", "feedback of speed", at_least=0)
+    reference: float = quantity(4.0, "rad/s", "speed at the start")
+
+    def sampled(self, signal, period):
+        count = state("follow.count", "1")
+        planned = self.reference - self.deceleration * period * count
+        force = 36.0 * self.deceleration / (2 * 0.12 * self.expected) + self.gain * (signal("disc.speed", "rad/s") - planned)
+        return Update(memory={count: count + 1}, outputs={"brake.force": (force, "N")})
+
+
+def test_a_sampled_law_brakes_through_the_force_of_the_pads():
+    # the friction is a quarter lower than the law believes: the wheel is too fast by a t / 4 without feedback, and less with it
+    plant = compose(dataclasses.replace(BRAKE, friction=Coulomb(static=0.3, kinetic=0.3)))
+    late = {}
+    for gain in (0.0, 2000.0):
+        run = simulate(plant, 1.5, start={"disc.speed": 4.0}, controller=Follow(gain=gain), sample_time=0.01)
+        late[gain] = run.at(1.5)["disc.speed"] - 1.0
+    assert late[0.0] == pytest.approx(2.0 * 1.5 / 4, rel=1e-6)
+    # closed loop: e' = a / 4 - (2 mu r gain / I) e, up to the sampling
+    rate = 2 * 0.3 * 0.12 * 2000.0 / 36.0
+    assert late[2000.0] == pytest.approx(0.5 / rate * -math.expm1(-1.5 * rate), rel=0.03)

@@ -12,8 +12,6 @@ import pytest
 from models import Block, BlockOnBelt, Coulomb, Dahl, Dankowicz, Exponential, LuGre
 from toolbox import compose, energy_audit, linearise, measure, simulate, sine
 
-pytestmark = pytest.mark.timeout(60)
-
 STRIBECK = Exponential(static=1.0, kinetic=0.6, decay=3.0)
 HEAVY = Block(mass=1e12, stiffness=0.0)  # moves at the speed it starts with, whatever rubs on it
 BRISTLES = [Dahl(), LuGre(viscous=0.1), Dankowicz(friction=STRIBECK)]

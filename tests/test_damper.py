@@ -10,8 +10,6 @@ import pytest
 from models import Block, Coulomb, FrictionDamper
 from toolbox import compose, energy_audit, measure, simulate, sine
 
-pytestmark = pytest.mark.timeout(60)
-
 LAW = Coulomb(static=1.0, kinetic=1.0)
 
 

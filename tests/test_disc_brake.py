@@ -26,8 +26,6 @@ from toolbox import (
     state,
 )
 
-pytestmark = pytest.mark.timeout(60)
-
 BRAKE = DiscBrake()
 STEADY = dataclasses.replace(BRAKE, friction=Coulomb(static=0.4, kinetic=0.4))
 

@@ -8,8 +8,6 @@ import pytest
 
 from toolbox import Scene, measure
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def scene(root, name):
     return Scene.load(root / "studies" / "scenes" / f"{name}.toml")

@@ -30,8 +30,6 @@ from models import (
 from studies.lyapunov import lyapunov
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def poles(plant, **arguments):
     """Poles of a plant that slides backwards on its belt, at the steady state."""

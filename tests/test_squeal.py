@@ -11,8 +11,6 @@ import pytest
 from models import Coulomb, SquealingPad
 from toolbox import SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, measure, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 PAD = SquealingPad()
 
 

@@ -1,33 +1,49 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
-from models import wells
+from models import oscillators, wells
 from models.axial import AxialChain
-from models.belt import BlockOnBelt
+from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
 from models.bit_rock import BitRock
+from models.bristles import Dahl, Dankowicz, LuGre
+from models.damper import FrictionDamper
+from models.disc_brake import DiscBrake
 from models.disks import TwoDisks
+from models.dither import averaged_friction
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic_rock import ElasticRock
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
 from models.smooth_bit_rock import SmoothBitRock
+from models.squeal import SquealingPad
 from models.torsional_pendulum import TorsionalPendulum
 
 __all__ = [
+    "Absorber",
     "AxialChain",
     "BitRock",
+    "Block",
     "BlockOnBelt",
+    "BlocksOnBelt",
     "Coulomb",
     "CubicStribeck",
+    "Dahl",
+    "Dankowicz",
+    "DiscBrake",
     "DragBit",
     "ElasticRock",
     "Exponential",
+    "FrictionDamper",
     "Hyperbolic",
     "HystereticBitRock",
+    "LuGre",
     "SmoothBitRock",
     "SmoothHystereticBitRock",
+    "SquealingPad",
     "TorsionalChain",
     "TorsionalPendulum",
     "TwoDisks",
+    "averaged_friction",
+    "oscillators",
     "wells",
 ]

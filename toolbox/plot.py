@@ -278,7 +278,9 @@ def _interesting(run: Trajectory) -> list[str]:
         if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
             continue
         if name in own and groups.get(unit):
-            continue
+            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
+                continue
+            groups[unit] = []  # a load that stands still makes room for what it presses
         if len(groups.get(unit, [])) < 3:
             seen.append(values)
             groups.setdefault(unit, []).append(name)

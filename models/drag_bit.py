@@ -54,7 +54,8 @@ class DragBit(Component):
     equal blades; backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned
     back is not cut twice. Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands
     leaves it: the cutting force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with
-    negative `bit.cut_depth` is a warning, not a forecast. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
+    negative `bit.cut_depth` is a warning, not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry
+    nothing, it lies on the edge of what it can hold. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
     """
 
     radius: float = quantity(0.108, "m", "radius a of the bit", above=0)

@@ -5,5 +5,19 @@ from models.belt import BlockOnBelt
 from models.disks import TwoDisks
 from models.drill_string import BitRock, TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
+from models.gears import GearNetwork
+from models.top_drive import TopDrive
 
-__all__ = ["BitRock", "BlockOnBelt", "Coulomb", "CubicStribeck", "Exponential", "Hyperbolic", "TorsionalChain", "TwoDisks", "wells"]
+__all__ = [
+    "BitRock",
+    "BlockOnBelt",
+    "Coulomb",
+    "CubicStribeck",
+    "Exponential",
+    "GearNetwork",
+    "Hyperbolic",
+    "TopDrive",
+    "TorsionalChain",
+    "TwoDisks",
+    "wells",
+]

@@ -4,8 +4,10 @@ from models import wells
 from models.belt import BlockOnBelt
 from models.disks import TwoDisks
 from models.drill_string import BitRock, TorsionalChain
+from models.flow_line import FlowLine, OutletRCR
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.gears import GearNetwork
+from models.hand_arm import HandArm
 from models.top_drive import TopDrive
 
 __all__ = [
@@ -14,8 +16,11 @@ __all__ = [
     "Coulomb",
     "CubicStribeck",
     "Exponential",
+    "FlowLine",
     "GearNetwork",
+    "HandArm",
     "Hyperbolic",
+    "OutletRCR",
     "TopDrive",
     "TorsionalChain",
     "TwoDisks",

@@ -1,6 +1,7 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
 from models import wells
+from models.bar import OscillatorOnBar
 from models.belt import BlockOnBelt
 from models.disks import TwoDisks
 from models.drill_string import BitRock, TorsionalChain
@@ -20,6 +21,7 @@ __all__ = [
     "GearNetwork",
     "HandArm",
     "Hyperbolic",
+    "OscillatorOnBar",
     "OutletRCR",
     "TopDrive",
     "TorsionalChain",

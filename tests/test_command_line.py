@@ -136,6 +136,7 @@ SHIPPED = {
         "PI that gives way, 100 Hz": "free",
     },
     "hand_held_block": {"no controller": "stick-slip"},
+    "oscillator_on_bar": {"no controller": "stick-slip"},
     "breaking_circulation": {
         "pump at once, 30 l/s": "free",
         "pump in a minute, 30 l/s": "free",

@@ -88,8 +88,8 @@ class SteadyGears:
             d ln T_of / d ln T_to where a torque is imposed,   d ln w_of / d ln w_to where a speed is;   everything else imposed stays
 
         Speeds do not depend on torques, nor torques on the size of speeds, so each is the sensitivity of the power as well; over all
-        imposed torques (speeds) they add up to 1. This reading of Polder's term is ours. Raises SceneError for an unknown shaft, one where
-        nothing is imposed, and one without torque (speed).
+        imposed torques (speeds) they add up to 1. This reading of Polder's term is ours. Raises SceneError for an unknown shaft, and for
+        `of` without torque (speed).
         """
         for name in (of, to):
             _known(name, self.speed)

@@ -26,7 +26,8 @@ class TopDrive(Component):
 
     What is None is not there: a lag is one state, `motor_inertia` (with stiffness and damping of its shaft, seen from the top) two, an efficiency (with an
     idle torque) one contact, a limit one kink. Without `motor_inertia` the first inertia of the string includes that of the motor, as in published
-    sets. The rate limit needs the lag: a limiter without one would be a relay that tracks jumps. Defaults: lags of 5 ms and 2 ms, typical, no source.
+    sets. The rate limit needs the lag: a limiter without one would be a relay that tracks jumps. An ideal sliding mode needs a drive without lags,
+    limits and efficiency, because no motor switches its torque at once. Defaults: lags of 5 ms and 2 ms, typical, no source.
     """
 
     drive_lag: float | None = quantity(0.005, "s", "time constant from command to motor torque", above=0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from controllers import PI, SoftTorque, StiffPI
+from controllers import PI, IdealSlidingMode, SlidingMode, SoftTorque, StiffPI
 from models import BitRock, TopDrive, wells
 from toolbox import Component, Equations, SceneError, compose, energy_audit, linearise, measure, quantity, simulate, state
 
@@ -187,6 +187,14 @@ def test_soft_torque_through_a_real_drive_still_ends_the_stick_slip_that_a_stiff
     soft = simulate(plant, 90.0, controller=SoftTorque(reference=9.95), sample_time=0.01)
     assert stiff.time_in("bit", "stick", after=60.0) > 5.0
     assert soft.time_in("bit", "stick", after=60.0) == 0.0
+
+
+def test_an_ideal_sliding_mode_is_refused_by_a_motor_with_lags_and_one_with_a_boundary_layer_is_not():
+    lagging = compose(wells.JANSEN_2, ROCK, TopDrive())
+    with pytest.raises(SceneError, match="relative degree one"):
+        simulate(lagging, 1.0, controller=IdealSlidingMode())
+    assert simulate(compose(wells.JANSEN_2, ROCK, DIRECT), 1.0, controller=IdealSlidingMode())["top.speed"][-1] > 0
+    assert simulate(lagging, 1.0, controller=SlidingMode(), sample_time=0.01)["top.speed"][-1] > 0
 
 
 def test_a_drive_of_another_name_is_found_by_the_laws_and_two_of_them_are_refused():

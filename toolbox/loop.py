@@ -997,12 +997,17 @@ def advance(w):
         if hit:
             low = 0.0
             size = -1.0
+            turned = False
             for j in range(2 * ng):
                 w.g_low[j] = w.g[j]
             for j in range(ng):
                 if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * _size(w, j):
                     continue
                 rise = _rise(w, h, j)
+                if rise == 0.0 and j >= 2 * ne:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+                    w.side[j] = -w.side[j]
+                    turned = True
+                    break
                 if rise == 0.0:  # it goes the wrong way from its start: decide again here
                     w.ints[LOCATED] = j
                     size = 0.0
@@ -1020,6 +1025,8 @@ def advance(w):
                     low = rise
                     for i in range(2 * ng):
                         w.g_low[i] = w.y[end + i]
+            if turned:
+                continue
             if size < 0.0:
                 size = _locate(w, h, low)
             if size >= 0.0:

@@ -125,6 +125,26 @@ SHIPPED = {
     "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},
     "drag_bit": {"table at 57 rpm": "stick-slip", "table at 240 rpm": "free"},
     "hysteretic_bit": {"constant torque": "stick-slip", "stiff PI": "stick-slip", "soft torque": "free"},
+    "top_drive": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "soft torque": "free",
+        "soft torque, 100 Hz": "free",
+        "sliding mode, 100 Hz": "free",
+    },
+    "planetary_drive": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "PI that gives way": "free",
+        "PI that gives way, 100 Hz": "free",
+    },
+    "hand_held_block": {"no controller": "stick-slip"},
+    "oscillator_on_bar": {"no controller": "stick-slip"},
+    "breaking_circulation": {
+        "pump at once, 30 l/s": "free",
+        "pump in a minute, 30 l/s": "free",
+        "slow strokes, 0.5 l/s": "stick-slip",
+    },
 }
 
 

@@ -93,6 +93,12 @@ class _Composer:
         self.supplies: dict[str, ca.SX] = {}
         self.held: list[ca.SX] = []
         self.updates: list[tuple[Update, int, tuple[str, ...]]] = []
+        self.routes: dict[str, str] = {}
+        for component in components:
+            for name, target in component.routes.items():
+                if name in self.routes:
+                    raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
+                self.routes[name] = target
 
     def system(self) -> HybridSystem:
         for i, component in enumerate(self.components):
@@ -129,10 +135,11 @@ class _Composer:
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
+        routes = self.routes if hasattr(law, "drives") else {}
 
         def renamed(name: str) -> str:
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix else routes.get(name, name)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = [copy.copy(element) for element in originals]
@@ -305,6 +312,7 @@ class _Composer:
             SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, first, update.external)
             for i, (z, (update, first, names)) in enumerate(zip(memories, self.updates, strict=True))
         )
+        system.routes = self.routes
         system.values = np.array(self.defaults, float)
         system.kernels = {}
         system.parts = ()

@@ -66,6 +66,7 @@ class HybridSystem:
     states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
     parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
     owners: {state or element: index of the part that has it};  held: symbols of the signals held by sampled laws;  updates: those laws;
+    routes: {signal that control laws name: what they find in its place};
     kernels: what is computed or compiled once per structure.
     """
 
@@ -89,6 +90,7 @@ class HybridSystem:
     owners: dict[str, int]
     held: ca.SX
     updates: tuple[SampledUpdate, ...]
+    routes: dict[str, str]
     kernels: dict[Any, Any]
 
     def __repr__(self) -> str:

@@ -12,8 +12,6 @@ from scipy.linalg import eigh, expm
 from models import AxialChain, BitRock, TorsionalChain, TorsionalPendulum, wells
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate, sine
 
-pytestmark = pytest.mark.timeout(60)
-
 RIGID = AxialChain(mass=(30_000.0,), stiffness=(), damping=(), hook_load=290_000.0)
 HUNG = AxialChain(mass=(5000.0, 12_000.0, 20_000.0), stiffness=(5e6, 3e6, 4e6), damping=(1e4, 2e4, 0.0))
 LOADED = dataclasses.replace(HUNG, stiffness=(3e6, 4e6), damping=(2e4, 0.0), hook_load=360_000.0)

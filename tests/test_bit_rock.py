@@ -14,8 +14,6 @@ from models import BitRock, Coulomb, Exponential, HystereticBitRock, SmoothBitRo
 from models.hysteretic_bit_rock import acceleration
 from toolbox import SceneError, compose, energy_audit, severity, simulate
 
-pytestmark = pytest.mark.timeout(60)
-
 WEIGHT, RADIUS, INERTIA = 97_347.0, 0.155575, 471.9698
 PUSH = {"top.torque": 10_000.0}
 

@@ -7,8 +7,6 @@ import pytest
 from studies import bit_rock
 from toolbox import energy_audit
 
-pytestmark = pytest.mark.timeout(60)
-
 
 def test_a_drag_bit_loses_a_sixth_of_its_mean_torque_between_slow_turning_and_steady_cutting():
     slow, fast = bit_rock.cycle(6.0), bit_rock.cycle(1.06 * bit_rock.CRITICAL)

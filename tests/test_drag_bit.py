@@ -16,8 +16,6 @@ from models.drag_bit import radau
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
 from toolbox.measure import extent
 
-pytestmark = pytest.mark.timeout(60)
-
 MASS, BIT = 34_000.0, DragBit()
 FORWARD = {"bit": "slip+", "bit.axial": "slip+"}
 FLAT = BIT.flat_length * BIT.radius * BIT.flat_stress  # l a sigma

@@ -13,8 +13,6 @@ from models import AxialChain, BitRock, Coulomb, ElasticRock, HystereticBitRock,
 from toolbox import SceneError, compose, energy_audit, equilibrium, simulate, sine, time
 from toolbox.measure import extent
 
-pytestmark = pytest.mark.timeout(60)
-
 MASS, WEIGHT = 34_000.0, 60_000.0
 STRING = AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - WEIGHT)
 ROCK = ElasticRock(stiffness=5e7, damping=0.0)

@@ -27,7 +27,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE,
- BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(26)  # fmt: skip
+ BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, INTS) = range(27)  # fmt: skip
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
@@ -524,9 +524,14 @@ def _error(w, h):
     base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
-    share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    portion = h
+    if w.ints[IMPLICIT] == 1:
+        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+            size = max(size, 1e-4 * w.group_scale[w.group[i]])
         tol = 1.0 / (share * size + w.noise[i] * h)
         e = w.y[base + i] * tol
         sum1 += e * e
@@ -961,7 +966,11 @@ def advance(w):
             w.reals[LAST_EVENT] = t_new
             if not _fire(w, t_new):
                 return INCONSISTENT
-            _first_step(w)
+            if w.ints[IMPLICIT] == 1:
+                w.reals[STEP_OLD] = 0.0
+                _round_off(w)
+            else:
+                _first_step(w)
             if every_node:
                 _record(w, t_new, w.x)
 

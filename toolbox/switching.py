@@ -32,6 +32,7 @@ class Switching:
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
     modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
     elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel.
+    open_field, balance: where forces hold each other, dx/dt with forces as symbols, and what these forces make zero; else empty.
     """
 
     field: ca.SX
@@ -44,6 +45,8 @@ class Switching:
     projected: ca.SX
     gain: ca.SX
     burden: ca.SX
+    open_field: ca.SX
+    balance: ca.SX
 
 
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
@@ -81,11 +84,15 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     sticks = 1 - mode * mode
     slides = mode * mode
     matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
+    open_field = balance = ca.SX(0, 1)
     if matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)
         solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
     else:
-        solved = masked_solve(matrix, -(sticks * free_rate + mode * free_load * free_sliding))
+        right = -(sticks * free_rate + mode * free_load * free_sliding)
+        solved = masked_solve(matrix, right)
+        open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
+        balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
@@ -100,7 +107,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
     burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
-    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden)
+    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, open_field, balance)
 
 
 def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, x: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:

@@ -23,8 +23,8 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
-from toolbox.rosenbrock import RODAS5P
-from toolbox.runge_kutta import DOP853, DOPRI5
+from toolbox.rosenbrock import RODAS5P, Rosenbrock
+from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
 from toolbox.trajectory import Trajectory, output_function
 
@@ -32,6 +32,7 @@ MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
 
 METHODS = ("event", "explicit", "stiff")
+"""How a run may step."""
 
 
 @dataclass
@@ -70,9 +71,9 @@ def simulate(
     start: {state or signal that is a state: value}, all else 0.  inputs: {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi
     expression of `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared
     values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without
-    `sample_time` [s] a Controller acts continuously.  method: "event" locates every switch as an event and steps by an explicit method, or by a linearly implicit
-    one where that is cheaper (see `toolbox.stiffness`); "explicit" and "stiff" prescribe one of the two.  accuracy: target for the global error, states
-    scaled by their size.
+    `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a linearly implicit one where that is
+    cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff" prescribe one of the two. Both locate every
+    switch as an event.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
@@ -251,7 +252,7 @@ def _undecided(run: Run) -> bool:
 
 def _run(run: Run) -> Trajectory:
     system = run.system
-    pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    pair: Pair | Rosenbrock = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
     if run.method == "stiff":
@@ -264,8 +265,10 @@ def _run(run: Run) -> Trajectory:
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
     look = progress(loop, work)
+    following = FIRST_LOOK if _undecided(run) else MAX_STEPS
     try:
         while True:
+            work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
             status = loop.advance(work)
             if status == loop.DONE:
                 return _sound(_trajectory(loop, run, program, work, began, answers), program)
@@ -274,11 +277,11 @@ def _run(run: Run) -> Trajectory:
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
-                if _undecided(run):
+                if progress(loop, work)[1] >= following:
                     if pays(loop, run, program, work, look):
                         return _run(dataclasses.replace(run, method="stiff"))
                     look = progress(loop, work)
-                    work.ints[loop.BUDGET] = min(look[1], 200_000)
+                    following = 2 * look[1]
                 if bar is None and clock.perf_counter() - began > 1.0:
                     from tqdm import tqdm
 
@@ -354,7 +357,6 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.COUPLED] = machine.coupled
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
-    ints[loop.BUDGET] = FIRST_LOOK if _undecided(run) else 200_000
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.END] = run.duration

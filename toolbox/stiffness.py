@@ -3,7 +3,7 @@
 The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then after twice as many again and again,
 
     1. the explicit method needs at least 30 000 steps more for the rest of the run (else compiling another step does not pay);
-    2. its mean step is longer than 1/rho, rho the spectral radius of df/dx (else accuracy asks for these steps, and any method needs them);
+    2. its mean step is longer than 0.25/rho, rho the spectral radius of df/dx (else accuracy asks for these steps, and any method needs them);
     3. in a trial of 100 steps from the same point the stiff method needs at most half the instructions per simulated second.
 
 The run then begins anew with the stiff method.
@@ -25,6 +25,9 @@ FIRST_LOOK = 1_000
 
 WORTH = 30_000
 """Remaining steps below which it is left alone."""
+
+NEAR = 0.25
+"""Mean step, in units of 1/rho, below which stability does not limit it (events cut some steps short; the limit itself is 3 to 6)."""
 
 TRIAL = 100
 """Steps of the trial."""
@@ -61,7 +64,7 @@ def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, i
     left = run.duration - float(work.reals[loop.TIME])
     if t <= 0.0 or left / t * steps < WORTH:
         return False
-    if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < 1.0:
+    if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < NEAR:
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))

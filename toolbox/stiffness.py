@@ -12,7 +12,6 @@ The run then begins anew with the stiff method.
 from __future__ import annotations
 
 import ctypes
-import dataclasses
 from typing import Any
 
 import numpy as np

@@ -116,7 +116,10 @@ def table(case: Case) -> None:
             if (method, target) in best:
                 cost, error, accuracy, chosen = best[method, target]
                 ratio = best["explicit", target][0] / cost
-                print(f"  error <= {target:<6g} {method:<9}{chosen:<9}{cost:8.3f} s   error {error:.1e} asked {accuracy:<6g} ratio {ratio:6.1f}", flush=True)
+                print(
+                    f"  error <= {target:<6g} {method:<9}{chosen:<9}{cost:8.3f} s   error {error:.1e} asked {accuracy:<6g} ratio {ratio:6.1f}",
+                    flush=True,
+                )
 
 
 def growth() -> None:

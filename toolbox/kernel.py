@@ -198,8 +198,9 @@ def _implicit_step(
     factor, solve = linear
     forced = ca.depends_on(field(*(symbols := field.sx_in())), symbols[0])
     prepare = Body()
-    arguments = [["%t"], *([prepare.load(pointer, j) for j in range(factor.numel_in(i))] for i, pointer in ((1, "%x"), (2, "%p"), (3, "%m"))), ["%h"]]
-    (values,) = inline(prepare, factor, arguments)
+    pointers = enumerate(("%x", "%p", "%m"), 1)
+    arguments = [[prepare.load(pointer, j) for j in range(factor.numel_in(i))] for i, pointer in pointers]
+    (values,) = inline(prepare, factor, [["%t"], *arguments, ["%h"]])
     for i, value in enumerate(values):
         prepare.store(value, "%y", i)
     back = Body()

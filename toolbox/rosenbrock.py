@@ -111,10 +111,11 @@ def factors(jacobian: ca.SX, diagonal: ca.SX, extra: int = 0) -> tuple[ca.SX, ca
         for j in row:
             if j < i:
                 below[j].add(i)
-    inverses = []
+    places = []
     for k in range(size):
         inverse = 1 / rows[k][k]
-        inverses.append(kept(inverse))
+        places.append(len(values))
+        kept(inverse)
         for i in sorted(below[k]):
             factor = rows[i].pop(k) * inverse
             reduced[i] = reduced[i] - kept(factor) * reduced[k]
@@ -125,7 +126,8 @@ def factors(jacobian: ca.SX, diagonal: ca.SX, extra: int = 0) -> tuple[ca.SX, ca
                     rows[i][j] = rows[i].get(j, 0) - factor * entry
     solution: list[ca.SX] = [ca.SX(0)] * size
     for i in reversed(range(size)):
-        known = sum((kept(entry) * solution[j] for j, entry in sorted(rows[i].items()) if j > i), ca.SX(0))
-        solution[i] = (reduced[i] - known) * inverses[i]
+        # scaled rows leave one operation between neighbours of a chain, which wait for each other
+        known = sum((kept(entry * values[places[i]]) * solution[j] for j, entry in sorted(rows[i].items()) if j > i), ca.SX(0))
+        solution[i] = reduced[i] * symbols[places[i]] - known
     answer = ca.vertcat(*[solution[place[i]] for i in range(n)])
     return ca.vertcat(*values), ca.Function("solve", [ca.vertcat(*symbols), right], [answer])

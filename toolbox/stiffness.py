@@ -2,7 +2,7 @@
 
 The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then after twice as many again and again,
 
-    1. the explicit method needs at least 30 000 steps more for the rest of the run (else compiling another step does not pay);
+    1. the explicit method needs at least 3e8 instructions for the rest of the run, about 0.1 s (else compiling another step does not pay);
     2. its mean step is longer than 0.25/rho, rho the spectral radius of df/dx (else accuracy asks for these steps, and any method needs them);
     3. in a trial of 100 steps from the same point the stiff method needs at most half the instructions per simulated second.
 
@@ -22,8 +22,8 @@ from toolbox.rosenbrock import RODAS5P
 FIRST_LOOK = 1_000
 """Steps after which a run is looked at first."""
 
-WORTH = 30_000
-"""Remaining steps below which it is left alone."""
+WORTH = 3e8
+"""Remaining instructions below which it is left alone."""
 
 NEAR = 0.25
 """Mean step, in units of 1/rho, below which stability does not limit it (events cut some steps short; the limit itself is 3 to 6)."""
@@ -61,7 +61,7 @@ def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, i
     """
     t, steps, events = (now - then for now, then in zip(progress(loop, work), since, strict=True))
     left = run.duration - float(work.reals[loop.TIME])
-    if t <= 0.0 or left / t * steps < WORTH:
+    if t <= 0.0 or left / t * steps * program.machine.cost < WORTH:
         return False
     if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < NEAR:
         return False

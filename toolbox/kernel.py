@@ -174,18 +174,17 @@ def _internal(body: Body, inner: dict[str, Body]) -> str:
     return "\n".join(function_text(name, function).replace("define void", "define internal void") for name, function in inner.items())
 
 
-def _factor(
-    method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching
-) -> tuple[ca.Function, ca.Function]:
+def _factor(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.Function, ca.Function]:
     """Functions (t, x, p, m, h) -> [df/dt | factors of the matrix of a step] and (factors, right side) -> solution.
 
     Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
     """
     h = ca.SX.sym("h")
-    unknowns, rates = (x, form.field) if not form.balance.numel() else (ca.vertcat(x, force), ca.vertcat(form.open_field, form.balance))
-    jacobian = ca.jacobian(rates, unknowns)
     if form.balance.numel():
+        jacobian = ca.jacobian(ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force))
         jacobian = ca.substitute(jacobian, force, form.force)
+    else:
+        jacobian = ca.jacobian(form.field, x)
     values, solve = factors(jacobian, 1 / (method.gamma * h), form.balance.numel())
     drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
     return ca.Function("factor", [t, x, p, m, h], [ca.vertcat(drift, values)]), solve
@@ -236,9 +235,7 @@ def _implicit_step(
     return body, text
 
 
-def _loop(
-    body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str], scale: str = "%h"
-) -> None:
+def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str], scale: str = "%h") -> None:
     """target[i] = base[i] + scale * sum(factor * source[i]) for all i, left to LLVM to vectorise."""
     label = f"l{body.count}"
     body.lines += [f"  br label %{label}a", f"{label}a:", f"  br label %{label}", f"{label}:"]

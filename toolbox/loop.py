@@ -516,7 +516,8 @@ def _next_stop(w):
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
-    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. Hidden forces
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. A step of an
+    implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
     count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
     hidden = w.excited.size
@@ -966,7 +967,7 @@ def advance(w):
             w.reals[LAST_EVENT] = t_new
             if not _fire(w, t_new):
                 return INCONSISTENT
-            if w.ints[IMPLICIT] == 1:
+            if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
                 w.reals[STEP_OLD] = 0.0
                 _round_off(w)
             else:

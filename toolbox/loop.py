@@ -26,7 +26,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(27)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, INTS) = range(28)  # fmt: skip
 
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
 FRICTION, RIGID, SWITCH = range(3)
@@ -536,7 +536,8 @@ def _next_stop(w):
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
-    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. Hidden forces
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. A step of an
+    implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
     count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
     hidden = w.excited.size
@@ -544,9 +545,14 @@ def _error(w, h):
     base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
-    share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    portion = h
+    if w.ints[IMPLICIT] == 1:
+        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+            size = max(size, 1e-4 * w.group_scale[w.group[i]])
         tol = 1.0 / (share * size + w.noise[i] * h)
         e = w.y[base + i] * tol
         sum1 += e * e
@@ -1104,7 +1110,11 @@ def advance(w):
             w.reals[LAST_EVENT] = t_new
             if not _fire(w, t_new):
                 return INCONSISTENT
-            _first_step(w)
+            if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
+                w.reals[STEP_OLD] = 0.0
+                _round_off(w)
+            else:
+                _first_step(w)
             if every_node:
                 _record(w, t_new, w.x)
 

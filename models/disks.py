@@ -5,7 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+
+
+def uniform_wear_radius(inner: float, outer: float) -> float:
+    """Effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
+
+    Torque = mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    """
+    _check_annulus(inner, outer)
+    return (outer + inner) / 2
+
+
+def uniform_pressure_radius(inner: float, outer: float) -> float:
+    """Effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
+
+    Torque = mu N R; never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    """
+    _check_annulus(inner, outer)
+    return 2 / 3 * (outer**2 + outer * inner + inner**2) / (outer + inner)  # free of cancellation for a thin ring
+
+
+def _check_annulus(inner: float, outer: float) -> None:
+    if not inner >= 0:
+        raise SceneError(f"Argument `inner` must be >= 0 m, but it is {inner!r}.")
+    if not inner < outer < float("inf"):
+        raise SceneError(f"Argument `outer` must be > {inner:g} m, but it is {outer!r}.")
 
 
 @dataclass(frozen=True)

@@ -182,10 +182,11 @@ def driven(stiffness: float, damping: float, z: float) -> float:
 
 
 # ----------------------------------------------------------------------------------------------------------------------------------------- stack
-def stack_stop(stack: DiskStack | None = None, speed: float = 3.0, clamping: float = 0.05, accuracy: float = 1e-8) -> Trajectory:
+def stack_stop(stack: DiskStack | None = None, speed: float = 3.0, clamping: float = 0.05, accuracy: float = 1e-10) -> Trajectory:
     """Stop of a stack from a wheel speed [rad/s] > 0: its actuator force rises from a twentieth to all of it in `clamping` seconds.
 
-    Closed faces from the start: with no force on them at all, bounds and gaps would begin at zero together.
+    Closed faces from the start: with no force on them at all, bounds and gaps would begin at zero together. The steady slip before stick-slip multiplies errors
+    a million times, so that single cycles need an accuracy of 1e-10.
     """
     stack = stack or DiskStack()
     turning = np.where(np.arange(2 * stack.rotors + 1) % 2 == 1, speed, 0.0)
@@ -237,7 +238,9 @@ def draw_stops(stops: dict[float, Stop]) -> Any:
             panels[0, 1].axvspan(begin, end, facecolor=plot.BAND, edgecolor="0.6", linewidth=0.5, zorder=0)
         starts = [cycle.start for cycle in shown.cycles]
         panels[1, 0].plot(starts, [1e3 * cycle.stick for cycle in shown.cycles], "o", markersize=3, color="black", label="stick")
-        panels[1, 0].plot(starts, [1e3 * cycle.slip for cycle in shown.cycles], "o", markersize=3, markerfacecolor="white", color="black", label="slip")
+        panels[1, 0].plot(
+            starts, [1e3 * cycle.slip for cycle in shown.cycles], "o", markersize=3, markerfacecolor="white", color="black", label="slip"
+        )
         panels[1, 0].set(xlabel="start of the cycle [s]", ylabel="duration [ms]")
         panels[1, 0].legend(frameon=False)
         for style, (speed, stop) in zip(plot.LINES, stops.items(), strict=False):
@@ -267,7 +270,12 @@ def draw_critical(ratios: np.ndarray, computed: np.ndarray, loads: np.ndarray, d
         fine = np.linspace(ratios[0], ratios[-1], 200)
         left.plot(fine, [critical_drop(zeta) for zeta in fine], label="theory", **plot.LINES[0])
         left.plot(ratios, computed, "o", markersize=4, markerfacecolor="white", color="black", label="bisection of runs")
-        left.set(xlabel="damping ratio of the stator", ylabel=r"drop of friction $(T_s - T_k)\,\omega_n / (k\,\Omega)$", xlim=(0, None), ylim=(0, 8))
+        left.set(
+            xlabel="damping ratio of the stator",
+            ylabel=r"drop of friction $(T_s - T_k)\,\omega_n / (k\,\Omega)$",
+            xlim=(0, None),
+            ylim=(0, 8),
+        )
         left.fill_between(fine, [critical_drop(zeta) for zeta in fine], 8.0, color=plot.BAND, zorder=0)
         left.text(0.3, 0.85, "stick-slip", transform=left.transAxes, ha="center")
         left.text(0.75, 0.15, "none", transform=left.transAxes, ha="center")
@@ -379,7 +387,9 @@ def main() -> None:
     draw_critical(ratios, computed, loads, dampings).savefig(folder / "two_disks_critical.png")
 
     run = stack_stop()
-    print("\nStack of eight rotors, stop from 3 rad/s; " + ", ".join(f"{name} {b:.3f} to {e:.3f} s" for name, (b, e) in phases(run).items()))
+    print(
+        "\nStack of eight rotors, stop from 3 rad/s; " + ", ".join(f"{name} {b:.3f} to {e:.3f} s" for name, (b, e) in phases(run).items())
+    )
     print("  interface  cycles    slip [ms] early, late   stick [ms] early, late   final stick at [s]")
     for i in range(16):
         found = measure.cycles(run, f"stack.{i}", after=phases(run)["stick-slip"][0], until=rest_of(run))
@@ -387,7 +397,9 @@ def main() -> None:
         slip, stick = (1e3 * np.array([getattr(cycle, what) for cycle in found]) for what in ("slip", "stick"))
         print(f"{i:9d}{len(found):9d}{np.median(slip[:n]):14.2f}{np.median(slip[-n:]):9.2f}{np.median(stick[:n]):16.2f}{np.median(stick[-n:]):9.2f}"
               f"{found[-1].start + found[-1].period:21.3f}")  # fmt: skip
-    print(f"  error {run.error:.0e}, load {run['stack.load'].min():.0f} to {run['stack.load'].max():.0f} N, {len(run.events)} events, {run.wall_time:.2f} s")
+    print(
+        f"  error {run.error:.0e}, load {run['stack.load'].min():.0f} to {run['stack.load'].max():.0f} N, {len(run.events)} events, {run.wall_time:.2f} s"
+    )
     draw_stack(run, DiskStack()).savefig(folder / "disk_stack.png")
     scaling()
 
@@ -400,7 +412,11 @@ def scaling() -> None:
     for rotors in (1, 2, 4, 8, 16, 32):
         stack = DiskStack(rotors=rotors)
         n = 2 * rotors + 1
-        start = {"stack.wheel_speed": 2.0, "stack.speed": np.where(np.arange(n) % 2 == 1, 2.0, 0.0), "stack.position": stack.clamped(1000.0)}
+        start = {
+            "stack.wheel_speed": 2.0,
+            "stack.speed": np.where(np.arange(n) % 2 == 1, 2.0, 0.0),
+            "stack.position": stack.clamped(1000.0),
+        }
         began = time.perf_counter()
         plant = compose(stack)
         simulate(plant, 1e-6, start=start)

@@ -122,6 +122,8 @@ SHIPPED = {
         "ideal sliding mode": "free",
     },
     "block_on_belt": {"no controller": "stick-slip"},
+    "two_disks": {"no controller": "stick-slip"},
+    "disk_stack": {"no controller": "stick-slip"},
 }
 
 

@@ -59,7 +59,9 @@ def test_the_axial_motion_of_a_closed_stack_is_that_of_a_chain_of_springs():
 def test_faces_that_part_carry_nothing_and_lose_no_energy():
     # the actuator lets go: the stack springs back, its faces part and meet again
     stack = DiskStack(rotors=1, axial_damping=0.0)
-    run = simulate(compose(stack), 0.05, start={"stack.position": stack.clamped(1000.0)}, inputs={"stack.actuator_force": 0.0}, accuracy=1e-10)
+    run = simulate(
+        compose(stack), 0.05, start={"stack.position": stack.clamped(1000.0)}, inputs={"stack.actuator_force": 0.0}, accuracy=1e-10
+    )
     load = run["stack.load"]
     assert load.min() == 0.0 and (load == 0.0).sum() > 10 and load.max() > 100.0
     audit = energy_audit(run)
@@ -128,7 +130,7 @@ def test_stuck_interfaces_have_exactly_no_slip():
 def test_in_a_stop_slips_keep_their_duration_while_sticks_grow_until_the_last():
     run = study.stack_stop()
     begin = study.phases(run)["stick-slip"][0]
-    # single cycles are not computable after so long a steady slip (see `run.error`); what all interfaces do together is
+    assert run.error < 1e-2
     early, late = [], []
     for i in range(16):
         found = measure.cycles(run, f"stack.{i}", after=begin, until=study.rest_of(run))

@@ -2,7 +2,7 @@
 
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.compose import compose
-from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
+from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
@@ -22,12 +22,14 @@ __all__ = [
     "Event",
     "FrictionLaw",
     "HybridSystem",
+    "Hysteresis",
     "Relay",
     "Sampled",
     "Scene",
     "SceneError",
     "SimulationError",
     "Trajectory",
+    "UnilateralContact",
     "Update",
     "ZenoError",
     "compose",

@@ -36,6 +36,12 @@ TONES: dict[str, dict[str, Any]] = {
     "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
     "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
     "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
+    "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "open": {"facecolor": "0.94", "edgecolor": "0.94"},
+    "high": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "low": {"facecolor": "0.90", "edgecolor": "0.90"},
+    "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "below": {"facecolor": "0.90", "edgecolor": "0.90"},
 }
 BAND = "0.90"
 MANY_EVENTS = 60

@@ -4,7 +4,7 @@ from models import wells
 from models.belt import BlockOnBelt
 from models.bristle_contact import BristleContact, parabolic_shares
 from models.disk_stack import DiskStack
-from models.disks import TwoDisks, uniform_pressure_radius, uniform_wear_radius
+from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius
 from models.drill_string import BitRock, TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.sliders import InclinedSlider, PlateContact, Slider
@@ -20,6 +20,7 @@ __all__ = [
     "Hyperbolic",
     "InclinedSlider",
     "PlateContact",
+    "PressedDisks",
     "Slider",
     "TorsionalChain",
     "TwoDisks",

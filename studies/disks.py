@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from models import Coulomb, DiskStack, TwoDisks
+from models import Coulomb, DiskStack, PressedDisks, TwoDisks
 from toolbox import SceneError, compose, measure, plot, ramp, simulate
 from toolbox.measure import Cycle
 from toolbox.trajectory import Trajectory
@@ -124,6 +124,16 @@ def stop_of(disks: TwoDisks, speed: float, accuracy: float = 1e-9) -> Stop:
     kinetic = disks.friction.kinetic  # type: ignore[attr-defined]
     duration = 1.3 * disks.rotor_inertia * speed / (kinetic * disks.normal_force * disks.radius)
     run = simulate(compose(disks), duration, start={"disks.rotor_speed": speed}, accuracy=accuracy)
+    return report(run, "disks", "disks.rotor_speed", 2 * math.pi / math.sqrt(disks.stiffness / disks.stator_inertia))
+
+
+def pressed_stop(speed: float, accuracy: float = 1e-9) -> Stop:
+    """Stop of two disks from a rotor speed [rad/s] > 0 by an actuator that closes their gap and rises to its full force in 50 ms."""
+    disks = PressedDisks()
+    force = ramp(0.0, disks.actuator_force, 0.0, 0.05)
+    run = simulate(
+        compose(disks), 0.2 + 0.17 * speed, start={"disks.rotor_speed": speed}, inputs={"disks.actuator_force": force}, accuracy=accuracy
+    )
     return report(run, "disks", "disks.rotor_speed", 2 * math.pi / math.sqrt(disks.stiffness / disks.stator_inertia))
 
 
@@ -261,6 +271,39 @@ def _speeds(panel: Any, run: Trajectory, times: np.ndarray) -> None:
     panel.legend(loc="lower right", framealpha=1.0, edgecolor="none")
 
 
+def draw_pressed(stops: dict[float, Stop]) -> Any:
+    """Disks across a gap: normal force and closure while they meet, and the period of every cycle of all stops over that of the stator."""
+    import matplotlib.pyplot as plt
+
+    run = next(iter(stops.values())).run
+    with plt.rc_context(plot.PAPER):
+        figure = plt.figure(figsize=(7.6, 3.4), layout="constrained")
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0))
+        closure, force, periods = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[:, 1])
+        times = np.linspace(0, 0.06, 6000)
+        samples = run.at(times)
+        closure.plot(1e3 * times, 1e6 * samples["disks.faces.closure"], **plot.LINES[0])
+        closure.set(ylabel=r"closure [$\mu$m]", xlim=(0, 60), ylim=(-520, 150))
+        closure.tick_params(labelbottom=False)
+        force.plot(1e3 * times, samples["disks.actuator_force"], label="actuator", **plot.LINES[1])
+        force.plot(1e3 * times, samples["disks.normal_force"], label="faces", **plot.LINES[0])
+        force.set(xlabel="time [ms]", ylabel="force [N]", xlim=(0, 60))
+        force.legend(frameon=False, loc="lower right")
+        for begin, end, mode in run.intervals("disks.faces"):
+            if mode == "closed":
+                for panel in (closure, force):
+                    panel.axvspan(1e3 * begin, min(1e3 * end, 60), color=plot.BAND, zorder=0)
+        for style, (speed, stop) in zip(plot.LINES, stops.items(), strict=False):
+            end = stop.cycles[-1].start + stop.cycles[-1].period
+            periods.plot([cycle.start - end for cycle in stop.cycles], stop.ratios, "o-", markersize=3, label=f"from {speed:g} rad/s",
+                         color=style["color"], linewidth=1.0)  # fmt: skip
+        for ratio in (1.0, 3.0):
+            periods.axhline(ratio, color="0.7", linewidth=0.6, zorder=0)
+        periods.set(xlabel="time before the last release [s]", ylabel="period / period of the stator", ylim=(0.8, None))
+        periods.legend(frameon=False, loc="upper left")
+    return figure
+
+
 def draw_critical(ratios: np.ndarray, computed: np.ndarray, loads: np.ndarray, dampings: np.ndarray) -> Any:
     """Critical curves: of the driven rotor against theory, and of the braking stop in the plane of normal force and damping."""
     import matplotlib.pyplot as plt
@@ -372,6 +415,13 @@ def main() -> None:
         print(f"{name:24}{speed:13g}{len(stop.cycles):8d}{stop.onset:7.2f}{stop.termination:13.2f}{stop.run.error:9.0e}")
     low, high = last_period_range(20.0, 0.02, 0.4, 0.3)
     print(f"last cycle by theory for Coulomb friction 0.4 / 0.3, no damping: {low:.2f} to {high:.2f}")
+
+    print("\nDisks pressed together across a gap: from [rad/s], cycles, onset, termination, error, opens again at [s]")
+    pressed = {speed: pressed_stop(speed) for speed in (3.0, 5.0, 8.0, 10.0)}
+    for speed, stop in pressed.items():
+        opens = [f"{event.time:.5f}" for event in stop.run.events if event.after == "open"]
+        print(f"{speed:6g}{len(stop.cycles):6d}{stop.onset:8.2f}{stop.termination:8.2f}{stop.run.error:9.0e}  {', '.join(opens)}")
+    draw_pressed(pressed).savefig(folder / "pressed_disks.png")
 
     ratios = np.linspace(0.02, 0.4, 9)
     inertia, stiffness = 0.02, 2000.0

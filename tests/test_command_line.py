@@ -123,6 +123,7 @@ SHIPPED = {
     },
     "block_on_belt": {"no controller": "stick-slip"},
     "two_disks": {"no controller": "stick-slip"},
+    "pressed_disks": {"no controller": "stick-slip"},
     "disk_stack": {"no controller": "stick-slip"},
     "slider_on_plate": {"no controller": "free"},
     "slider_on_incline": {"no controller": "free"},

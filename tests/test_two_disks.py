@@ -222,7 +222,10 @@ def test_the_effective_radius_of_an_annulus_is_the_mean_radius_of_its_torque():
 
 
 @pytest.mark.parametrize("radius", [uniform_pressure_radius, uniform_wear_radius])
-@pytest.mark.parametrize(("inner", "outer", "word"), [(-0.1, 0.2, "inner"), (0.2, 0.2, "outer"), (0.2, math.nan, "outer"), (math.nan, 0.2, "inner"), (0.1, math.inf, "outer")])
+@pytest.mark.parametrize(
+    ("inner", "outer", "word"),
+    [(-0.1, 0.2, "inner"), (0.2, 0.2, "outer"), (0.2, math.nan, "outer"), (math.nan, 0.2, "inner"), (0.1, math.inf, "outer")],
+)
 def test_an_annulus_that_is_none_is_refused(radius, inner, outer, word):
     with pytest.raises(SceneError, match=word):
         radius(inner, outer)

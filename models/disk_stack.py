@@ -21,10 +21,10 @@ class DiskStack(Component):
         stator   J_s w_j' = -T_(j-1) - T_j - k_s a_j - c_s a_j' ,  a_j' = w_j
         wheel    I w_wheel' = T + sum over rotors (k_r a_j + c_r a_j')
         T_i      friction torque of interface i, N_i R mu against rotor speed - stator speed
-        axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, k_c (z_i - z_(i+1)))
-                 N_(-1) = F_a (actuator),  N_2n = k_b z_2n (back plate)
+        axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, F_0 + k_c (z_i - z_(i+1)))
+                 N_(-1) = F_a (actuator),  N_2n = F_0 + k_b z_2n (back plate)
 
-    Faces part and meet again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
+    z_j is counted from where the disk rests under F_0, the field `actuator_force`: a start from zero is a closed stack. Faces part and meet again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
     Friction does not act back on the axial motion, and nothing but inertia makes the loads of the interfaces differ.
 
     Signals: needs `stack.torque` T [N m] (0) and `stack.actuator_force` F_a [N] (the field); gives `stack.brake_torque` [N m], the torque
@@ -73,7 +73,9 @@ class DiskStack(Component):
         stiffness = per_disk(self.rotor_stiffness, self.stator_stiffness)
         damping = per_disk(self.rotor_damping, self.stator_damping)
 
-        load = ca.fmax(0, self.contact_stiffness * (z[:-1] - z[1:]))
+        # loads less F_0, whose round-off would shake the disks that nothing has reached yet
+        growth = ca.fmax(-self.actuator_force, self.contact_stiffness * (z[:-1] - z[1:]))
+        load = self.actuator_force + growth
         ahead = ca.DM([1.0 if turns else -1.0 for turns in rotor[:-1]])  # 1 where the disk before the interface is the rotor
         slip = ahead * (speed[:-1] - speed[1:])
         contacts = [
@@ -91,7 +93,7 @@ class DiskStack(Component):
                 speed: (ca.vertcat(friction, 0) - ca.vertcat(0, friction) - mount) / inertia,
                 wheel: (torque - brake) / self.wheel_inertia,
                 z: v,
-                v: (ca.vertcat(actuator, load) - ca.vertcat(load, behind) - self.axial_damping * v) / mass,
+                v: (ca.vertcat(actuator - self.actuator_force, growth) - ca.vertcat(growth, behind) - self.axial_damping * v) / mass,
             },
             gives={"stack.brake_torque": (brake, "N m"), "stack.load": (load, "N")},
             elements=contacts,
@@ -100,7 +102,7 @@ class DiskStack(Component):
             + ca.dot(stiffness, twist**2) / 2
             + ca.dot(mass, v**2) / 2
             + ca.sumsqr(load) / (2 * self.contact_stiffness)
-            + self.back_stiffness * z[-1] ** 2 / 2,
+            + (self.actuator_force + behind) ** 2 / (2 * self.back_stiffness),
             losses={
                 "friction": sum(-contact.force * slip[i] for i, contact in enumerate(contacts)),
                 "mounts": ca.dot(damping, twist_rate**2),
@@ -110,14 +112,15 @@ class DiskStack(Component):
         )
 
     def clamped(self, force: float) -> np.ndarray:
-        """Axial positions [m], shape (2n+1,), at rest under an actuator force [N] >= 0: a start without axial motion.
+        """Axial positions z [m], shape (2n+1,), at rest under another actuator force [N] > 0: a start without axial motion.
 
-        Each of the springs in a row carries the force: z_j = force (1 / k_b + (2n - j) / k_c).
+        Each of the springs in a row carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c). Raises SceneError unless force > 0: faces that
+        just touch would begin with bounds and gaps of nothing.
         """
-        if not force >= 0:
-            raise SceneError(f"Argument `force` must be >= 0 N, but it is {force!r}.")
+        if not 0 < force < float("inf"):
+            raise SceneError(f"Argument `force` must be > 0 N, but it is {force!r}.")
         behind = np.arange(2 * self.rotors, -1, -1)
-        return force * (1 / self.back_stiffness + behind / self.contact_stiffness)
+        return (force - self.actuator_force) * (1 / self.back_stiffness + behind / self.contact_stiffness)
 
     def axial_frequencies(self) -> np.ndarray:
         """Natural frequencies of the closed stack in axial direction [rad/s], shape (2n+1,), ascending; damping is left out."""

@@ -41,7 +41,8 @@ class TwoDisks(Component):
 
     Signals: needs `disks.torque` T [N m] (0) and `disks.normal_force` N [N] (the field). Contact: `disks`. A reconstruction: only the
     abstract of J. A. Larsson and K. Farhang (2016) is public; equations and the defaults (a stop from `disks.rotor_speed` = 2 rad/s) are chosen to
-    show what it reports. At much higher initial speed the motion of the stator dies to round-off before its damping turns negative.
+    show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every cycle is computable; from
+    6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
     """
 
     rotor_inertia: float = quantity(20.0, "kg m2", "inertia of the rotor", above=0)

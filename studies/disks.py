@@ -1,4 +1,4 @@
-"""What happens in the last second of a stop? Stick-slip of two disks and of a stack, from a reconstruction after Larsson and Farhang (2016).
+"""What happens in the last second of a stop? Stick-slip of two disks, from a reconstruction after Larsson and Farhang (2016).
 
     python -m studies.disks [FOLDER]            (default studies/figures)
 
@@ -21,15 +21,15 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from models import Coulomb, DiskStack, PressedDisks, TwoDisks
-from toolbox import SceneError, compose, measure, plot, ramp, simulate
+from models import Coulomb, PressedDisks, TwoDisks
+from studies.critical_curve import critical_curve
+from toolbox import compose, measure, plot, ramp, simulate
 from toolbox.measure import Cycle
 from toolbox.trajectory import Trajectory
 
@@ -111,12 +111,15 @@ class Stop:
         return "\n".join(lines)
 
 
+def rest_of(run: Trajectory, speed: str) -> float:
+    """First time [s] at which a speed is no longer positive; the end of the run if it stays positive."""
+    stopped = np.flatnonzero(run.nodes[speed] <= 0)
+    return float(run.nodes.time[stopped[0]]) if stopped.size else run.end
+
+
 def report(run: Trajectory, element: str, speed: str, component_period: float) -> Stop:
     """The cycles of an element up to the first rest of `speed` [rad/s], compared with the period of the highest component frequency [s]."""
-    nodes = run.nodes
-    rest = np.flatnonzero(nodes[speed] <= 0)
-    until = float(nodes.time[rest[0]]) if rest.size and nodes.time[rest[0]] > 0 else None
-    return Stop(run, measure.cycles(run, element, until=until), component_period)
+    return Stop(run, measure.cycles(run, element, until=rest_of(run, speed)), component_period)
 
 
 def stop_of(disks: TwoDisks, speed: float, accuracy: float = 1e-9) -> Stop:
@@ -138,46 +141,6 @@ def pressed_stop(speed: float, accuracy: float = 1e-9) -> Stop:
 
 
 # ------------------------------------------------------------------------------------------------------------------------------- critical curves
-def critical_curve(
-    decide: Callable[[float, float], float], along: Sequence[float], between: tuple[float, float], tolerance: float = 1e-4
-) -> np.ndarray:
-    """y at which `decide(x, y)` changes sign, for every x in `along`; nan where it does not change between the bounds. Shape (len(along),).
-
-    decide: > 0 with stick-slip, <= 0 without; any two numbers of any machine.  between: bounds of y, both > 0.  tolerance: of log y. The edge is followed:
-    each search starts around the last one and widens, then scipy bisects. Raises SceneError for bounds that are not 0 < low < high.
-    """
-    from scipy.optimize import bisect
-
-    low, high = between
-    if not 0 < low < high:
-        raise SceneError(f"Argument `between` must be two numbers with 0 < low < high, but it is {between!r}.")
-    curve = np.full(len(along), math.nan)
-    last: float | None = None
-    for i, x in enumerate(along):
-
-        def sign(log_y: float, x: float = x) -> float:
-            return 1.0 if decide(x, math.exp(log_y)) > 0 else -1.0
-
-        bracket = _bracket(sign, math.log(low), math.log(high), last)
-        if bracket is None:
-            continue
-        last = bisect(sign, *bracket, xtol=tolerance)
-        curve[i] = math.exp(last)
-    return curve
-
-
-def _bracket(sign: Callable[[float], float], low: float, high: float, last: float | None) -> tuple[float, float] | None:
-    """Two places between low and high where the sign differs, near `last` if there is one."""
-    width = (high - low) / 16 if last is not None else high - low
-    while True:
-        a, b = (max(low, last - width), min(high, last + width)) if last is not None else (low, high)
-        if sign(a) != sign(b):
-            return a, b
-        if (a, b) == (low, high):
-            return None
-        width *= 4
-
-
 def driven(stiffness: float, damping: float, z: float) -> float:
     """Number of catches (0 or 1) of a stator of 0.02 kg m2 under a rotor driven at 1 rad/s, in two periods after its release."""
     inertia, kinetic = 0.02, 30.0
@@ -189,42 +152,6 @@ def driven(stiffness: float, damping: float, z: float) -> float:
     start = {"disks.rotor_speed": 1.0, "disks.stator_speed": 1.0, "disks.stator_angle": (static * (1 - 1e-9) - damping) / stiffness}
     run = simulate(compose(disks), 4 * math.pi / w_n, start=start)
     return float(sum(event.after == "stick" for event in run.events))
-
-
-# ----------------------------------------------------------------------------------------------------------------------------------------- stack
-def stack_stop(stack: DiskStack | None = None, speed: float = 3.0, clamping: float = 0.05, accuracy: float = 1e-10) -> Trajectory:
-    """Stop of a stack from a wheel speed [rad/s] > 0: its actuator force rises from a twentieth to all of it in `clamping` seconds.
-
-    Closed faces from the start: with no force on them at all, bounds and gaps would begin at zero together. The steady slip before stick-slip multiplies errors
-    a million times, so that single cycles need an accuracy of 1e-10.
-    """
-    stack = stack or DiskStack()
-    turning = np.where(np.arange(2 * stack.rotors + 1) % 2 == 1, speed, 0.0)
-    start = {"stack.wheel_speed": speed, "stack.speed": turning, "stack.position": stack.clamped(0.05 * stack.actuator_force)}
-    force = ramp(0.05 * stack.actuator_force, stack.actuator_force, 0.0, clamping)
-    return simulate(compose(stack), 0.8 * speed, start=start, inputs={"stack.actuator_force": force}, accuracy=accuracy)
-
-
-def rest_of(run: Trajectory, speed: str = "stack.wheel_speed") -> float:
-    """First time [s] at which a speed is no longer positive; the end of the run if it stays positive."""
-    stopped = np.flatnonzero(run.nodes[speed] <= 0)
-    return float(run.nodes.time[stopped[0]]) if stopped.size else run.end
-
-
-def phases(run: Trajectory, transient: float = 0.15) -> dict[str, tuple[float, float]]:
-    """(begin, end) [s] of the transient after clamping, of steady slip, and of stick-slip until the wheel rests."""
-    captures = [event.time for event in run.events if event.after == "stick" and event.time > transient]
-    first = captures[0] if captures else run.end
-    return {"transient": (0.0, transient), "steady slip": (transient, first), "stick-slip": (first, rest_of(run))}
-
-
-def spectrum(run: Trajectory, signal: str, begin: float, end: float, rate: float = 8192.0) -> tuple[np.ndarray, np.ndarray]:
-    """(frequency [Hz], amplitude density [unit / sqrt(Hz)]) of a signal between two times, straight line taken off, Hann window, by scipy."""
-    from scipy.signal import periodogram
-
-    times = np.arange(begin, end, 1 / rate)
-    frequency, density = periodogram(run.at(times)[signal], rate, window="hann", detrend="linear")
-    return frequency, np.sqrt(density)
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- pictures
@@ -337,36 +264,6 @@ def draw_critical(ratios: np.ndarray, computed: np.ndarray, loads: np.ndarray, d
     return figure
 
 
-def draw_stack(run: Trajectory, stack: DiskStack) -> Any:
-    """Stack: durations of slip and stick at three interfaces, and the spectrum of the brake torque in each phase with the axial modes."""
-    import matplotlib.pyplot as plt
-
-    with plt.rc_context(plot.PAPER):
-        figure = plt.figure(figsize=(7.6, 4.2), layout="constrained")
-        grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
-        left, right = figure.add_subplot(grid[:, 0]), [figure.add_subplot(grid[row, 1]) for row in range(3)]
-        for interface, marker in zip((0, 7, 15), "os^", strict=True):
-            found = measure.cycles(run, f"stack.{interface}", until=rest_of(run))
-            starts = [cycle.start for cycle in found]
-            for kind, style, face in (("stick", plot.LINES[0], None), ("slip", plot.LINES[1], "white")):
-                left.semilogy(starts, [1e3 * getattr(cycle, kind) for cycle in found], marker, markersize=2.6, color=style["color"],
-                              markerfacecolor=face or style["color"], label=f"{kind}, interface {interface + 1}")  # fmt: skip
-        left.set(xlabel="start of the cycle [s]", ylabel="duration [ms]", xlim=(phases(run)["stick-slip"][0] - 0.02, None), ylim=(0.1, 500))
-        left.legend(frameon=False, loc="upper left", ncols=2, columnspacing=0.8, handletextpad=0.1)
-        for panel, (name, (begin, end)) in zip(right, phases(run).items(), strict=True):
-            frequency, density = spectrum(run, "stack.brake_torque", begin, end)
-            shown = (frequency > 0) & (frequency < 760)
-            for omega in stack.axial_frequencies():
-                panel.axvline(omega / (2 * math.pi), color="0.75", linewidth=0.6, zorder=0)
-            panel.semilogy(frequency[shown], density[shown], **{**plot.LINES[0], "linewidth": 0.9})
-            panel.set(xlim=(0, 760))
-            panel.set_title(f"{name}, {begin:.2f} to {end:.2f} s", loc="right", fontsize=8.0, pad=2.0)
-            panel.tick_params(labelbottom=panel is right[-1])
-        right[1].set_ylabel(r"brake torque [N m / $\sqrt{\mathrm{Hz}}$]")
-        right[2].set_xlabel("frequency [Hz]; grey: axial modes")
-    return figure
-
-
 # -------------------------------------------------------------------------------------------------------------------------------------- the study
 def dependence() -> list[tuple[str, float, Stop]]:
     """(what is changed, initial speed [rad/s], its stop) for the shipped set and for changes of it."""
@@ -435,40 +332,6 @@ def main() -> None:
     for load, damping in zip(loads, dampings, strict=True):
         print(f"{load:8.0f}{damping:10.3f}")
     draw_critical(ratios, computed, loads, dampings).savefig(folder / "two_disks_critical.png")
-
-    run = stack_stop()
-    print(
-        "\nStack of eight rotors, stop from 3 rad/s; " + ", ".join(f"{name} {b:.3f} to {e:.3f} s" for name, (b, e) in phases(run).items())
-    )
-    print("  interface  cycles    slip [ms] early, late   stick [ms] early, late   final stick at [s]")
-    for i in range(16):
-        found = measure.cycles(run, f"stack.{i}", after=phases(run)["stick-slip"][0], until=rest_of(run))
-        n = max(1, len(found) // 5)
-        slip, stick = (1e3 * np.array([getattr(cycle, what) for cycle in found]) for what in ("slip", "stick"))
-        print(f"{i:9d}{len(found):9d}{np.median(slip[:n]):14.2f}{np.median(slip[-n:]):9.2f}{np.median(stick[:n]):16.2f}{np.median(stick[-n:]):9.2f}"
-              f"{found[-1].start + found[-1].period:21.3f}")  # fmt: skip
-    print(
-        f"  error {run.error:.0e}, load {run['stack.load'].min():.0f} to {run['stack.load'].max():.0f} N, {len(run.events)} events, {run.wall_time:.2f} s"
-    )
-    draw_stack(run, DiskStack()).savefig(folder / "disk_stack.png")
-    scaling()
-
-
-def scaling() -> None:
-    """Print what a stack costs as it grows to 64 interfaces: time to compile with empty caches is the first call less the second."""
-    import time
-
-    print("\nrotors  interfaces  states  first call [s]  0.1 s of stop [s]  steps")
-    for rotors in (1, 2, 4, 8, 16, 32):
-        stack = DiskStack(rotors=rotors)
-        n = 2 * rotors + 1
-        start = {"stack.wheel_speed": 2.0, "stack.speed": np.where(np.arange(n) % 2 == 1, 2.0, 0.0)}
-        began = time.perf_counter()
-        plant = compose(stack)
-        simulate(plant, 1e-6, start=start)
-        first = time.perf_counter() - began
-        run = simulate(plant, 0.1, start=start)
-        print(f"{rotors:6d}{2 * rotors:12d}{4 * n + 1:8d}{first:16.2f}{run.wall_time:19.4f}{run.steps[0]:7d}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider, parabolic_shares
-from studies.disks import critical_curve
+from studies.critical_curve import critical_curve
 from toolbox import compose, plot, ramp, simulate, sine
 from toolbox.trajectory import Trajectory
 

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from models import Coulomb, Exponential, TwoDisks, uniform_pressure_radius, uniform_wear_radius
 from studies import disks as study
+from studies.critical_curve import critical_curve
 from toolbox import SceneError, compose, cycles, simulate
 
 pytestmark = pytest.mark.timeout(60)
@@ -191,7 +192,7 @@ def test_a_stop_from_high_speed_is_not_computable_and_says_so():
 @pytest.mark.parametrize("zeta", [0.05, 0.2])
 def test_bisection_of_runs_finds_the_critical_drop_of_friction(zeta):
     damping = 2 * zeta * math.sqrt(2000.0 * 0.02)
-    found = study.critical_curve(lambda c, z: study.driven(2000.0, c, z), [damping], (0.01, 10.0))
+    found = critical_curve(lambda c, z: study.driven(2000.0, c, z), [damping], (0.01, 10.0))
     assert found[0] == pytest.approx(study.critical_drop(zeta), rel=1e-3)
 
 
@@ -203,11 +204,11 @@ def test_a_critical_curve_is_followed_and_has_gaps_where_nothing_changes():
         return 1.0 - x**2 - y**2
 
     along = [0.0, 0.3, 0.6, 0.9, 1.2]
-    found = study.critical_curve(circle, along, (0.01, 2.0), tolerance=1e-8)
+    found = critical_curve(circle, along, (0.01, 2.0), tolerance=1e-8)
     np.testing.assert_allclose(found[:4], np.sqrt(1 - np.array(along[:4]) ** 2), rtol=1e-7)
     assert math.isnan(found[4])
     with pytest.raises(SceneError, match="between"):
-        study.critical_curve(circle, along, (0.0, 2.0))
+        critical_curve(circle, along, (0.0, 2.0))
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- radius of an annulus

@@ -24,7 +24,8 @@ class DiskStack(Component):
         axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, F_0 + k_c (z_i - z_(i+1)))
                  N_(-1) = F_a (actuator),  N_2n = F_0 + k_b z_2n (back plate)
 
-    z_j is counted from where the disk rests under F_0, the field `actuator_force`: a start from zero is a closed stack. Faces part and meet again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
+    z_j is counted from where the disk rests under F_0, the field `actuator_force`: a start from zero is a closed stack. Faces part and meet
+    again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
     Friction does not act back on the axial motion, and nothing but inertia makes the loads of the interfaces differ.
 
     Signals: needs `stack.torque` T [N m] (0) and `stack.actuator_force` F_a [N] (the field); gives `stack.brake_torque` [N m], the torque

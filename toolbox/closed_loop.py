@@ -97,8 +97,8 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
 
 def callable_law(law: Callable[..., Any], plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
-    measures = names(getattr(law, "measures", ("top.speed",)))
-    drives = names(getattr(law, "drives", ("top.torque",)))
+    measures = tuple(plant.routes.get(name, name) for name in names(getattr(law, "measures", ("top.speed",))))
+    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))
     for name in measures:
         if not plant.has_signal(name) or (name in plant.states and plant.states[name][1] is not None):
             raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")

@@ -87,15 +87,24 @@ class _Composer:
         self.flow: list[ca.SX] = []
         self.given: dict[str, tuple[ca.SX, str]] = {}
         self.elements: list[Element] = []
+        self.owners: dict[str, int] = {}
         self.stored: dict[str, ca.SX] = {}
         self.losses: dict[str, ca.SX] = {}
         self.supplies: dict[str, ca.SX] = {}
         self.held: list[ca.SX] = []
         self.updates: list[tuple[Update, int, tuple[str, ...]]] = []
+        self.routes: dict[str, str] = {}
+        for component in components:
+            for name, target in component.routes.items():
+                if name in self.routes:
+                    raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
+                self.routes[name] = target
 
     def system(self) -> HybridSystem:
-        for component in self.components:
+        for i, component in enumerate(self.components):
             self._add(component)
+            for name in [*self.states, *(element.name for element in self.elements)]:
+                self.owners.setdefault(name, i)
         return self._connected()
 
     def _add(self, component: Component) -> None:
@@ -126,10 +135,11 @@ class _Composer:
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
+        routes = self.routes if hasattr(law, "drives") else {}
 
         def renamed(name: str) -> str:
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix else routes.get(name, name)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = [copy.copy(element) for element in originals]
@@ -286,6 +296,7 @@ class _Composer:
             raise SceneError("A plant needs at least one state, but these parts have none.")
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
         system.states = self.states
+        system.owners = self.owners
         system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
             for name in element.expressions:
@@ -301,6 +312,7 @@ class _Composer:
             SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, first, update.external)
             for i, (z, (update, first, names)) in enumerate(zip(memories, self.updates, strict=True))
         )
+        system.routes = self.routes
         system.values = np.array(self.defaults, float)
         system.kernels = {}
         system.parts = ()

@@ -8,8 +8,7 @@ the start of the step to the root of a cubic Hermite interpolant, with shrinking
 the accuracy at an event, like at an output time, is that of a step.
 
 A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
-integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state, and
-`excited_size` the error it may have.
+integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class Work(NamedTuple):
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
-    side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
@@ -78,7 +77,6 @@ class Work(NamedTuple):
     armed: np.ndarray
     fired: np.ndarray
     excited: np.ndarray
-    excited_size: np.ndarray
     zero: np.ndarray
     forced: np.ndarray
     before: np.ndarray
@@ -165,7 +163,6 @@ def _borrowed_all(w):
         _borrowed(w.armed),
         _borrowed(w.fired),
         _borrowed(w.excited),
-        _borrowed(w.excited_size),
         _borrowed(w.zero),
         _borrowed(w.forced),
         _borrowed(w.before),
@@ -563,7 +560,9 @@ def _error(w, h):
         error = math.sqrt(sum1 / n)
     lowest = base + w.ints[N] if two else base
     for q in range(hidden):
-        error = max(error, abs(w.y[lowest + n + q]) / w.excited_size[q])
+        # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)
+        error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
     return error
 
 
@@ -721,7 +720,9 @@ def _mark(w, again):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
     for j in range(ng):
-        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
+        rate = w.side[j] * w.g[ng + j]
+        # a kink that is at zero and stays there has not been crossed
+        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
         w.fired[j] = (near and not again) or j == w.ints[LOCATED]
 
 
@@ -884,10 +885,6 @@ def _begin(w):
                 turned = True
         if not turned:
             break
-    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for q in range(w.excited.size):
-        bound = w.z[3 * ne + w.excited[q]]
-        w.excited_size[q] = max((0.02 if w.ints[TWO_ERRORS] == 1 else 3e-4) * bound, 1e-300)
     _project(w, t)
     if not _decide(w, t):
         return False
@@ -1002,12 +999,17 @@ def advance(w):
         if hit:
             low = 0.0
             size = -1.0
+            turned = False
             for j in range(2 * ng):
                 w.g_low[j] = w.g[j]
             for j in range(ng):
                 if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * _size(w, j):
                     continue
                 rise = _rise(w, h, j)
+                if rise == 0.0 and j >= 2 * ne:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+                    w.side[j] = -w.side[j]
+                    turned = True
+                    break
                 if rise == 0.0:  # it goes the wrong way from its start: decide again here
                     w.ints[LOCATED] = j
                     size = 0.0
@@ -1025,6 +1027,8 @@ def advance(w):
                     low = rise
                     for i in range(2 * ng):
                         w.g_low[i] = w.y[end + i]
+            if turned:
+                continue
             if size < 0.0:
                 size = _locate(w, h, low)
             if size >= 0.0:

@@ -17,6 +17,11 @@ from toolbox import SceneError, compose, energy_audit, measure, ramp, simulate, 
 pytestmark = pytest.mark.timeout(120)
 
 
+@pytest.fixture(scope="module")
+def stop():
+    return study.stack_stop()
+
+
 def turning(stack, speed):
     """Start of a stack whose wheel and rotors turn, closed under its full force."""
     rotors = np.arange(2 * stack.rotors + 1) % 2 == 1
@@ -129,8 +134,8 @@ def test_stuck_interfaces_have_exactly_no_slip():
         assert stuck.any() and np.all(run[f"stack.{i}.slip"][stuck] == 0.0)
 
 
-def test_in_a_stop_slips_keep_their_duration_while_sticks_grow_until_the_last():
-    run = study.stack_stop()
+def test_in_a_stop_slips_keep_their_duration_while_sticks_grow_until_the_last(stop):
+    run = stop
     begin = study.phases(run)["stick-slip"][0]
     assert run.error < 1e-2
     early, late = [], []
@@ -151,8 +156,8 @@ def test_without_falling_friction_a_stack_does_not_stick_before_its_wheel_rests(
     assert captures and min(captures) > 0.95 * rest_of(run, "stack.wheel_speed")
 
 
-def test_axial_modes_show_in_the_torsional_spectrum_of_steady_slip():
-    run, stack = study.stack_stop(), DiskStack()
+def test_axial_modes_show_in_the_torsional_spectrum_of_steady_slip(stop):
+    run, stack = stop, DiskStack()
     frequency, density = study.spectrum(run, "stack.brake_torque", *study.phases(run)["steady slip"])
     modes = stack.axial_frequencies() / (2 * math.pi)
     for here, above in itertools.pairwise(modes[:3]):

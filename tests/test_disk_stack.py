@@ -66,9 +66,7 @@ def test_the_axial_motion_of_a_closed_stack_is_that_of_a_chain_of_springs():
 def test_faces_that_part_carry_nothing_and_lose_no_energy():
     # the actuator lets go: the stack springs back, its faces part and meet again
     stack = DiskStack(rotors=1, axial_damping=0.0)
-    run = simulate(
-        compose(stack), 0.05, inputs={"stack.actuator_force": 0.0}, accuracy=1e-10
-    )
+    run = simulate(compose(stack), 0.05, inputs={"stack.actuator_force": 0.0}, accuracy=1e-10)
     load = run["stack.load"]
     assert load.min() == 0.0 and (load == 0.0).sum() > 10 and load.max() > 100.0
     audit = energy_audit(run)

@@ -5,10 +5,12 @@ from models.axial import AxialChain
 from models.bar import OscillatorOnBar
 from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
 from models.bit_rock import BitRock
+from models.bristle_contact import BristleContact, parabolic_shares
 from models.bristles import Dahl, Dankowicz, LuGre
 from models.damper import FrictionDamper
 from models.disc_brake import DiscBrake
-from models.disks import TwoDisks
+from models.disk_stack import DiskStack
+from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius
 from models.dither import averaged_friction
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
@@ -18,6 +20,7 @@ from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.gears import GearNetwork
 from models.hand_arm import HandArm
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
+from models.sliders import InclinedSlider, PlateContact, Slider
 from models.smooth_bit_rock import SmoothBitRock
 from models.squeal import SquealingPad
 from models.top_drive import TopDrive
@@ -30,11 +33,13 @@ __all__ = [
     "Block",
     "BlockOnBelt",
     "BlocksOnBelt",
+    "BristleContact",
     "Coulomb",
     "CubicStribeck",
     "Dahl",
     "Dankowicz",
     "DiscBrake",
+    "DiskStack",
     "DragBit",
     "ElasticRock",
     "Exponential",
@@ -44,9 +49,13 @@ __all__ = [
     "HandArm",
     "Hyperbolic",
     "HystereticBitRock",
+    "InclinedSlider",
     "LuGre",
     "OscillatorOnBar",
     "OutletRCR",
+    "PlateContact",
+    "PressedDisks",
+    "Slider",
     "SmoothBitRock",
     "SmoothHystereticBitRock",
     "SquealingPad",
@@ -56,5 +65,8 @@ __all__ = [
     "TwoDisks",
     "averaged_friction",
     "oscillators",
+    "parabolic_shares",
+    "uniform_pressure_radius",
+    "uniform_wear_radius",
     "wells",
 ]

@@ -145,6 +145,12 @@ SHIPPED = {
         "pump in a minute, 30 l/s": "free",
         "slow strokes, 0.5 l/s": "stick-slip",
     },
+    "two_disks": {"no controller": "stick-slip"},
+    "pressed_disks": {"no controller": "stick-slip"},
+    "disk_stack": {"no controller": "stick-slip"},
+    "slider_on_plate": {"no controller": "free"},
+    "slider_on_incline": {"no controller": "free"},
+    "bristle_contact": {"no controller": "stick-slip"},
 }
 
 

@@ -719,8 +719,8 @@ def _locate(w, h, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _mark(w):
-    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending."""
+def _mark(w, again):
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again."""
     ng = w.ints[NG]
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
@@ -729,7 +729,7 @@ def _mark(w):
         rate = w.side[j] * w.g[ng + j]
         # a kink that is at zero and stays there has not been crossed
         near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
-        w.fired[j] = near or j == w.ints[LOCATED]
+        w.fired[j] = (near and not again) or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -1087,7 +1087,7 @@ def advance(w):
                     w.armed[j] = True
         w.reals[TIME] = t_new
         if event:  # slips that have just become zero are zero in the record, too
-            _mark(w)
+            _mark(w, h == 0.0)
             for i in range(ne):
                 if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
                     w.m[i] = 0.0

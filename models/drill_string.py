@@ -46,21 +46,12 @@ class TorsionalChain(Component):
         if self.drag is not None and len(self.drag) != n:
             raise SceneError(f"Argument `chain.drag` must have {n} entries, one for each inertia, but it has {len(self.drag)}.")
         if self.friction_at is not None:
-            self._check_friction_at(n)
+            _check_friction_at(self.friction_at, self.friction_load, n)
         elif self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
             raise SceneError(
                 f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
                 f"{len(self.friction_load)}."
             )
-
-    def _check_friction_at(self, n: int) -> None:
-        at, load = self.friction_at, self.friction_load
-        if load is None:
-            raise SceneError("Argument `chain.friction_at` must come with `chain.friction` and `chain.friction_load`, but they are not given.")
-        if list(at) != sorted({i for i in at if isinstance(i, int) and 0 <= i < n}):
-            raise SceneError(f"Argument `chain.friction_at` must be increasing numbers of inertias, 0 to {n - 1}, but it is {at!r}.")
-        if len(load) != len(at):
-            raise SceneError(f"Argument `chain.friction_load` must have {len(at)} entries, one for each of `chain.friction_at`, but it has {len(load)}.")
 
     def equations(self, signal):
         n = len(self.inertia)
@@ -102,6 +93,17 @@ class TorsionalChain(Component):
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,
             supplies={"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]},
+        )
+
+
+def _check_friction_at(at: tuple[int, ...], load: tuple[float, ...] | None, n: int) -> None:
+    if load is None:
+        raise SceneError("Argument `chain.friction_at` must come with `chain.friction` and `chain.friction_load`, but they are not given.")
+    if list(at) != sorted({i for i in at if isinstance(i, int) and 0 <= i < n}):
+        raise SceneError(f"Argument `chain.friction_at` must be increasing numbers of inertias, 0 to {n - 1}, but it is {at!r}.")
+    if len(load) != len(at):
+        raise SceneError(
+            f"Argument `chain.friction_load` must have {len(at)} entries, one for each of `chain.friction_at`, but it has {len(load)}."
         )
 
 

@@ -1,11 +1,11 @@
 """From sections to a chain: which elements, and what of the string each inertia takes.
 
-An element is a stretch of string, perhaps of several sections, with compliance C = int dx / (G J) and inertia I = int rho J dx. It becomes one spring of stiffness
-1 / C, and every bit of its inertia (drag, friction) goes to its two ends as its place divides the compliance: with C' above it, the part C' / C goes
-to the lower end. Total inertia and total compliance are then those of the string, and its twist under constant torques is exact at the nodes.
+An element is a stretch of string, perhaps of several sections, with compliance C = int dx / (G J) and inertia I = int rho J dx. It becomes one spring of
+stiffness 1 / C, and every bit of its inertia (drag, friction) goes to its two ends as its place divides the compliance: with C' above it, the part
+C' / C goes to the lower end. Total inertia and total compliance are then those of the string, and its twist under constant torques is exact at the nodes.
 
-Rule: every element has sqrt(C I) <= PHASE / (2 pi band), which in a uniform string is its travel time h / c, 18 elements to the wave at the edge of the band. The
-natural frequencies of a uniform shaft come out too low by (w h / c)^2 / 24, half a per cent at that edge; the tests bound the error of any string by twice that.
+Rule: every element has sqrt(C I) <= PHASE / (2 pi band), which in a uniform string is its travel time h / c: 18 elements to the wave at the edge of the band.
+The natural frequencies of a uniform shaft come out too low by (w h / c)^2 / 24, half a per cent at that edge; of any string tried, by less than twice that.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Lumping:
     @staticmethod
     def of_count(sections: Sequence[Section], elements: int) -> Lumping:
         """So many elements, all of the same C I."""
-        high = sum(section.length / section.rigidity for section in sections) * sum(section.length * section.inertia for section in sections)
-        low = 0.0
+        compliance = sum(section.length / section.rigidity for section in sections)
+        low, high = 0.0, compliance * sum(section.length * section.inertia for section in sections)
         while low < (middle := (low + high) / 2) < high:  # the smallest C I with which so many elements reach the end
             if len(_marched(sections, middle, elements)) <= elements:
                 high = middle

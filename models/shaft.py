@@ -10,13 +10,11 @@ import numpy as np
 from models.sections import Section
 
 
-def shaft_frequencies(
-    sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0
-) -> np.ndarray:
+def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
     """The first natural frequencies [Hz] of a shaft of uniform sections with a rigid inertia at each end, without the rigid rotation.
 
-    An inertia of infinity [kg m2] holds its end. The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance zeta; where
-    zeta changes, the torque stays. So the angle of y, begun at atan(w J_top / zeta), grows with w without end, and w is a natural frequency where
+    An inertia of infinity [kg m2] holds its end. The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance
+    zeta; where zeta changes, the torque stays. So the angle of y, begun at atan(w J_top / zeta), grows with w, which is a natural frequency where
 
         angle(w) + atan(w J_bit / zeta) = k pi
 

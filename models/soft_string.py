@@ -18,7 +18,9 @@ from models.sections import Section
 from models.survey import Survey
 
 
-def tension(sections: Sequence[Section], survey: Survey, s: np.ndarray, *, mud_density: float = 0.0, weight_on_bit: float = 0.0) -> np.ndarray:
+def tension(
+    sections: Sequence[Section], survey: Survey, s: np.ndarray, *, mud_density: float = 0.0, weight_on_bit: float = 0.0
+) -> np.ndarray:
     """Effective tension [N] at measured depths s [m]: weight in mud of the string below, along the hole, less the weight on bit [N]."""
     ends = np.concatenate([[0.0], np.cumsum([section.length for section in sections])])
     s = np.atleast_1d(np.asarray(s, float))

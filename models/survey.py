@@ -39,7 +39,7 @@ class Survey:
 
     def tangent(self, s: np.ndarray) -> np.ndarray:
         """Unit vectors (len(s), 3) along the hole, downhole."""
-        i, first, last, angle, part = self._arcs(s)
+        _, first, last, angle, part = self._arcs(s)
         straight = angle < 1e-9  # sin ratios lose nothing down to there, and equal the linear ones
         safe = np.where(straight, 1.0, angle)
         left = np.where(straight, 1 - part, np.sin((1 - part) * safe) / np.sin(safe))

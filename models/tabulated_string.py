@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -27,7 +27,9 @@ class DrillString(TorsionalChain):
     def check(self):
         super().check()
         if self.depth is not None and len(self.depth) != len(self.inertia):
-            raise SceneError(f"Argument `chain.depth` must have {len(self.inertia)} entries, one for each inertia, but it has {len(self.depth)}.")
+            raise SceneError(
+                f"Argument `chain.depth` must have {len(self.inertia)} entries, one for each inertia, but it has {len(self.depth)}."
+            )
 
     @classmethod
     def from_tables(
@@ -62,7 +64,8 @@ class DrillString(TorsionalChain):
         weight_on_bit [N]: what this tension lacks.  drag_rate [1/s]: viscous drag per inertia of the string.  internal_damping [s]: damping of the springs
         per stiffness.  top_drag, bit_drag [N m s/rad]: at the ends.
 
-        Raises SceneError for bad tables, naming file, row and column, for arguments out of range, friction without survey, and a survey that ends above the bit.
+        Raises SceneError for bad tables, naming file, row and column, for arguments out of range, for friction without survey, and for a survey that ends
+        above the bit.
         """
         numbers = {
             "top_inertia": top_inertia, "bit_inertia": bit_inertia, "mud_density": mud_density, "weight_on_bit": weight_on_bit,
@@ -72,12 +75,14 @@ class DrillString(TorsionalChain):
             least = ">" if word == "band" else ">="
             if not is_finite_number(value) or value < 0 or (word == "band" and value == 0):
                 raise SceneError(f"Argument `{word}` must be a finite number {least} 0, but it is {value!r}.")
-        if elements is not None and (isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= 10_000):
+        if elements is not None and (
+            isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= 10_000
+        ):
             raise SceneError(f"Argument `elements` must be a whole number from 1 to 10000, but it is {elements!r}.")
         pipes = _sections(sections)
         lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
         inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
-        fields = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
+        fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
         inertia[0] += top_inertia
         inertia[-1] += bit_inertia
         if friction is not None:
@@ -93,7 +98,9 @@ class DrillString(TorsionalChain):
                 load[-1] = 0.0
             rubbing = np.flatnonzero(load > 1e-6 * load.sum())
             if not rubbing.size:
-                raise SceneError("Argument `friction` must come with a hole that bears the string somewhere, but no side force acts anywhere.")
+                raise SceneError(
+                    "Argument `friction` must come with a hole that bears the string somewhere, but no side force acts anywhere."
+                )
             fields |= {"friction": friction, "friction_load": tuple(load[rubbing].tolist()), "friction_at": tuple(rubbing.tolist())}
         return cls(
             inertia=tuple(inertia.tolist()),
@@ -110,8 +117,8 @@ class DrillString(TorsionalChain):
 def _sections(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
     if isinstance(given, (str, Path)):
         return read_sections(given)
-    sections = tuple(given) if isinstance(given, Sequence) else ()
-    if not sections or not all(isinstance(section, Section) for section in sections):
+    sections = tuple(section for section in given if isinstance(section, Section)) if isinstance(given, Sequence) else ()
+    if not sections or len(sections) < len(given):
         raise SceneError(f"Argument `sections` must be the path of a table or Sections, top first, but it is {given!r}.")
     return sections
 
@@ -124,5 +131,7 @@ def _survey(given: Path | str | Survey | None, bottom: float) -> Survey:
         raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")
     if survey.depth[-1] < bottom - 1e-6 * bottom:
         where = f" `{given}`" if isinstance(given, (str, Path)) else ""
-        raise SceneError(f"Argument `survey`{where} must reach the end of the string at {bottom:g} m, but its last station is at {survey.depth[-1]:g} m.")
+        raise SceneError(
+            f"Argument `survey`{where} must reach the end of the string at {bottom:g} m, but its last station is at {survey.depth[-1]:g} m."
+        )
     return survey

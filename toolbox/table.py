@@ -8,17 +8,14 @@ A heading that begins with # marks a column that is not read.
 
 from __future__ import annotations
 
-import csv
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
-from toolbox.units import parse
 
 _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
@@ -62,7 +59,8 @@ def read(path: str | Path, columns: Sequence[Column]) -> Table:
     rows = _toml(path, text) if path.suffix.lower() == ".toml" else _csv(path, text)
     if not rows:
         raise SceneError(f"Table `{path}` must have at least one row, but it is empty.")
-    found, headings = [], {}
+    found: list[dict[str, Any]] = []
+    headings: dict[str, str] = {}
     for place, cells in rows:
         values: dict[str, Any] = {}
         for heading, cell in cells.items():
@@ -74,7 +72,9 @@ def read(path: str | Path, columns: Sequence[Column]) -> Table:
                 known = [c.name for c in columns]
                 raise SceneError(f"Table `{path}` has the unknown column `{heading}`: {suggest(match[1] if match else heading, known)}")
             if column.name in values:
-                raise SceneError(f"Table `{path}` must have the column `{column.name}` once, but `{heading}` is there beside `{headings[column.name]}`.")
+                raise SceneError(
+                    f"Table `{path}` must have the column `{column.name}` once, but `{heading}` is there beside `{headings[column.name]}`."
+                )
             headings[column.name] = heading
             values[column.name] = _value(path, place, heading, match[2], column, cell)
         for column in columns:
@@ -105,6 +105,8 @@ def _text(path: Path) -> str:
 
 def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
     """(place, {heading: cell}) of every row."""
+    import csv  # here, like the other readers, because whoever imports models reads no table
+
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if not line.lstrip().startswith("#")]
     while lines and not lines[-1][1].strip(" \t,;"):
         lines.pop()
@@ -123,12 +125,16 @@ def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         if not any(cells):
             raise SceneError(f"Table `{path}`, {place}: the row must not be blank, because rows follow it.")
         if len(cells) != len(headings):
-            raise SceneError(f"Table `{path}`, {place}: the row must have {len(headings)} cells, one for each heading, but it has {len(cells)}.")
+            raise SceneError(
+                f"Table `{path}`, {place}: the row must have {len(headings)} cells, one for each heading, but it has {len(cells)}."
+            )
         rows.append((place, dict(zip(headings, cells, strict=True))))
     return rows
 
 
 def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
+    import tomllib
+
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -137,11 +143,15 @@ def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
         return []
     key, entries = next(iter(data.items()))
     if len(data) > 1 or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise SceneError(f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {', '.join(f'`{k}`' for k in data)}.")
+        raise SceneError(
+            f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {', '.join(f'`{k}`' for k in data)}."
+        )
     return [(f"row {row}", entry) for row, entry in enumerate(entries, 1)]
 
 
 def _value(path: Path, place: str, heading: str, unit: str | None, column: Column, cell: Any) -> Any:
+    from toolbox.units import parse
+
     if cell == "" or cell is None:
         raise _fault(path, place, heading, "the cell must not be empty.")
     if column.unit is None:

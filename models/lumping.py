@@ -16,9 +16,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from models.sections import Section
+from toolbox import SceneError
 
 PHASE = 0.35
 """Largest phase 2 pi band sqrt(C I) [rad] of an element: natural frequencies within the band are then right within one per cent."""
+
+MOST = 10_000
+"""Largest number of elements."""
 
 
 class Lumping:
@@ -35,14 +39,18 @@ class Lumping:
     @staticmethod
     def of_band(sections: Sequence[Section], band: float) -> Lumping:
         """As few elements as the rule allows for frequencies up to `band` [Hz], all of about the same sqrt(C I)."""
-        return Lumping.of_count(sections, len(_marched(sections, (PHASE / (2 * math.pi * band)) ** 2)))
+        elements = len(_marched(sections, (PHASE / (2 * math.pi * band)) ** 2, MOST))
+        if elements > MOST:
+            raise SceneError(f"Argument `band` must be lower, because {band:g} Hz needs more than {MOST} elements.")
+        return Lumping.of_count(sections, elements)
 
     @staticmethod
     def of_count(sections: Sequence[Section], elements: int) -> Lumping:
         """So many elements, all of the same C I."""
         compliance = sum(section.length / section.rigidity for section in sections)
-        low, high = 0.0, compliance * sum(section.length * section.inertia for section in sections)
-        while low < (middle := (low + high) / 2) < high:  # the smallest C I with which so many elements reach the end
+        low, high = 0.0, compliance * sum(section.length * section.inertia for section in sections) * (1 + 1e-9)
+        while high - low > 1e-12 * high:  # the smallest C I with which so many elements reach the end, and no round-off is left over
+            middle = (low + high) / 2
             if len(_marched(sections, middle, elements)) <= elements:
                 high = middle
             else:
@@ -73,7 +81,7 @@ class Lumping:
         return taken
 
 
-def _marched(sections: Sequence[Section], product: float, most: float = math.inf) -> list[float]:
+def _marched(sections: Sequence[Section], product: float, most: int) -> list[float]:
     """Upper ends of the longest elements with C I <= product, from the top; no more than one beyond `most`."""
     nodes, depth = [0.0], 0.0
     compliance = inertia = 0.0

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from models.drill_string import TorsionalChain
-from models.lumping import Lumping
+from models.lumping import MOST, Lumping
 from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
@@ -76,17 +76,23 @@ class DrillString(TorsionalChain):
             if not is_finite_number(value) or value < 0 or (word == "band" and value == 0):
                 raise SceneError(f"Argument `{word}` must be a finite number {least} 0, but it is {value!r}.")
         if elements is not None and (
-            isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= 10_000
+            isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= MOST
         ):
-            raise SceneError(f"Argument `elements` must be a whole number from 1 to 10000, but it is {elements!r}.")
+            raise SceneError(f"Argument `elements` must be a whole number from 1 to {MOST}, but it is {elements!r}.")
+        if weight_on_bit and not doglegs:
+            raise SceneError("Argument `weight_on_bit` must come with `doglegs`, because without them no tension enters.")
         pipes = _sections(sections)
+        if mud_density >= min(section.density for section in pipes):
+            raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
+        hole = _survey(survey, sum(section.length for section in pipes)) if survey is not None else None
         lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
         inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
         fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
         inertia[0] += top_inertia
         inertia[-1] += bit_inertia
         if friction is not None:
-            hole = _survey(survey, lumping.ends[-1])
+            if hole is None:
+                raise SceneError("Argument `survey` must be given with `friction`, because the side force follows from it.")
 
             def torque(s: np.ndarray) -> np.ndarray:
                 force = side_force(pipes, hole, s, mud_density=mud_density, weight_on_bit=weight_on_bit, doglegs=doglegs)
@@ -123,9 +129,7 @@ def _sections(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
     return sections
 
 
-def _survey(given: Path | str | Survey | None, bottom: float) -> Survey:
-    if given is None:
-        raise SceneError("Argument `survey` must be given with `friction`, because the side force follows from it.")
+def _survey(given: Path | str | Survey, bottom: float) -> Survey:
     survey = read_survey(given) if isinstance(given, (str, Path)) else given
     if not isinstance(survey, Survey):
         raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")

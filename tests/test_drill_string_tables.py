@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +14,24 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from controllers import PI
-from models import BitRock, Coulomb, DrillString, Section, Survey, TorsionalChain, Transition, read_sections, read_survey, shaft_frequencies, wells
+from models import (
+    BitRock,
+    Coulomb,
+    DrillString,
+    Section,
+    Survey,
+    TorsionalChain,
+    read_sections,
+    shaft_frequencies,
+    wells,
+)
 from models.shaft import chain_frequencies
 from models.soft_string import side_force, tension
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
 
 pytestmark = pytest.mark.timeout(60)
 
+TABLES = Path(__file__).parents[1] / "models" / "tables"
 G = 9.80665
 PIPE, COLLAR = Section(2000.0, 0.127, 0.1086), Section(300.0, 0.1651, 0.0714)
 
@@ -345,3 +357,162 @@ def test_a_chain_whose_fields_contradict_each_other_is_refused(change, word):
     chain = {"inertia": (1.0,) * 3, "stiffness": (1.0,) * 2, "damping": (0.0,) * 2, "friction": Coulomb(), "friction_load": (1.0, 1.0)}
     with pytest.raises(SceneError, match=rf"chain\.{word}"):
         compose(DrillString(**(chain | change)))
+
+
+# --- dry friction along the string: published wells
+
+RPM = math.pi / 30
+
+
+def break_off():
+    """int mu rho g A r_o sin(inc) dx of the well of Aarsnes and Shor by hand: an arc of 600 m to 60 deg, then 400 m straight, collars at the end."""
+    pipe, *collars = read_sections(TABLES / "aarsnes_shor_sections.csv")
+    weight = [0.3 * section.weight() * section.outer / 2 for section in (pipe, *collars)]
+    along_arc = 600.0 / (math.pi / 3) * (1 - math.cos(math.pi / 3))
+    straight = [2500.0 - 2100.0 - sum(collar.length for collar in collars), *(collar.length for collar in collars)]
+    return weight[0] * along_arc + math.sin(math.pi / 3) * sum(w * length for w, length in zip(weight, straight, strict=True))
+
+
+def test_a_string_turned_slowly_needs_its_break_off_torque():
+    # at 0.1 rad/s, far below the drop at 1.5 rad/s, every contact has its static friction but for 2e-5 of it; besides there is the drag
+    well = wells.AARSNES_SHOR
+    assert 0.3 * sum(well.friction_load) == pytest.approx(break_off(), rel=1e-6)
+    assert break_off() == pytest.approx(10_247.0, abs=1.0)
+    run = simulate(compose(well), 500.0, controller=PI(2e3, 5.54e3, 0.1))
+    np.testing.assert_allclose(run.at(500.0)["chain.speed"], 0.1, rtol=1e-4)
+    assert run.at(500.0)["top.load"] == pytest.approx(break_off() + 0.1 * sum(well.drag[1:]), rel=1e-4)
+    # the bit is the last to move, when the top carries all of it but for the slow waves that each contact sends when it lets go
+    release = next(event.time for event in run.events if event.element == "chain.17")
+    assert run.at(release)["top.load"] == pytest.approx(break_off(), rel=0.01)
+
+
+def released(elements):
+    """A uniform string in a straight inclined hole under a top that does not turn, wound up until every contact lets go; its run and its break-off torque."""
+    hole = Survey((0.0, 2000.0), (1.0, 1.0), (0.0, 0.0))
+    chain = DrillString.from_tables([PIPE], hole, top_inertia=1e12, elements=elements, friction=Coulomb(static=0.3, kinetic=0.195))
+    load = 0.3 * np.array(chain.friction_load)
+    below = np.cumsum(load[::-1])[::-1]
+    twist = below[1:] / np.array(chain.stiffness) * (1 + 1e-9)
+    return simulate(compose(chain), 4.0, start={"chain.twist": twist}), below[0]
+
+
+def test_torque_swings_by_twice_the_drop_and_the_slip_lasts_half_the_fundamental_period():
+    # when friction drops from T to r T everywhere, the wave equation of a uniform string returns the deviation (1 - r) T with the other sign after
+    # 2 L / c, and there it stands still: swing 2 (1 - r) T, slip for half the period of the shaft with its top held
+    half = 0.5 / shaft_frequencies([PIPE], 1, top_inertia=math.inf)[0]
+    assert half == pytest.approx(2 * PIPE.length / PIPE.wave_speed, rel=1e-12)
+    for elements, error in ((20, 0.02), (80, 0.005)):
+        run, torque = released(elements)
+        extent = measure.extent(run, "top.load")
+        swing = extent.maximum - extent.minimum
+        # the top, which does not turn, keeps the share of half an element
+        assert swing == pytest.approx(2 * 0.35 * torque, rel=error + 0.5 / elements)
+        first = run.intervals(f"chain.{elements}")[:2]
+        assert [mode for *_, mode in first] == ["slip+", "stick"]
+        assert first[0][1] == pytest.approx(half, rel=error / 10)
+        assert first[1][1] == 4.0
+
+
+def cycles(run, element, level, after):
+    """Mean time between the first rises of the bit through `level` after a stay in stick."""
+    times = np.arange(after, run.end, 0.01)
+    speed = run.at(times)["bit.speed"]
+    rises = times[1:][(speed[:-1] < level) & (speed[1:] >= level)]
+    ends = [end for _, end in measure.stick_intervals(run, element, after)]
+    firsts = sorted({float(rises[rises >= end][0]) for end in ends if (rises >= end).any()})
+    return float(np.mean(np.diff(firsts)))
+
+
+def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip_and_a_softer_one_frees_it():
+    # the published behaviour: stick-slip without any bit torque, its period somewhat above the fundamental one of the string under a held top
+    plant = compose(wells.AARSNES_SHOR)
+    stiff = simulate(plant, 60.0, controller=PI(38e3, 100e3, 60 * RPM))
+    assert 0.15 < measure.stuck_ratio(stiff, "chain.17", 20.0) < 0.45
+    assert measure.severity(stiff, after=20.0) > 1.0
+    fundamental = 1 / shaft_frequencies(read_sections(TABLES / "aarsnes_shor_sections.csv"), 1, top_inertia=math.inf)[0]
+    assert fundamental == pytest.approx(4.43, abs=0.01)
+    assert 1.0 < cycles(stiff, "chain.17", 60 * RPM, 20.0) / fundamental < 1.2
+    extent = measure.extent(stiff, "top.load", 20.0)
+    assert extent.maximum - extent.minimum > 2 * 0.35 * break_off()  # the swing at standstill, and the wave of the drive on top of it
+    soft = simulate(plant, 60.0, controller=PI(2e3, 5.54e3, 60 * RPM))
+    assert measure.stuck_ratio(soft, "chain.17", 20.0) == 0.0
+    fast = simulate(plant, 60.0, controller=PI(38e3, 100e3, 200 * RPM))
+    assert measure.stuck_ratio(fast, "chain.17", 20.0) == 0.0
+
+
+def test_the_string_of_the_ufrj_swings_like_its_published_lumped_model():
+    # published: I = I_pipe / 3 + I_BHA on k = G J / L_p under a top that turns as told; the shaft has its bottom-hole assembly as elastic sections too
+    pipe, *bha = read_sections(TABLES / "ufrj_sections.csv")
+    inertia = pipe.inertia * pipe.length / 3 + total(bha, lambda s: s.inertia)
+    published = math.sqrt(pipe.rigidity / pipe.length / inertia) / (2 * math.pi)
+    exact = shaft_frequencies([pipe, *bha], 1, top_inertia=math.inf)[0]
+    assert exact == pytest.approx(published, rel=0.03)
+    well = wells.UFRJ
+    assert chain_frequencies(well.inertia, well.stiffness, top_held=True)[0] == pytest.approx(exact, rel=2e-3)
+    np.testing.assert_allclose(well.damping, 0.06 * np.array(well.stiffness), rtol=1e-14)
+    assert sum(well.drag) == pytest.approx(0.35 * total([pipe, *bha], lambda s: s.inertia), rel=1e-12)
+
+
+# --- scenes
+
+
+def test_a_scene_names_tables_relative_to_itself_and_is_saved_with_every_number(root, tmp_path):
+    scene = Scene.load(root / "studies" / "scenes" / "aarsnes_shor.toml")
+    assert scene.parts == (wells.AARSNES_SHOR,)
+    saved = scene.save(tmp_path / "resolved.toml")
+    assert "sections" not in saved.read_text()
+    assert Scene.load(saved) == scene
+
+
+SCENE = """
+title = "a string"
+duration = 1
+[verdict]
+element = "bit"
+[[plant]]
+part = "DrillString"
+sections = "tables/string.csv"
+{}
+[[plant]]
+part = "BitRock"
+"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ('top_inertia = "2 t m2"\nband = "2 Hz"\nelements = 7\non_bottom = true', None),
+        ("", "The key `top_inertia` is missing in DrillString"),
+        ("top_inertia = 2000\nbandd = 3", "no key `bandd` in DrillString: did you mean `band`"),
+        ('top_inertia = "2 kg"', "`DrillString.top_inertia` must be in kg m2"),
+        ('top_inertia = 2000\nband = "2 rpm"', "`DrillString.band` must be in Hz"),
+        ("top_inertia = 2000\nelements = 2.5", "`DrillString.elements` must be int"),
+        ("top_inertia = 2000\nelements = 0", "`elements` must be a whole number"),
+        ('top_inertia = 2000\nsurvey = "tables/hole.csv"', "no table .*hole.csv"),
+        ("top_inertia = 2000\nsurvey = 3", "`DrillString.survey` must be text"),
+        ('top_inertia = 2000\nfriction = { law = "Coulomb" }', "`survey` must be given with `friction`"),
+        ('top_inertia = 2000\nfriction = { law = "Colomb" }', "did you mean `Coulomb`"),
+        ("top_inertia = 2000\ninertia = [1.0, 2.0]", "no key `inertia`"),
+    ],
+)
+def test_mistakes_about_tables_in_a_scene_are_one_clear_error(tmp_path, lines, words):
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "string.csv").write_text("length [m],OD [in],ID [in],material\n1000,5,4.276,steel\n")
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.format(lines))
+    if words is None:
+        (string, _) = Scene.load(path).parts
+        assert string == DrillString.from_tables(tmp_path / "tables" / "string.csv", top_inertia=2000.0, elements=7, on_bottom=True)
+    else:
+        with pytest.raises(SceneError, match=words) as refused:
+            Scene.load(path)
+        assert "scene.toml" in str(refused.value)
+
+
+def test_a_bad_table_in_a_scene_names_the_scene_the_table_and_the_cell(tmp_path):
+    (tmp_path / "tables").mkdir()
+    (tmp_path / "tables" / "string.csv").write_text("length [m],OD [in],ID [in],material\n1000,5,6,steel\n")
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.format("top_inertia = 2000"))
+    with pytest.raises(SceneError, match=r"Scene .*scene.toml.*Table .*string.csv.*row 1 \(line 2\), column `ID \[in\]`"):
+        Scene.load(path)

@@ -131,7 +131,10 @@ BAD_TOML = {
     "true": ('[[s]]\nlength = true\nOD = 0.1\nID = 0.05\nmaterial = "steel"', "row 1.*`length`"),
     "nan": ('[[s]]\nlength = nan\nOD = 0.1\nID = 0.05\nmaterial = "steel"', "row 1.*`length`.*finite"),
     "number for text": ("[[s]]\nlength = 1\nOD = 0.1\nID = 0.05\nmaterial = 7", "row 1, column `material`"),
-    "missing in one row": ('[[s]]\nlength=1\nOD=0.1\nID=0.05\nmaterial="steel"\n[[s]]\nlength=1\nOD=0.1\nmaterial="steel"', "row 2, must have .*`ID"),
+    "missing in one row": (
+        '[[s]]\nlength=1\nOD=0.1\nID=0.05\nmaterial="steel"\n[[s]]\nlength=1\nOD=0.1\nmaterial="steel"',
+        "row 2, must have .*`ID",
+    ),
     "two arrays": ("[[a]]\nlength=1\n[[b]]\nlength=1", "one array"),
     "no array": ("length = 1", "one array"),
     "not toml": ("length =", "TOML"),
@@ -152,7 +155,10 @@ BAD_SURVEYS = {
     "twice": (HOLE + "0,0,0\n20,0,0\n20,0,0\n", r"row 3 .*`depth \[m\]`"),
     "upwards": (HOLE + "0,0,0\n20,200,0\n", r"row 2 .*`inclination \[deg\]`.*between 0 and 180 deg"),
     "negative": (HOLE + "0,0,0\n20,-1,0\n", r"row 2 .*`inclination \[deg\]`.*between 0 and 180 deg"),
-    "degrees called radians": (HOLE.replace("inclination [deg]", "inclination [rad]") + "0,0,0\n20,60,0\n", r"row 2 .*`inclination \[rad\]`.*180 deg"),
+    "degrees called radians": (
+        HOLE.replace("inclination [deg]", "inclination [rad]") + "0,0,0\n20,60,0\n",
+        r"row 2 .*`inclination \[rad\]`.*180 deg",
+    ),
     "no unit of angle": (HOLE.replace("inclination [deg]", "inclination [1]") + "0,0,0\n20,60,0\n", r"`inclination \[1\]` must be in rad"),
     "one station": (HOLE + "0,0,0\n", r"row 1 .*at least two stations"),
     "turning back": (HOLE + "0,0,0\n20,180,0\n", r"row 2 .*180 deg"),
@@ -177,7 +183,9 @@ def test_a_table_that_is_not_there_is_answered_with_the_nearest_file(written):
         read_sections(path.parent)
 
 
-@pytest.mark.parametrize("change", [{"inner": 0.2}, {"length": -1.0}, {"length": math.nan}, {"outer": "5 in"}, {"density": 0.0}, {"shear_modulus": math.inf}])
+@pytest.mark.parametrize(
+    "change", [{"inner": 0.2}, {"length": -1.0}, {"length": math.nan}, {"outer": "5 in"}, {"density": 0.0}, {"shear_modulus": math.inf}]
+)
 def test_a_section_that_cannot_be_is_refused_in_python_too(change):
     with pytest.raises(SceneError, match=f"Argument `{next(iter(change))}` of Section"):
         Section(**({"length": 10.0, "outer": 0.1, "inner": 0.05} | change))
@@ -206,7 +214,7 @@ def test_plain_numbers_need_no_unit(written):
 @given(data=st.data())
 def test_a_damaged_table_is_read_or_refused_but_never_crashes(written, data):
     at = data.draw(st.integers(0, len(GOOD)))
-    junk = data.draw(st.text(st.sampled_from(',;\t\n\r"\'[]#.-+e0123456789nai\x00\u2028m '), max_size=8))
+    junk = data.draw(st.text(st.sampled_from(",;\t\n\r\"'[]#.-+e0123456789nai\x00\u2028m "), max_size=8))
     name = data.draw(st.sampled_from(["string.csv", "string.toml"]))
     try:
         sections = read_sections(written(GOOD[:at] + junk + GOOD[at + data.draw(st.integers(0, 3)) :], name))

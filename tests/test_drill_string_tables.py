@@ -27,6 +27,7 @@ from models import (
 )
 from models.shaft import chain_frequencies
 from models.soft_string import side_force, tension
+from studies import detail
 from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
 
 pytestmark = pytest.mark.timeout(60)
@@ -413,16 +414,6 @@ def test_torque_swings_by_twice_the_drop_and_the_slip_lasts_half_the_fundamental
         assert first[1][1] == 4.0
 
 
-def cycles(run, element, level, after):
-    """Mean time between the first rises of the bit through `level` after a stay in stick."""
-    times = np.arange(after, run.end, 0.01)
-    speed = run.at(times)["bit.speed"]
-    rises = times[1:][(speed[:-1] < level) & (speed[1:] >= level)]
-    ends = [end for _, end in measure.stick_intervals(run, element, after)]
-    firsts = sorted({float(rises[rises >= end][0]) for end in ends if (rises >= end).any()})
-    return float(np.mean(np.diff(firsts)))
-
-
 def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip_and_a_softer_one_frees_it():
     # the published behaviour: stick-slip without any bit torque, its period somewhat above the fundamental one of the string under a held top
     plant = compose(wells.AARSNES_SHOR)
@@ -431,7 +422,7 @@ def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip
     assert measure.severity(stiff, after=20.0) > 1.0
     fundamental = 1 / shaft_frequencies(read_sections(TABLES / "aarsnes_shor_sections.csv"), 1, top_inertia=math.inf)[0]
     assert fundamental == pytest.approx(4.43, abs=0.01)
-    assert 1.0 < cycles(stiff, "chain.17", 60 * RPM, 20.0) / fundamental < 1.2
+    assert 1.0 < detail.period(stiff, "chain.17", 60 * RPM, 20.0) / fundamental < 1.2
     extent = measure.extent(stiff, "top.load", 20.0)
     assert extent.maximum - extent.minimum > 2 * 0.35 * break_off()  # the swing at standstill, and the wave of the drive on top of it
     soft = simulate(plant, 60.0, controller=PI(2e3, 5.54e3, 60 * RPM))
@@ -451,6 +442,16 @@ def test_the_string_of_the_ufrj_swings_like_its_published_lumped_model():
     assert chain_frequencies(well.inertia, well.stiffness, top_held=True)[0] == pytest.approx(exact, rel=2e-3)
     np.testing.assert_allclose(well.damping, 0.06 * np.array(well.stiffness), rtol=1e-14)
     assert sum(well.drag) == pytest.approx(0.35 * total([pipe, *bha], lambda s: s.inertia), rel=1e-12)
+
+
+def test_two_elements_overstate_the_speed_that_ends_stick_slip_and_understate_the_swing_of_the_torque():
+    # the answers of studies/detail.py; what more elements would change in the chain of ten is in its table
+    coarse, fine = detail.answers(2), detail.answers(10)
+    assert coarse.band == 0.0 and fine.band > 0.5
+    assert coarse.period == pytest.approx(fine.period, rel=0.06)
+    assert coarse.severity < 0.9 * fine.severity
+    assert coarse.swing < 0.75 * fine.swing
+    assert coarse.free_from >= fine.free_from + 20.0
 
 
 # --- scenes

@@ -10,8 +10,8 @@ the run at 60 rpm against that of two elements with friction along the string.
 
 Answer, with friction along the string and fifty elements as the measure: the period is within 4 per cent from two elements on. Two elements understate severity
 by a sixth and the torque swing by a third, and ask for 150 rpm to end the stick-slip where finer strings need 110 to 120. Ten are within 5 per cent in period,
-severity and swing (stuck time: 25 against 28 per cent). With all friction at the bit, ten and more elements overstate the swing by 10 to 24 per cent. The cycles
-are irregular: the set-points of neighbouring levels differ by 10 rpm for no better reason, and by up to 30 rpm with all friction at the bit.
+severity and swing (stuck time: 25 against 28 per cent). With all friction at the bit, ten and more elements overstate the swing by 10 to 24 per cent. The
+cycles are irregular: the set-points of neighbouring levels differ by 10 rpm for no better reason, and by up to 30 rpm with all friction at the bit.
 """
 
 from __future__ import annotations

@@ -16,13 +16,17 @@ from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
-from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
+from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic, Transition
 from models.gears import GearNetwork
 from models.hand_arm import HandArm
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
+from models.sections import Section, read_sections
+from models.shaft import shaft_frequencies
 from models.sliders import InclinedSlider, PlateContact, Slider
 from models.smooth_bit_rock import SmoothBitRock
 from models.squeal import SquealingPad
+from models.survey import Survey, read_survey
+from models.tabulated_string import DrillString
 from models.top_drive import TopDrive
 from models.torsional_pendulum import TorsionalPendulum
 
@@ -41,6 +45,7 @@ __all__ = [
     "DiscBrake",
     "DiskStack",
     "DragBit",
+    "DrillString",
     "ElasticRock",
     "Exponential",
     "FlowLine",
@@ -55,17 +60,23 @@ __all__ = [
     "OutletRCR",
     "PlateContact",
     "PressedDisks",
+    "Section",
     "Slider",
     "SmoothBitRock",
     "SmoothHystereticBitRock",
     "SquealingPad",
+    "Survey",
     "TopDrive",
     "TorsionalChain",
     "TorsionalPendulum",
+    "Transition",
     "TwoDisks",
     "averaged_friction",
     "oscillators",
     "parabolic_shares",
+    "read_sections",
+    "read_survey",
+    "shaft_frequencies",
     "uniform_pressure_radius",
     "uniform_wear_radius",
     "wells",

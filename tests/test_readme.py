@@ -114,7 +114,7 @@ def test_every_part_and_law_is_in_the_tables_of_the_readme(readme):
     names = [
         *controllers.__all__,
         *(name for name in models.__all__ if name != "wells"),
-        *(f"wells.{name}" for name in vars(wells) if name.isupper()),
+        *(f"wells.{name}" for name in wells.__all__),
     ]
     assert [name for name in names if f"`{name}`" not in readme] == []
 

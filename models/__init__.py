@@ -16,7 +16,7 @@ from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
-from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic, Transition
+from models.friction import Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition
 from models.gears import GearNetwork
 from models.hand_arm import HandArm
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
@@ -46,6 +46,7 @@ __all__ = [
     "DiskStack",
     "DragBit",
     "DrillString",
+    "Drop",
     "ElasticRock",
     "Exponential",
     "FlowLine",

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, Hyperbolic, Transition, TwoDisks, wells
+from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition, TwoDisks, wells
 from toolbox import SceneError, compose, simulate
 
 pytestmark = pytest.mark.timeout(60)
@@ -47,6 +47,14 @@ def test_the_transition_takes_most_of_the_drop_about_its_speed():
     left = [(coefficient(law, ratio * 1.5) - 0.195) / 0.105 for ratio in (0.42, 1.37)]
     assert left == pytest.approx([0.97, 0.03], abs=1e-3)
     assert coefficient(law, 20.0) == 0.195
+
+
+def test_the_drop_is_the_limit_of_steep_laws_and_has_one_break():
+    law = Drop(static=0.3, kinetic=0.195, speed=1.5)
+    assert law.breaks() == (1.5,)
+    assert [law.sliding(1.0, beyond) for beyond in (0, 1)] == [0.3, 0.195]
+    with pytest.raises(SceneError, match="kinetic"):
+        compose(BlockOnBelt(friction=Drop(static=0.1, kinetic=0.2)))
 
 
 def test_hyperbolic_friction_is_the_law_of_leine():

@@ -18,20 +18,20 @@ import casadi as ca
 from toolbox import Component, Equations, Relay, SceneError, quantity, state
 
 
-def parabolic_shares(bristles: int) -> tuple[float, ...]:
+def parabolic_shares(n: int) -> tuple[float, ...]:
     """Parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
 
     The pressure 3/4 (1 - s^2), -1 <= s <= 1, integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler
     foundation under a parabolic punch.
     """
-    if isinstance(bristles, bool) or not isinstance(bristles, int) or bristles < 1:
-        raise SceneError(f"Argument `bristles` must be a whole number >= 1, but it is {bristles!r}.")
+    if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+        raise SceneError(f"Argument `n` must be a whole number >= 1, but it is {n!r}.")
 
     def below(i: int) -> float:
-        s = 2 * i / bristles - 1
+        s = 2 * i / n - 1
         return (3 * s - s**3) / 4
 
-    return tuple(below(i + 1) - below(i) for i in range(bristles))
+    return tuple(below(i + 1) - below(i) for i in range(n))
 
 
 FASTEST = 1e4
@@ -58,22 +58,28 @@ class BristleContact(Component):
     bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an assumption.
     """
 
-    shares: tuple[float, ...] = quantity(parabolic_shares(16), "1", "parts of the load, one per bristle", above=0)
+    n: int = 16
+    shares: tuple[float, ...] | None = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
     load: float = quantity(10.0, "N", "normal load", above=0)
     stiffness: float = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
     friction: float = quantity(0.35, "1", "coefficient of friction", above=0)
 
     def check(self):
+        expected = len(parabolic_shares(self.n))
+        if self.shares is None:
+            return
+        if len(self.shares) != expected:
+            raise SceneError(f"Argument `plate.shares` must have {expected} entries, one per bristle, but it has {len(self.shares)}.")
         if abs(sum(self.shares) - 1) > 1e-9:
             raise SceneError(f"Argument `plate.shares` must add up to 1, but the sum is {sum(self.shares):.12g}.")
 
     def equations(self, signal):
-        n = len(self.shares)
+        n, shares = self.n, parabolic_shares(self.n) if self.shares is None else self.shares
         z = state("plate.stretch", "m", n)
         v, plate_speed = signal("slider.speed", "m/s", default=0.0), signal("plate.speed", "m/s", default=0.0)
         load = signal("plate.load", "N", default=self.load)
         slip = v - plate_speed
-        bound = self.friction * load * ca.vertcat(*self.shares) * n / self.stiffness
+        bound = self.friction * load * ca.vertcat(*shares) * n / self.stiffness
         relays, excess = [], []
         for i in range(n):
             # any ceiling above what slipping takes will do, for then only the turn of the slip ends it

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider, parabolic_shares
+from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider
 from studies.critical_curve import critical_curve
 from toolbox import compose, plot, ramp, simulate, sine
 from toolbox.trajectory import Trajectory
@@ -63,7 +63,7 @@ def critical_angle(mu: float) -> float:
 
 def loops(bristles: int, swings: tuple[float, ...]) -> list[Trajectory]:
     """One run per swing [m] of the plate under a resting slider: one and a half periods of 1 s, from rest."""
-    plant = compose(BristleContact(shares=parabolic_shares(bristles)))
+    plant = compose(BristleContact(bristles))
     return [
         simulate(plant, 1.5, inputs={"plate.speed": sine(0.0, -2 * math.pi * swing, 1.0, math.pi / 2)}, accuracy=1e-9) for swing in swings
     ]
@@ -71,7 +71,7 @@ def loops(bristles: int, swings: tuple[float, ...]) -> list[Trajectory]:
 
 def bristle_error(bristles: int) -> float:
     """Largest error of the force of a rounded contact drawn from rest to full slip and beyond, in parts of mu N."""
-    model = BristleContact(shares=parabolic_shares(bristles))
+    model = BristleContact(bristles)
     bound = model.friction * model.load
     distance = 2.0 * bound / model.stiffness
     run = simulate(compose(model), 1.0, inputs={"plate.speed": distance}, accuracy=1e-9)
@@ -82,7 +82,7 @@ def bristle_error(bristles: int) -> float:
 
 def regional_run(bristles: int = 64, pull: float = 4.5) -> Trajectory:
     """A slider on bristles on a fixed plate, pulled to and fro with an amplitude [N] at 20 Hz; its mass and springs are chosen to move."""
-    plant = compose(Slider(mass=0.1, stiffness=1e4, damping=20.0), BristleContact(shares=parabolic_shares(bristles)))
+    plant = compose(Slider(mass=0.1, stiffness=1e4, damping=20.0), BristleContact(bristles))
     return simulate(plant, 0.2, inputs={"slider.pull": sine(0.0, pull, 20.0)}, accuracy=1e-8)
 
 

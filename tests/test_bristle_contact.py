@@ -19,7 +19,7 @@ N, MU, K = 10.0, 0.35, 1e6
 
 def drawn(bristles, distance, duration=1.0, **options):
     """The plate is drawn evenly by a distance [m] under a slider at rest: the drag is F(distance)."""
-    plant = compose(BristleContact(shares=parabolic_shares(bristles)))
+    plant = compose(BristleContact(bristles))
     return simulate(plant, duration, inputs={"plate.speed": distance / duration}, accuracy=1e-10, **options)
 
 
@@ -62,7 +62,7 @@ def test_reversals_follow_the_rule_of_masing(bristles):
     def backbone(x):
         return np.minimum(K / bristles * x, MU * N * shares).sum()
 
-    plant = compose(BristleContact(shares=parabolic_shares(bristles)))
+    plant = compose(BristleContact(bristles))
     # x goes 0, a, -a, a in a second each
     speed = ((0.0, 1.0, 1.0, 2.0, 2.0, 3.0), (swing, swing, -2 * swing, -2 * swing, 2 * swing, 2 * swing))
     run = simulate(plant, 3.0, inputs={"plate.speed": speed}, accuracy=1e-10)
@@ -74,7 +74,7 @@ def test_reversals_follow_the_rule_of_masing(bristles):
 
 def test_a_closed_loop_costs_the_energy_that_it_encloses_and_the_audit_knows_it():
     swing = 6e-6
-    plant = compose(BristleContact(shares=parabolic_shares(8)))
+    plant = compose(BristleContact(8))
     run = simulate(plant, 4.0, inputs={"plate.speed": sine(0.0, swing * 2 * math.pi, 1.0, math.pi / 2)}, accuracy=1e-10)
     audit = energy_audit(run)
     assert abs(audit.residual) < 1e-9 * audit.turnover
@@ -100,7 +100,7 @@ def test_the_edge_slips_first_and_the_middle_last():
 
 def test_a_bristle_that_touches_its_bound_exactly_at_a_reversal_goes_on():
     # the middle ones slip in the first half stroke and touch their bound again at every second reversal
-    plant = compose(BristleContact(shares=parabolic_shares(8)))
+    plant = compose(BristleContact(8))
     run = simulate(plant, 6.0, inputs={"plate.speed": sine(0.0, -5e-6 * 2 * math.pi, 1.0)}, accuracy=1e-9)
     assert np.abs(run["plate.stretch"]).max() <= MU * N * max(parabolic_shares(8)) * 8 / K * (1 + 1e-9)
     peaks = run.at(np.arange(0.5, 6.0, 1.0))["plate.drag"]
@@ -116,13 +116,13 @@ def test_a_stiff_bristle_is_a_dry_contact():
     assert rigid.time_in("plate", "stick") > 0.05 and size > 1e-4
     errors = []
     for stiffness in (1e7, 1e8):
-        run = simulate(compose(spring, BristleContact(shares=(1.0,), stiffness=stiffness)), 1.0, **drive)
+        run = simulate(compose(spring, BristleContact(1, stiffness=stiffness)), 1.0, **drive)
         errors.append(np.abs(run.at(times)["slider.position"] - rigid.at(times)["slider.position"]).max() / size)
     assert errors[1] < 1e-3 and errors[0] / errors[1] == pytest.approx(10.0, rel=0.3)
 
 
 def test_before_it_slips_the_slider_swings_on_the_stiffness_of_its_bristles():
-    plant = compose(Slider(mass=1.0, stiffness=0.0, damping=0.0), BristleContact(shares=parabolic_shares(4)))
+    plant = compose(Slider(mass=1.0, stiffness=0.0, damping=0.0), BristleContact(4))
     run = simulate(plant, 0.05, start={"slider.speed": 1e-4}, accuracy=1e-10)
     assert run.events == []
     times = np.linspace(0, 0.05, 50)
@@ -130,7 +130,7 @@ def test_before_it_slips_the_slider_swings_on_the_stiffness_of_its_bristles():
 
 
 def test_energy_closes_with_a_load_that_varies():
-    plant = compose(Slider(mass=1.0, stiffness=1e4, damping=20.0), BristleContact(shares=parabolic_shares(6)))
+    plant = compose(Slider(mass=1.0, stiffness=1e4, damping=20.0), BristleContact(6))
     run = simulate(plant, 1.0, inputs={"slider.pull": sine(0.0, 3.0, 5.0), "plate.load": sine(10.0, 5.0, 11.0)}, accuracy=1e-9)
     bound = MU * run["plate.load"][:, None] * np.array(parabolic_shares(6)) * 6 / K
     assert np.all(np.abs(run["plate.stretch"]) <= bound * (1 + 1e-6))
@@ -141,13 +141,13 @@ def test_energy_closes_with_a_load_that_varies():
 
 @pytest.mark.parametrize("bristles", [0, -3, 2.0, True])
 def test_a_row_without_bristles_is_refused(bristles):
-    with pytest.raises(SceneError, match="bristles"):
+    with pytest.raises(SceneError, match="`n` must"):
         parabolic_shares(bristles)
 
 
 @pytest.mark.parametrize(
     ("change", "word"),
-    [({"shares": (0.5, 0.4)}, "add up"), ({"shares": (1.2, -0.2)}, "shares"), ({"load": 0.0}, "load"), ({"stiffness": -1.0}, "stiffness"),
+    [({"n": 2, "shares": (0.5, 0.4)}, "add up"), ({"n": 2, "shares": (1.2, -0.2)}, "shares"), ({"shares": (0.5, 0.5)}, "16 entries"), ({"load": 0.0}, "load"), ({"stiffness": -1.0}, "stiffness"),
      ({"friction": math.nan}, "friction")],
 )  # fmt: skip
 def test_bristles_that_cannot_be_built_are_refused_by_name(change, word):

@@ -20,7 +20,8 @@ class TorsionalChain(Component):
     Signals: needs `top.torque` [N m] (0) and `bit.torque` [N m] (0, against the rotation); gives `top.speed`, `bit.speed` [rad/s] and
     `top.load` [N m], the torque of the string on the top inertia. `friction` adds dry friction at every inertia i, contact `chain.i`
     (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where
-    `BitRock` holds it.
+    `BitRock` holds it. `collar` is the inertia (-1 for the last) on which a part acts sideways of the string, such as `WhirlingCollar`: it needs
+    `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -30,6 +31,7 @@ class TorsionalChain(Component):
     bit_drag: float = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)
     friction: FrictionLaw | None = None
     friction_load: tuple[float, ...] | None = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
+    collar: int | None = None
 
     def check(self):
         n = len(self.inertia)
@@ -45,6 +47,9 @@ class TorsionalChain(Component):
                 f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
                 f"{len(self.friction_load)}."
             )
+
+        if self.collar is not None and not (type(self.collar) is int and -n <= self.collar < n):
+            raise SceneError(f"Argument `chain.collar` must be the number of an inertia, {-n} to {n - 1}, but it is {self.collar!r}.")
 
     def equations(self, signal):
         n = len(self.inertia)
@@ -70,17 +75,24 @@ class TorsionalChain(Component):
             "bit drag": self.bit_drag * speed[-1] ** 2,
         }
         losses |= {f"friction {i}": -contact.force * speed[i] for i, contact in enumerate(contacts)}
+        gives = {
+            "top.speed": (speed[0], "rad/s"),
+            "bit.speed": (speed[-1], "rad/s"),
+            "top.load": (tau[0], "N m"),
+        }
+        supplies = {"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]}
+        if self.collar is not None:
+            collar_torque = signal("collar.torque", "N m", default=0.0)
+            push[self.collar] += collar_torque
+            gives["collar.speed"] = (speed[self.collar], "rad/s")
+            supplies["collar torque"] = collar_torque * speed[self.collar]
         return Equations(
             flow={twist: slip, speed: push / inertia},
-            gives={
-                "top.speed": (speed[0], "rad/s"),
-                "bit.speed": (speed[-1], "rad/s"),
-                "top.load": (tau[0], "N m"),
-            },
+            gives=gives,
             elements=contacts,
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,
-            supplies={"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]},
+            supplies=supplies,
         )
 
 

@@ -48,7 +48,7 @@ class Work(NamedTuple):
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
-    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    kind, initial: kind of each element and mode at the start of a switch;  attached: the unilateral contact that loads a friction, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -284,13 +284,17 @@ def _consistent(w, t, change, one):
         if not w.zero[i]:
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+        # in flight friction has no force, and the round-off of others must not make it stick or turn
+        flies = static == 0.0 and w.attached[i] >= 0 and w.m[w.attached[i]] == 1.0
+        if flies and w.m[i] != 0.0:
+            continue
         if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
             if force <= 1e-9 * static if w.m[i] == 0.0 else rate <= 1e-7 * abs(pace):
                 continue
             right = 1.0 - w.m[i]
         elif w.m[i] == 0.0:
             # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
-            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
+            if not flies and abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
                 continue
             right = -1.0 if force > 0.0 else 1.0
         else:

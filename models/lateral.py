@@ -126,7 +126,7 @@ class WhirlingCollar(Component):
         displacement, velocity = state("collar.displacement", "m", 2), state("collar.velocity", "m/s", 2)
         torque, weight = signal("bit.torque", "N m", default=0.0), signal("bit.weight", "N", default=self.weight)
         e, sin, cos = self.eccentricity, ca.sin(phi), ca.cos(phi)
-        centre = displacement + e * ca.vertcat(1 - cos, -sin)
+        centre = displacement + e * ca.vertcat(2 * ca.sin(phi / 2) ** 2, -sin)  # 1 - cos would be all round-off at small angles
         v = velocity + e * speed * ca.vertcat(sin, -cos)
         off_centre = centre + ca.vertcat(TINY, 0)
         r = ca.norm_2(off_centre)

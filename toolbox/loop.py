@@ -48,7 +48,8 @@ class Work(NamedTuple):
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
-    kind, initial: kind of each element and mode at the start of a switch;  attached: the unilateral contact that loads a friction, or -1;
+    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    loader: the unilateral contact without which a friction has no load, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -85,6 +86,7 @@ class Work(NamedTuple):
     kind: np.ndarray
     initial: np.ndarray
     attached: np.ndarray
+    loader: np.ndarray
     held: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
@@ -172,6 +174,7 @@ def _borrowed_all(w):
         _borrowed(w.kind),
         _borrowed(w.initial),
         _borrowed(w.attached),
+        _borrowed(w.loader),
         _borrowed(w.held),
         _borrowed(w.bounced),
         _borrowed(w.rec_t),
@@ -274,6 +277,12 @@ def _close(w, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _flies(w, i):
+    """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
+    return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
     ne = w.ints[NE]
@@ -284,17 +293,17 @@ def _consistent(w, t, change, one):
         if not w.zero[i]:
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
-        # in flight friction has no force, and the round-off of others must not make it stick or turn
-        flies = static == 0.0 and w.attached[i] >= 0 and w.m[w.attached[i]] == 1.0
-        if flies and w.m[i] != 0.0:
-            continue
         if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
             if force <= 1e-9 * static if w.m[i] == 0.0 else rate <= 1e-7 * abs(pace):
                 continue
             right = 1.0 - w.m[i]
+        elif _flies(w, i):
+            if w.m[i] != 0.0:
+                continue
+            right = -1.0 if force > 0.0 else 1.0
         elif w.m[i] == 0.0:
             # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
-            if not flies and abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
+            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
                 continue
             right = -1.0 if force > 0.0 else 1.0
         else:
@@ -719,14 +728,20 @@ def _locate(w, h, low):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mark(w):
-    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending."""
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending.
+
+    A slip that passes through zero in flight fires alone: it concerns no other element.
+    """
     ng = w.ints[NG]
+    first = w.ints[LOCATED] // 2 if w.ints[LOCATED] < 2 * w.ints[NE] else -1
+    alone = first >= 0 and w.m[first] != 0.0 and _flies(w, first)
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
     for j in range(ng):
         near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
-        w.fired[j] = near or j == w.ints[LOCATED]
+        flying = j < 2 * w.ints[NE] and w.m[j // 2] != 0.0 and _flies(w, j // 2)
+        w.fired[j] = (near and not alone and not flying) or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -820,6 +835,9 @@ def _fire(w, t):
         _strike(w, t)
     for i in range(ne):
         if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
+            if _flies(w, i):
+                w.m[i] = -w.m[i]
+                continue
             w.m[i] = 0.0  # its slip has been projected to zero already
             w.zero[i] = True
     for i in range(ne):
@@ -1083,7 +1101,7 @@ def advance(w):
         if event:  # slips that have just become zero are zero in the record, too
             _mark(w)
             for i in range(ne):
-                if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
+                if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not _flies(w, i):
                     w.m[i] = 0.0
             _project(w, t_new)
             for i in range(ne):

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from models import BitRock, Coulomb, TorsionalChain, WhirlingCollar, wells, whirl_ratio
+from studies import whirl
 from toolbox import SceneError, compose, energy_audit, measure, simulate
 
 pytestmark = pytest.mark.timeout(100)
@@ -394,3 +395,33 @@ def test_a_collar_hit_by_its_drive_alternates_between_open_and_closed():
     assert record.time == pytest.approx(run.time_in("wall", "closed"), rel=1e-12)
     # an undamped bounce stores m v^2/2 in k d^2/2: the force is at least v sqrt(k m) with the mass that the friction leaves at the contact
     assert 0.3 * record.speed * math.sqrt(1e9 * COLLAR.mass) < record.force < 2 * record.speed * math.sqrt(1e9 * COLLAR.mass)
+
+
+def test_bounces_that_die_out_on_a_rough_rigid_wall_end_in_contact():
+    for restitution in (0.9, 0.5, 0.0):
+        collar = dataclasses.replace(COLLAR, restitution=restitution)
+        run = simulate(compose(FLYWHEEL, collar), 2.0, start={"chain.speed": (24.0, 24.0)})
+        assert run.modes["wall"][-1] == "closed"
+        assert whirl_ratio(run, 1.5) == pytest.approx(collar.rolling_ratio(), rel=1e-6)
+        assert energy_audit(run).relative < 1e-5
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------ the study
+def test_a_gain_that_ends_stick_slip_can_drive_the_collar_against_the_wall():
+    stiff, mild, strong = (whirl.driven(gain) for gain in (None, 0.2, 0.6))
+    rows = [whirl.row(run) for run in (stiff, mild, strong)]
+    assert rows[0]["severity"] > 1.0 and rows[0]["stuck"] > 1.0  # without a sliding mode it sticks and slips
+    assert all(row["severity"] < 0.02 and row["stuck"] == 0.0 for row in rows[1:])  # both gains end that
+    assert rows[1]["impacts"] == 0 and rows[2]["impacts"] > 50  # and only one of them spares the collar
+    assert rows[1]["whirl"] == pytest.approx(1.0, abs=0.01)
+    # the wall was reached because the bit ran ahead, beyond the speed of the closed form
+    contact = WhirlingCollar().contact_speed(whirl.WEIGHT, whirl.SLIDING)
+    assert rows[1]["peak"] < contact < rows[2]["peak"]
+
+
+def test_the_pictures_of_the_study_are_drawn():
+    run = simulate(whirl.rig(), 12.0, controller=None, inputs={"top.torque": 11_000.0})
+    assert len(whirl.draw({"short": (run, 4.0), "again": (run, 6.0)}).axes) == 6
+    rows = {gain: whirl.row(whirl.driven(gain)) for gain in (0.1, 0.2)}
+    assert len(whirl.draw_gains(rows, rows[0.1]).axes) == 3
+    assert "gain 0.1" in whirl.table({"gain 0.1": rows[0.1]})

@@ -812,7 +812,8 @@ def _strike(w, t):
     for i in range(ne):
         if w.bounced[i]:
             after, fall = w.z[i], w.z[ne + i]
-            if fall > 0.0 and 0.5 * after * after <= fall * 1e-13 * _size(w, 2 * i):
+            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * _size(w, 2 * i), -10.0 * w.g[2 * i]):
                 w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
     _project(w, t)
 

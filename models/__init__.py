@@ -7,4 +7,16 @@ from models.drill_string import BitRock, TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
 from models.lateral import WhirlingCollar, whirl_ratio
 
-__all__ = ["BitRock", "BlockOnBelt", "Coulomb", "CubicStribeck", "Exponential", "Hyperbolic", "TorsionalChain", "TwoDisks", "WhirlingCollar", "wells", "whirl_ratio"]
+__all__ = [
+    "BitRock",
+    "BlockOnBelt",
+    "Coulomb",
+    "CubicStribeck",
+    "Exponential",
+    "Hyperbolic",
+    "TorsionalChain",
+    "TwoDisks",
+    "WhirlingCollar",
+    "wells",
+    "whirl_ratio",
+]

@@ -2,8 +2,9 @@
 
 NAVARRO_LOPEZ_2, NAVARRO_LOPEZ_4: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171 (two inertias; table, pipe, collar, bit).
 JANSEN_2: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668; the drag c_b = 50 N m s/rad of its bit is taken from the former.
-UFRJ_2: pipe and bottom-hole assembly published at UFRJ, Rio de Janeiro, as one inertia I_pipe/3 + I_BHA on the stiffness G J/L_p of the pipe, with damping
-0.35 I + 0.06 k_t; with `collar=-1` a `WhirlingCollar` acts on its last inertia. They prescribe the top speed; the top drive (2122 kg m2, 425 N m s/rad) is an assumption.
+UFRJ_2: pipe and bottom-hole assembly published at UFRJ, Rio de Janeiro, as one inertia I_pipe/3 + I_BHA on the stiffness G J/L_p of the pipe, with the
+damping 0.35 I + 0.06 k_t; with `collar=-1` a `WhirlingCollar` acts on its last inertia. They prescribe the top speed; the top drive (2122 kg m2,
+425 N m s/rad) is an assumption.
 """
 
 from __future__ import annotations

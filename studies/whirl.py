@@ -1,13 +1,14 @@
 """Which gain of a sliding mode ends stick-slip without driving the collar against the borehole wall?
 
-Theory. The bit of a published string (160 kN, 88 rpm) sticks and slips under a stiff drive. A sliding mode ends that, and the more the larger its weight
-lam of the speed difference, until it leaves the range in which it damps. But breaking the bit free it lets the bit run ahead, the faster the larger lam. Steady
-synchronous whirl reaches the wall at sqrt(k_l/m gap/(gap + e)), here 20.2 rad/s; beyond it the collar strikes, friction turns its whirl backward, and
-rolling along the wall then lasts down to a much lower speed, here 7.4 rad/s (`WhirlingCollar.contact_speed`, `rolling_speed`). So the bit may turn
-evenly and the collar suffer: a gain has to be judged by both.
+Theory. The bit of a published string (160 kN, 88 rpm) sticks and slips under a stiff drive. A sliding mode ends that in a range of its weight lam of the speed
+difference. But breaking the bit free it lets the bit run ahead, the faster the larger lam. Steady synchronous whirl reaches the wall at
+sqrt(k_l/m gap/(gap + e)), here 20.2 rad/s; beyond it the collar strikes, friction turns its whirl backward, and rolling along the wall then lasts down to
+a much lower speed, here 7.4 rad/s (`WhirlingCollar.contact_speed`, `rolling_speed`). So the bit may turn evenly and the collar suffer: a gain has to
+be judged by both.
 
-Answer (the table): 0.1 and 0.2 1/s are good for both. From 0.4 1/s the bit turns as evenly as before, but the collar strikes the wall tens or hundreds of times; from
-about 1 1/s stick-slip is back. At 165 kN and 0.4 1/s the bit turns evenly while the collar rolls backward along the wall for ever.
+Answer (the table): 0.1 and 0.2 1/s are good for both. From 0.4 1/s the bit turns as evenly as before, but the collar strikes the wall tens or hundreds of
+times; from about 1 1/s stick-slip is back. How many impacts there are depends on every digit, that there are many does not. At 165 kN and 0.4 1/s
+the bit turns evenly while the collar rolls backward along the wall for ever.
 
     python -m studies.whirl [FOLDER]         table, studies/figures/whirl.png and whirl_gain.png
     python -m studies.whirl stiffness        what a stiff wall costs the explicit method
@@ -101,7 +102,7 @@ def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
     """Speeds and radius of each run, and two seconds of its orbit from the given time on, one column each; returns a matplotlib figure."""
     import matplotlib.pyplot as plt
 
-    end, collar = 60.0, WhirlingCollar()
+    end, collar = min(60.0, *(run.end for run, _ in runs.values())), WhirlingCollar()
     dashed = {"color": "0.3", "linewidth": 0.8, "linestyle": (0, (4, 2))}
     with plt.rc_context(plot.PAPER):
         figure, axes = plt.subplots(3, len(runs), figsize=(9.0, 6.6), layout="constrained", height_ratios=(1, 1, 1.7), squeeze=False)

@@ -20,6 +20,7 @@ from models.friction import Coulomb, CubicStribeck, Drop, Exponential, Hyperboli
 from models.gears import GearNetwork
 from models.hand_arm import HandArm
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
+from models.lateral import WhirlingCollar, whirl_ratio
 from models.sections import Section, read_sections
 from models.shaft import shaft_frequencies
 from models.sliders import InclinedSlider, PlateContact, Slider
@@ -72,6 +73,7 @@ __all__ = [
     "TorsionalPendulum",
     "Transition",
     "TwoDisks",
+    "WhirlingCollar",
     "averaged_friction",
     "oscillators",
     "parabolic_shares",
@@ -81,4 +83,5 @@ __all__ = [
     "uniform_pressure_radius",
     "uniform_wear_radius",
     "wells",
+    "whirl_ratio",
 ]

@@ -21,6 +21,8 @@ class TorsionalChain(Component):
     `bit.inertia` [kg m2]. `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of
     `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where `BitRock` holds it.
     `friction_at` names the inertias that have friction, one for each load, where others have none. `drag` c_i adds to `top_drag` and `bit_drag`.
+    `collar` is the inertia (-1 for the last) on which a part acts sideways of the string, such as `WhirlingCollar`: it needs `collar.torque` [N m] (0) and
+    gives `collar.speed` [rad/s].
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -32,6 +34,7 @@ class TorsionalChain(Component):
     friction_load: tuple[float, ...] | None = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
     friction_at: tuple[int, ...] | None = None
     drag: tuple[float, ...] | None = quantity(None, "N m s/rad", "viscous drag on every inertia", at_least=0)
+    collar: int | None = None
 
     def check(self):
         n = len(self.inertia)
@@ -53,6 +56,9 @@ class TorsionalChain(Component):
                 f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
                 f"{len(self.friction_load)}."
             )
+
+        if self.collar is not None and not (type(self.collar) is int and -n <= self.collar < n):
+            raise SceneError(f"Argument `chain.collar` must be the number of an inertia, {-n} to {n - 1}, but it is {self.collar!r}.")
 
     def equations(self, signal):
         n = len(self.inertia)
@@ -82,22 +88,29 @@ class TorsionalChain(Component):
             drag = ca.vertcat(*self.drag)
             push -= drag * speed
             losses["drag"] = ca.dot(drag, speed**2)
+        losses |= {f"friction {i}": -contact.force * speed[i] for i, contact in contacts.items()}
+        supplies = {"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]}
+        gives = {
+            "top.speed": (speed[0], "rad/s"),
+            "bit.speed": (speed[-1], "rad/s"),
+            "top.load": (tau[0], "N m"),
+        }
+        if self.collar is not None:
+            collar_torque = signal("collar.torque", "N m", default=0.0)
+            push[self.collar] += collar_torque
+            gives["collar.speed"] = (speed[self.collar], "rad/s")
+            supplies["collar torque"] = collar_torque * speed[self.collar]
         bit_load = push[-1]
         push[-1] = bit_load - bit_torque
-        losses |= {f"friction {i}": -contact.force * speed[i] for i, contact in contacts.items()}
+        gives["bit.free_acceleration"] = (bit_load / self.inertia[-1], "rad/s2")
+        gives["bit.inertia"] = (self.inertia[-1], "kg m2")
         return Equations(
             flow={twist: slip, speed: push / inertia},
-            gives={
-                "top.speed": (speed[0], "rad/s"),
-                "bit.speed": (speed[-1], "rad/s"),
-                "top.load": (tau[0], "N m"),
-                "bit.free_acceleration": (bit_load / self.inertia[-1], "rad/s2"),
-                "bit.inertia": (self.inertia[-1], "kg m2"),
-            },
+            gives=gives,
             elements=list(contacts.values()),
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,
-            supplies={"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]},
+            supplies=supplies,
         )
 
 

@@ -6,8 +6,12 @@ AARSNES_SHOR: U. J. F. Aarsnes, R. J. Shor (2018), inclined well, off bottom, dr
 buoyancy, mu 0.3 falling to 0.195 at 1.5 rad/s (a jump, see `Drop`), drag 0.1 1/s, top drive of 2900 kg m2, drive PI(38e3, 100e3).
 UFRJ: pipe and bottom-hole assembly of F. F. Real et al. (2018), 5200 m; their damping 0.35 I + 0.06 k_t is a drag of 0.35 1/s and an internal damping of
 0.06 s. They prescribe the top speed; the top drive of 2122 kg m2 is an assumption, that of Jansen and van den Steen.
+UFRJ_2: pipe and bottom-hole assembly published at UFRJ, Rio de Janeiro, as one inertia I_pipe/3 + I_BHA on the stiffness G J/L_p of the pipe, with the
+damping 0.35 I + 0.06 k_t; with `collar=-1` a `WhirlingCollar` acts on its last inertia. They prescribe the top speed; the top drive (2122 kg m2,
+425 N m s/rad) is an assumption.
 
-The last two are lumped from the tables in `models/tables`, for frequencies up to 1 Hz, when first asked for; `DrillString.from_tables` lumps them otherwise.
+AARSNES_SHOR and UFRJ are lumped from the tables in `models/tables`, for frequencies up to 1 Hz, when first asked for; `DrillString.from_tables` lumps them
+otherwise.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ if TYPE_CHECKING:
     AARSNES_SHOR: DrillString
     UFRJ: DrillString
 
-__all__ = ["AARSNES_SHOR", "JANSEN_2", "NAVARRO_LOPEZ_2", "NAVARRO_LOPEZ_4", "UFRJ"]
+__all__ = ["AARSNES_SHOR", "JANSEN_2", "NAVARRO_LOPEZ_2", "NAVARRO_LOPEZ_4", "UFRJ", "UFRJ_2"]
 
 JANSEN_2 = TorsionalChain(
     inertia=(2122.0, 374.0),
@@ -50,6 +54,12 @@ NAVARRO_LOPEZ_4 = TorsionalChain(
     bit_drag=50.0,
 )
 
+UFRJ_2 = TorsionalChain(
+    inertia=(2122.0, 455.23502),
+    stiffness=(324.85663,),
+    damping=(178.82366,),
+    top_drag=425.0,
+)
 
 @cache
 def __getattr__(name: str) -> DrillString:

@@ -48,6 +48,7 @@ class Work(NamedTuple):
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    loader: the unilateral contact without which a friction has no load, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
@@ -83,6 +84,7 @@ class Work(NamedTuple):
     kind: np.ndarray
     initial: np.ndarray
     attached: np.ndarray
+    loader: np.ndarray
     held: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
@@ -169,6 +171,7 @@ def _borrowed_all(w):
         _borrowed(w.kind),
         _borrowed(w.initial),
         _borrowed(w.attached),
+        _borrowed(w.loader),
         _borrowed(w.held),
         _borrowed(w.bounced),
         _borrowed(w.rec_t),
@@ -271,6 +274,12 @@ def _close(w, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _flies(w, i):
+    """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
+    return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
     ne = w.ints[NE]
@@ -285,6 +294,10 @@ def _consistent(w, t, change, one):
             if force <= 1e-9 * static if w.m[i] == 0.0 else rate <= 1e-7 * abs(pace):
                 continue
             right = 1.0 - w.m[i]
+        elif _flies(w, i):
+            if w.m[i] != 0.0:
+                continue
+            right = -1.0 if force > 0.0 else 1.0
         elif w.m[i] == 0.0:
             # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
             if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
@@ -720,8 +733,13 @@ def _locate(w, h, low):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _mark(w, again):
-    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again."""
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again.
+
+    A slip that passes through zero in flight fires alone: it concerns no other element.
+    """
     ng = w.ints[NG]
+    first = w.ints[LOCATED] // 2 if w.ints[LOCATED] < 2 * w.ints[NE] else -1
+    alone = first >= 0 and w.m[first] != 0.0 and _flies(w, first)
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
@@ -729,7 +747,8 @@ def _mark(w, again):
         rate = w.side[j] * w.g[ng + j]
         # a kink that is at zero and stays there has not been crossed
         near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
-        w.fired[j] = (near and not again) or j == w.ints[LOCATED]
+        flying = j < 2 * w.ints[NE] and w.m[j // 2] != 0.0 and _flies(w, j // 2)
+        w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -800,7 +819,8 @@ def _strike(w, t):
     for i in range(ne):
         if w.bounced[i]:
             after, fall = w.z[i], w.z[ne + i]
-            if fall > 0.0 and 0.5 * after * after <= fall * 1e-13 * _size(w, 2 * i):
+            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * _size(w, 2 * i), -10.0 * w.g[2 * i]):
                 w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
     _project(w, t)
 
@@ -823,6 +843,9 @@ def _fire(w, t):
         _strike(w, t)
     for i in range(ne):
         if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
+            if _flies(w, i):
+                w.m[i] = -w.m[i]
+                continue
             w.m[i] = 0.0  # its slip has been projected to zero already
             w.zero[i] = True
     for i in range(ne):
@@ -1089,7 +1112,7 @@ def advance(w):
         if event:  # slips that have just become zero are zero in the record, too
             _mark(w, h == 0.0)
             for i in range(ne):
-                if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
+                if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not _flies(w, i):
                     w.m[i] = 0.0
             _project(w, t_new)
             for i in range(ne):

@@ -231,6 +231,38 @@ def _size(target: float, size: float | None) -> float:
     return float(size)
 
 
+# ------------------------------------------------------------------------------------------------------------------------- unilateral contacts
+@dataclass(frozen=True)
+class Contact:
+    """What a unilateral contact went through: number of impacts, time closed [s], largest force [N] and largest speed of approach [m/s].
+
+    A rigid contact takes an impact in an instant, so that its force is that while it is closed.
+    """
+
+    impacts: int
+    time: float
+    force: float
+    speed: float
+
+
+def contact(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> Contact:
+    """Impacts, closed time, largest force and speed of approach of a `UnilateralContact` between `after` and `until` [s] (the end of the run).
+
+    An impact is a closing, or a bounce of a rigid contact. Raises SceneError for another element or a window outside the run.
+    """
+    begin, end = window(run, after, until)
+    found = next((e for e in run.program.system.elements if e.name == element), None)
+    if not isinstance(found, UnilateralContact):
+        contacts = [e.name for e in run.program.system.elements if isinstance(e, UnilateralContact)]
+        raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, contacts)}")
+    times = np.array([e.time for e in run.events if e.element == element and e.before == "open" and begin <= e.time <= end])
+    nodes = run.nodes
+    before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
+    approach = _rows(nodes, before).computed(f"{element}.rate", found.rate) if times.size else np.zeros(1)
+    closed = run.time_in(element, "closed", begin, end)
+    return Contact(times.size, closed, extent(run, f"{element}.force", begin, end).maximum if closed else 0.0, float(approach.max()))
+
+
 # -------------------------------------------------------------------------------------------------------------------------------------- energy
 @dataclass(frozen=True)
 class EnergyAudit:

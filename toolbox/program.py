@@ -38,6 +38,7 @@ class Program:
     kind: np.ndarray
     initial: np.ndarray
     attached: np.ndarray
+    loader: np.ndarray
     varying: list[int]
     forced: bool
     groups: np.ndarray
@@ -112,6 +113,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
+        loader=np.array(form.loader, np.int64),
         varying=[i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
         forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
         p_size=p.numel(),

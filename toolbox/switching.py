@@ -37,8 +37,8 @@ class Switching:
     elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel;
     sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
     a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
-    attached: for every element the rigid contact whose force bounds it, or -1. The bound of a rigid contact is the size of the
-    forces that its own has to balance, a scale for what is zero.
+    attached: for every element the rigid contact whose force bounds it, or -1;  loader: for every element the unilateral contact without which it has no
+    load, or -1. The bound of a rigid contact is the size of the forces that its own has to balance, a scale for what is zero.
     open_field, balance: where forces hold each other, dx/dt with forces as symbols, and what these forces make zero; else empty.
     """
 
@@ -55,6 +55,7 @@ class Switching:
     sticks: ca.SX
     impulse: tuple[ca.SX, ca.SX, ca.SX] | None
     attached: tuple[int, ...]
+    loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
 
@@ -129,9 +130,21 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
         for j in rigid:
             bound[j] = balanced[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
+    loader = _loaders(elements)
     return Switching(
-        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), open_field, balance
+        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance
     )
+
+
+def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
+    """For every friction the unilateral contact that, when open, leaves it without any load; -1 for none."""
+    contacts = [(j, e) for j, e in enumerate(elements) if hasattr(e, "closure")]
+    found = []
+    for element in elements:
+        symbols = [(j, ca.vertcat(e.multiplier, e.mode)) for j, e in contacts if element.law is not None]
+        alone = [j for j, s in symbols if ca.depends_on(element.load, s) and ca.substitute(element.load, s, ca.vertcat(0, 1)).is_zero()]
+        found.append(alone[0] if alone else -1)
+    return tuple(found)
 
 
 def _impact(

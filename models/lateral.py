@@ -1,0 +1,177 @@
+"""Lateral motion of a drill collar in its borehole: whirl, and rubbing against the wall.
+
+States are those of the mass centre, because the forces at the geometric centre then never meet the angular acceleration: one Newton equation for
+each direction, one moment, and no mass matrix to invert. The published form in polar coordinates is not used: it omits the moment
+k_l r e sin(phi - theta) of the bending force about the mass centre, so that its energy is not conserved, and it is singular in the middle of the hole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from models.friction import Coulomb
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, Trajectory, UnilateralContact, quantity, state
+from toolbox.measure import window
+
+TINY = 1e-20
+"""A length [m] or speed [m/s] below all others: it gives a collar in the very middle of the hole a direction, and changes no digit elsewhere."""
+
+
+@dataclass(frozen=True)
+class WhirlingCollar(Component):
+    """Eccentric collar between two stabilisers, turning at phi', bending, dragging mud, and rubbing on the borehole wall.
+
+        m y_c'' = Y, m z_c'' = Z;   (y_c, z_c) = (y, z) + e (cos phi, sin phi)
+        (Y, Z) = -k_l (y, z) - c_h |v| (y', z') - N (y, z)/r + F (-z, y)/r;   M = R_co F + e (Y sin phi - Z cos phi)
+        k_l = E I_a pi^4/(2 L^3) - T pi^3/(2 L^2) - W pi^2/(2 L);   N unilateral on r - gap;   F dry friction with load N against R_co phi' + r theta'
+
+    y, z: geometric centre, with polar form r, theta; zero at rest in the middle of the hole.  M: torque of it all on the string. Five states:
+    `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from where it is at rest, `collar.velocity` (2) [m/s] of the mass
+    centre. Contacts: `wall`, and its friction `rub`. Signals: needs `collar.speed` phi' [rad/s], `bit.torque` T [N m] (0) and `bit.weight` W [N]
+    (of the bit, or the field); gives `collar.torque` M [N m], `collar.y`, `collar.z`, `collar.radius` r [m]. `TorsionalChain` with `collar=` takes part.
+
+    The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
+    negative the collar lies on the wall. A reconstruction: stands in for the torsional-lateral string of Hong and Dhupia, of which only the abstract
+    was read, with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
+    """
+
+    span: float = quantity(8.55, "m", "length L between stabilisers", above=0)
+    outer_diameter: float = quantity(0.171, "m", "outer diameter of the collar, 2 R_co", above=0)
+    inner_diameter: float = quantity(0.071, "m", "inner diameter of the collar", at_least=0)
+    hole_diameter: float = quantity(0.216, "m", "diameter of the borehole", above=0)
+    eccentricity: float = quantity(0.014, "m", "distance e from geometric to mass centre", at_least=0)
+    young: float = quantity(220e9, "Pa", "Young's modulus E of the collar", above=0)
+    density: float = quantity(7800.0, "kg/m3", "density of the collar", above=0)
+    mud_density: float = quantity(1500.0, "kg/m3", "density of the mud", at_least=0)
+    added_mass: float = quantity(1.7, "1", "added mass coefficient C_A", at_least=0)
+    drag_coefficient: float = quantity(1.0, "1", "drag coefficient C_D", at_least=0)
+    wall_stiffness: float = quantity(1e9, "N/m", "stiffness k_s of an elastic wall", above=0)
+    wall_damping: float = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
+    restitution: float | None = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
+    friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
+    weight: float | None = quantity(None, "N", "weight on bit where no rock says it", at_least=0)
+
+    def check(self):
+        if not self.inner_diameter < self.outer_diameter < self.hole_diameter:
+            raise SceneError(
+                "Arguments `inner_diameter`, `outer_diameter` and `hole_diameter` must increase, but they are "
+                f"{self.inner_diameter:g}, {self.outer_diameter:g} and {self.hole_diameter:g} m."
+            )
+
+    @property
+    def radius(self) -> Any:
+        """R_co = D_o/2 [m]."""
+        return self.outer_diameter / 2
+
+    @property
+    def gap(self) -> Any:
+        """Clearance (D_hole - D_o)/2 [m]."""
+        return (self.hole_diameter - self.outer_diameter) / 2
+
+    @property
+    def mass(self) -> Any:
+        """Modal mass m = L (rho A + rho_f pi/4 (D_i^2 + C_A D_o^2))/2 [kg], with the mud inside and the mud moved."""
+        steel = self.density * np.pi / 4 * (self.outer_diameter**2 - self.inner_diameter**2)
+        mud = self.mud_density * np.pi / 4 * (self.inner_diameter**2 + self.added_mass * self.outer_diameter**2)
+        return self.span * (steel + mud) / 2
+
+    @property
+    def drag(self) -> Any:
+        """Drag c_h = 2 rho_f C_D D_o L/(3 pi) of the mud [N s2/m2]."""
+        return 2 * self.mud_density * self.drag_coefficient * self.outer_diameter * self.span / (3 * np.pi)
+
+    @property
+    def bending_stiffness(self) -> Any:
+        """E I_a pi^4/(2 L^3) [N/m] of the unloaded collar."""
+        return self.young * np.pi / 64 * (self.outer_diameter**4 - self.inner_diameter**4) * np.pi**4 / (2 * self.span**3)
+
+    def softening(self, weight: Any, torque: Any) -> Any:
+        """What weight W [N] and torque T [N m] take off the stiffness, T pi^3/(2 L^2) + W pi^2/(2 L) [N/m]."""
+        return torque * np.pi**3 / (2 * self.span**2) + weight * np.pi**2 / (2 * self.span)
+
+    def stiffness(self, weight: float = 0.0, torque: float = 0.0) -> Any:
+        """k_l [N/m] under a weight on bit [N] and a torque on bit [N m]."""
+        return self.bending_stiffness - self.softening(weight, torque)
+
+    def synchronous_radius(self, speed: float, weight: float = 0.0, torque: float = 0.0) -> float:
+        """Radius m e w^2/|k_l - m w^2| [m] of forward synchronous whirl at a speed w [rad/s], without drag and without the wall."""
+        return self.mass * self.eccentricity * speed**2 / abs(self.stiffness(weight, torque) - self.mass * speed**2)
+
+    def contact_speed(self, weight: float = 0.0, torque: float = 0.0) -> float:
+        """Lowest speed sqrt(k_l/m gap/(gap + e)) [rad/s] at which steady synchronous whirl, without drag, reaches the wall."""
+        return float(np.sqrt(self.stiffness(weight, torque) / self.mass * self.gap / (self.gap + self.eccentricity)))
+
+    def rolling_ratio(self) -> float:
+        """theta'/phi' = -R_co/gap of pure rolling: backward whirl without slip on the wall."""
+        return -self.radius / self.gap
+
+    def rolling_speed(self, weight: float = 0.0, torque: float = 0.0, friction: float | None = None) -> float:
+        """Lowest steady speed [rad/s] at which rolling backward along a rigid wall lasts; inf where friction is too low for any.
+
+            w^2 = mu k_l gap/(mu m R_co^2/gap - m e sqrt(1 + mu^2) - c_h R_co^2)
+
+        Above it the wall presses hard enough, N = m gap theta'^2 + m e w^2 cos psi - k_l gap, for friction to bear drag and imbalance,
+        |F| = |m e w^2 sin psi + c_h gap^2 theta'^2| <= mu N, at every angle psi = phi - theta.  friction: mu, by default the static coefficient of the law.
+        """
+        mu = float(self.friction.breakaway()) if friction is None else friction
+        held = mu * self.mass * self.radius**2 / self.gap - self.mass * self.eccentricity * np.sqrt(1 + mu**2) - self.drag * self.radius**2
+        return float(np.sqrt(mu * self.stiffness(weight, torque) * self.gap / held)) if held > 0 else np.inf
+
+    def equations(self, signal):
+        phi, speed = state("collar.angle", "rad"), signal("collar.speed", "rad/s")
+        displacement, velocity = state("collar.displacement", "m", 2), state("collar.velocity", "m/s", 2)
+        torque, weight = signal("bit.torque", "N m", default=0.0), signal("bit.weight", "N", default=self.weight)
+        e, sin, cos = self.eccentricity, ca.sin(phi), ca.cos(phi)
+        centre = displacement + e * ca.vertcat(2 * ca.sin(phi / 2) ** 2, -sin)  # 1 - cos would be all round-off at small angles
+        v = velocity + e * speed * ca.vertcat(sin, -cos)
+        off_centre = centre + ca.vertcat(TINY, 0)
+        r = ca.norm_2(off_centre)
+        outward, along = off_centre / r, ca.vertcat(-off_centre[1], off_centre[0]) / r
+        rigid = self.restitution is not None
+        wall = UnilateralContact(
+            "wall", r - self.gap, ca.dot(outward, v), restitution=self.restitution,
+            stiffness=None if rigid else self.wall_stiffness, damping=0.0 if rigid else self.wall_damping,
+        )  # fmt: skip
+        slip = self.radius * speed + ca.dot(along, v)
+        rub = DryFriction("rub", slip, self.friction, wall.force)
+        softening = self.softening(weight, torque)
+        current = ca.sqrt(ca.dot(v, v) + TINY**2)
+        force = (softening - self.bending_stiffness) * centre - self.drag * current * v - wall.force * outward + rub.force * along
+        moment = self.radius * rub.force + e * (force[0] * sin - force[1] * cos)
+        return Equations(
+            flow={phi: speed, displacement: velocity, velocity: force / self.mass},
+            gives={
+                "collar.torque": (moment, "N m"),
+                "collar.y": (centre[0], "m"),
+                "collar.z": (centre[1], "m"),
+                "collar.radius": (r, "m"),
+            },
+            elements=[wall, rub],
+            stored=self.mass * ca.dot(velocity, velocity) / 2 + self.bending_stiffness * ca.dot(centre, centre) / 2 + wall.stored,
+            losses={"mud": self.drag * current**3, "rub": -rub.force * slip, "wall": wall.loss},
+            supplies={"string": -moment * speed, "weight and torque": softening * ca.dot(centre, v)},
+        )
+
+
+def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None, name: str = "collar") -> float:
+    """Turns of the collar's centre around the hole per turn of the collar, theta'/phi' over a window [s].
+
+    1 in forward synchronous whirl, -R_co/gap rolling backward along the wall; nan where the collar does not turn. A passage through the
+    middle of the hole counts as the half turn that it is, of either sense. Raises SceneError for a window outside the run, and for a run without a
+    collar of that name.
+    """
+    begin, end = window(run, after, until)
+    times = np.unique(np.concatenate([run.nodes.time[(run.nodes.time > begin) & (run.nodes.time < end)], [begin, end]]))
+    for _ in range(12):  # until neighbours are less than a quarter turn apart
+        samples = run.nodes.at(times)
+        theta = np.unwrap(np.arctan2(samples[f"{name}.z"], samples[f"{name}.y"]))
+        far = np.flatnonzero(np.abs(np.diff(theta)) > np.pi / 4)
+        if not far.size:
+            break
+        times = np.sort(np.concatenate([times, 0.5 * (times[far] + times[far + 1])]))
+    turned = run.nodes.at(np.array([begin, end]))[f"{name}.angle"]
+    return float((theta[-1] - theta[0]) / (turned[1] - turned[0])) if turned[1] != turned[0] else np.nan

@@ -1,6 +1,6 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
-from toolbox.closed_loop import Controller, Sampled
+from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
@@ -8,6 +8,7 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.observed import Observed, Observer
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.simulate import simulate
@@ -22,11 +23,14 @@ __all__ = [
     "Event",
     "FrictionLaw",
     "HybridSystem",
+    "Observed",
+    "Observer",
     "Relay",
     "Sampled",
     "Scene",
     "SceneError",
     "SimulationError",
+    "Takeover",
     "Trajectory",
     "Update",
     "ZenoError",

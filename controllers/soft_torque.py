@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.pi import PI
-from toolbox import Controller, SceneError, quantity
+from controllers.torque_limits import TorqueLimits
+from toolbox import SceneError, quantity
 
 
 @dataclass(frozen=True)
-class SoftTorque(Controller):
+class SoftTorque(TorqueLimits):
     """Impedance matching for a lumped string: proportional = sqrt(k J_b), integral = (k / J_b) J_r.
 
     `design` reads `chain.inertia` and `chain.stiffness` of the plant: k is the stiffness of all springs in series, J_b the inertia below the
@@ -19,9 +20,6 @@ class SoftTorque(Controller):
     matching condition in J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668, and U. J. F. Aarsnes, F. Di Meglio,
     R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
     """
-
-    measures = ("top.speed",)
-    drives = ("top.torque",)
 
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
     detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
@@ -37,4 +35,5 @@ class SoftTorque(Controller):
             proportional=float(np.sqrt(series * below)) / self.detuning,
             integral=series / below * float(inertia[0]) / self.detuning,
             reference=self.reference,
+            **self.limits,
         )

@@ -195,7 +195,7 @@ class Takeover(Controller):
     """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
 
     before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
-    then, that of `before`, recorded as `before.<name>`, stops. Sampled only. Raises SceneError where the two drive different signals.
+    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises SceneError where the two drive different signals.
     """
 
     before: Controller = field(default_factory=Controller)
@@ -207,13 +207,16 @@ class Takeover(Controller):
         return dataclasses.replace(self, before=self.before.design(plant), after=self.after.design(plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        if set(self.before.drives) != set(self.after.drives):
+            driven = [", ".join(law.drives) or "nothing" for law in (self.before, self.after)]
+            raise SceneError(f"The laws of a takeover must drive the same signals, but they drive {driven[0]} and {driven[1]}.")
         first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
-        if {n: u for n, (_, u) in first.outputs.items()} != {n: u for n, (_, u) in second.outputs.items()}:
-            raise SceneError(f"The laws of a takeover must drive the same signals, but they drive {', '.join(first.outputs)} and {', '.join(second.outputs)}.")
         for variable in first.memory:
             variable.label = f"before.{variable.label}"
         now = time >= self.at
         memory = {variable: ca.if_else(now, value, variable) for variable, value in second.memory.items()}
         memory |= {variable: ca.if_else(now, variable, value) for variable, value in first.memory.items()}
-        outputs = {name: (ca.if_else(now, value, first.outputs[name][0]), unit) for name, (value, unit) in second.outputs.items()}
+        outputs = {**first.outputs, **second.outputs}
+        for name in {*first.outputs} & {*second.outputs}:
+            outputs[name] = (ca.if_else(now, second.outputs[name][0], first.outputs[name][0]), outputs[name][1])
         return Update(memory, outputs)

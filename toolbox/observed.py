@@ -48,6 +48,11 @@ class Observed(Controller):
     observer: Observer = field(default_factory=Observer)
     late: int = 0
 
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the law drives."""
+        return self.law.drives
+
     def design(self, plant: HybridSystem) -> Observed:
         """The law and the observer designed on the plant."""
         return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant))

@@ -31,7 +31,7 @@ class HInfinity(TorqueLimits):
     torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
     disturbance: float = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
     noise: float = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
-    leak: float = quantity(0.02, "1/s", "pole of the weight on the top speed", above=0)
+    leak: float = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
     margin: float = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
     order: int = 0
     matrices: tuple[float, ...] | None = quantity(None, "1", "A, B, C of K and its drive column, row by row; filled in by design")

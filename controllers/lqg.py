@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from controllers.lqr import LQR
 from controllers.observers import Kalman
@@ -18,7 +19,7 @@ class LQG(LQR):
     the filter (separation); with a rock the filter knows less than the regulator was designed on, and tests say what is left of that.
     """
 
-    measures = ("top.speed",)
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
 
     late: int = 0
     noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)

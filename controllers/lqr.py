@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -26,7 +26,7 @@ class LQR(TorqueLimits):
     K_top / K_i). Measures all states of the string. Range: near that point; the law may not free a bit that is far from it.
     """
 
-    measures = ("top.speed", "bit.speed")
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
     top_size: float = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)

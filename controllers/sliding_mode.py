@@ -13,6 +13,7 @@ relay with true sliding, is the limit both are measured against.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import casadi as ca
 
@@ -28,7 +29,7 @@ class SlidingSurface(TorqueLimits):
     known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given.
     """
 
-    measures = ("top.speed", "bit.speed", "top.load")
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed")
     surface: float = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)

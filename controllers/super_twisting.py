@@ -10,6 +10,7 @@ Why sampled only: the continuous law switches infinitely often in finite time be
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -51,7 +52,7 @@ class ImpedanceSuperTwisting(SuperTwisting):
     sqrt(k J_b) of the chain unless given, `surface` the rate at which the set-point is won back. Measures no bit speed.
     """
 
-    measures = ("top.speed", "top.load")
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
 
     impedance: float | None = quantity(None, "N m s/rad", "impedance Z", above=0)
 

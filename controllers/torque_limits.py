@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -20,8 +20,8 @@ class TorqueLimits(Controller):
     Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.5). A rate can be kept by sampled laws only.
     """
 
-    measures = ("top.speed",)
-    drives = ("top.torque",)
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
 
     lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive")
     highest_torque: float | None = quantity(None, "N m", "highest torque of the drive")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -32,9 +33,9 @@ class ZTorque(TorqueLimits):
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
 
     @classmethod
-    def for_string(cls, string_impedance: float, inertia: float, filter_time: float = 0.05, **others: float) -> ZTorque:
+    def for_string(cls, string_impedance: float, inertia: float, filter_time: float = 0.05, **others: Any) -> ZTorque:
         """The law for a string of impedance zeta [N m s/rad] (see `controllers.impedance`) on a drive of that inertia [kg m2]; I = 0 unless given."""
-        numbers = {
+        numbers: dict[str, Any] = {
             "impedance": string_impedance,
             "inertia": compensated(inertia, string_impedance, filter_time),
             "filter_time": filter_time,

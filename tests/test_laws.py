@@ -26,7 +26,7 @@ from controllers.impedance import impedance, pipe_impedance, reflection
 from controllers.string_model import drilling_point, string_model
 from controllers.z_torque import compensated
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
-from toolbox import SceneError, Takeover, compose, linearise, overshoot, sine, simulate
+from toolbox import SceneError, Takeover, compose, linearise, overshoot, simulate, sine
 from toolbox.measure import severity
 
 pytestmark = pytest.mark.timeout(60)
@@ -41,18 +41,28 @@ def poles(*parts, **arguments):
     return np.sort_complex(linearise(compose(*parts), **arguments).poles())
 
 
-def freed(law, reference, **arguments):
+def freed(law, reference):
     """Seconds that the bit still sticks in the last 50 s of 150 s, with the law taking over from a stiff drive after 50 s of stick-slip."""
-    run = simulate(
-        RIG, 150.0, controller=Takeover(StiffPI(reference=reference, **LIMITS), law, at=50.0), sample_time=0.01, inputs={"top.reference": reference}, **arguments
-    )  # fmt: skip
+    both = Takeover(StiffPI(reference=reference, **LIMITS), law, at=50.0)
+    run = simulate(RIG, 150.0, controller=both, sample_time=0.01, inputs={"top.reference": reference})
     assert run.time_in("bit", "stick", until=50.0) > 10.0
     return run.time_in("bit", "stick", after=100.0)
 
 
 def test_every_speed_law_frees_a_bit_that_the_stiff_drive_leaves_in_stick_slip():
     assert freed(StiffPI(reference=8.5, **LIMITS), 8.5) > 10.0
-    for kind in (SoftTorque, ZTorque, ActiveDamping, SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting, LQR, LQG, HInfinity):
+    for kind in (
+        SoftTorque,
+        ZTorque,
+        ActiveDamping,
+        SlidingMode,
+        ImplicitSlidingMode,
+        SuperTwisting,
+        ImpedanceSuperTwisting,
+        LQR,
+        LQG,
+        HInfinity,
+    ):
         assert freed(kind(reference=8.5, **LIMITS).design(RIG), 8.5) == 0.0, kind.__name__
 
 
@@ -92,7 +102,9 @@ def test_limits_that_are_never_met_change_nothing():
     np.testing.assert_allclose(wide.at(30.0).states, free.at(30.0).states, rtol=1e-10)
 
 
-@pytest.mark.parametrize("kind", [PI, ZTorque, SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting, LQR, LQG, HInfinity])
+@pytest.mark.parametrize(
+    "kind", [PI, ZTorque, SlidingMode, ImplicitSlidingMode, SuperTwisting, ImpedanceSuperTwisting, LQR, LQG, HInfinity]
+)
 def test_no_law_commands_more_than_its_limits(kind):
     law = kind(reference=6.0, lowest_torque=1000.0, highest_torque=9000.0, torque_rate=20_000.0)
     run = simulate(RIG, 20.0, controller=law, sample_time=0.02, output_times=(np.arange(1000) + 0.5) * 0.02)
@@ -221,8 +233,8 @@ def test_laws_for_strings_say_so_on_other_plants():
 
 
 def at_point(law, reference, **more):
-    """Where to linearise a loop: at the drilling point, with its torque as input of a law that has none."""
-    model, x, u, _ = drilling_point(RIG, reference)
+    """The states of the drilling point, where a loop is linearised."""
+    model, x, _, _ = drilling_point(RIG, reference)
     return dict(zip(model.states, x, strict=True)) | more
 
 

@@ -195,7 +195,8 @@ class Takeover(Controller):
     """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
 
     before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
-    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises SceneError where the two drive different signals.
+    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises
+    SceneError where the two drive different signals.
     """
 
     before: Controller = field(default_factory=Controller)

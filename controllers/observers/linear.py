@@ -9,7 +9,7 @@ constant. The gain L is that of a Kalman filter, or places all poles at one band
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -27,8 +27,8 @@ class StringObserver(Observer):
     meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held.
     """
 
-    measures = ("top.speed",)
-    estimates = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
 
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class StringObserver(Observer):
         def rate(z: Any) -> Any:
             return A @ z + B * torque + L * self.injection(speed - top @ z)
 
-        estimates = {name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))}
+        estimates: dict[str, tuple[Any, str]] = {name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))}
         estimates |= {
             "top.speed": (top @ x, "rad/s"),
             "bit.speed": (bit @ x, "rad/s"),

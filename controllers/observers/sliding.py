@@ -15,20 +15,21 @@ from toolbox import quantity
 class SlidingObserver(StringObserver):
     """Sliding-mode observer with a boundary layer: the top speed is followed by a switching injection, whose mean value drives the rest.
 
-        x_hat' = A x_hat + B u + g v,   v = injection * clip((w_top - w_top_hat) / layer, -1, 1)
+        x_hat' = A x_hat + B u + g v,   v = size clip(e / layer, -1, 1) + reaching e,   e = w_top - w_top_hat
 
-    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. The injection
-    must exceed what the errors can do to the top speed [rad/s2]. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on
+    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `size` must exceed
+    what the errors can do to the top speed; `reaching` brings large errors back, where a bounded injection alone would wind the estimates up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on
     observers); gains by pole placement.
     """
 
-    bandwidth: float = quantity(4.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
+    bandwidth: float = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
     size: float = quantity(5.0, "rad/s2", "injection at the edge of the layer", above=0)
+    reaching: float = quantity(20.0, "1/s", "gain on large errors", at_least=0)
     layer: float = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
         """The switching injection [rad/s2]."""
-        return self.size * ca.fmin(ca.fmax(error / self.layer, -1), 1)
+        return self.size * ca.fmin(ca.fmax(error / self.layer, -1), 1) + self.reaching * error
 
     def gains(self, A, B, row):
         """g with row g = 1 and zeros of row (s - A)^-1 g, the poles in sliding, all at -bandwidth."""

@@ -17,9 +17,9 @@ class SlidingObserver(StringObserver):
 
         x_hat' = A x_hat + B u + g v,   v = size clip(e / layer, -1, 1) + reaching e,   e = w_top - w_top_hat
 
-    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `size` must exceed
-    what the errors can do to the top speed; `reaching` brings large errors back, where a bounded injection alone would wind the estimates up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on
-    observers); gains by pole placement.
+    g has 1 for the top speed, so that on e = 0 the remaining errors decay with all poles at -bandwidth, whatever the injection. `size` must
+    exceed what the errors can do to the top speed; `reaching` brings large errors back, where a bounded injection alone would wind the estimates
+    up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers); gains by pole placement.
     """
 
     bandwidth: float = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)

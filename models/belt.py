@@ -1,24 +1,53 @@
-"""Block on a moving belt: the smallest machine with stick-slip."""
+"""Blocks on a moving belt: one block, the smallest machine with stick-slip, a chain of them, and an absorber that calms one."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import casadi as ca
+
 from models.friction import Hyperbolic
-from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
-class BlockOnBelt(Component):
-    """Block on a moving belt, held by a spring: m v' = u - k x + F, F dry friction against v - v_belt.
+class Block(Component):
+    """Mass on a spring without friction of its own: m v' = u + a - k x - c v.
 
-    Signals: needs `block.force` u [N] (0); gives `block.position` [m], `block.speed` [m/s]. Contact: `belt`. Defaults are the numbers of
-    Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s.
+    Signals: needs `block.force` u [N] (0) and `block.attachment` a [N] (0), the force of what is tied to it: a friction damper, an absorber, a bristle;
+    gives `block.position` x [m], `block.speed` v [m/s].
     """
 
     mass: float = quantity(1.0, "kg", "mass of the block", above=0)
     stiffness: float = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
     damping: float = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
+
+    def equations(self, signal):
+        x, v = state("block.position", "m"), state("block.speed", "m/s")
+        force, attachment = signal("block.force", "N", default=0.0), signal("block.attachment", "N", default=0.0)
+        return Equations(
+            flow={x: v, v: (force + attachment - self.stiffness * x - self.damping * v) / self.mass},
+            stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2,
+            losses={"damping": self.damping * v**2},
+            supplies={"force": force * v, "attachment": attachment * v},
+        )
+
+
+@dataclass(frozen=True)
+class BlockOnBelt(Component):
+    """Block on a moving belt, held by a spring: m v' = u + a - k x - c v - d (v - v_belt) + F, F dry friction against v - v_belt.
+
+    Signals: needs `block.force` u [N] (0), `block.load` [N] (the field `load`; an alternating load is an input) and `block.attachment` a [N]
+    (0), the force of what is tied to the block; gives `block.position` x [m], `block.speed` v [m/s]. Contact: `belt`. Defaults are the numbers
+    of Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s. At belt speed 0 it
+    is the oscillator of J. P. Den Hartog (1931).
+    """
+
+    mass: float = quantity(1.0, "kg", "mass of the block", above=0)
+    stiffness: float = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
+    damping: float = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
+    drag: float = quantity(0.0, "N s/m", "viscous drag between block and belt", at_least=0)
     belt_speed: float = quantity(0.2, "m/s", "speed of the belt")
     load: float = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
@@ -26,11 +55,118 @@ class BlockOnBelt(Component):
     def equations(self, signal):
         x, v = state("block.position", "m"), state("block.speed", "m/s")
         force = signal("block.force", "N", default=0.0)
-        belt = DryFriction("belt", v - self.belt_speed, self.friction, self.load)
+        load = signal("block.load", "N", default=self.load)
+        attachment = signal("block.attachment", "N", default=0.0)
+        slip = v - self.belt_speed
+        belt = DryFriction("belt", slip, self.friction, load)
+        carried = belt.force - self.drag * slip
         return Equations(
-            flow={x: v, v: (force - self.stiffness * x - self.damping * v + belt.force) / self.mass},
+            flow={x: v, v: (force + attachment - self.stiffness * x - self.damping * v + carried) / self.mass},
             elements=[belt],
             stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2,
-            losses={"friction": -belt.force * (v - self.belt_speed), "damping": self.damping * v**2},
-            supplies={"belt drive": belt.force * self.belt_speed, "force": force * v},
+            losses={"friction": -belt.force * slip, "damping": self.damping * v**2, "drag": self.drag * slip**2},
+            supplies={"belt drive": carried * self.belt_speed, "force": force * v, "attachment": attachment * v},
         )
+
+
+@dataclass(frozen=True)
+class BlocksOnBelt(Component):
+    """Blocks in a row on one belt, each held by a spring to ground and tied to its neighbours: the smallest machine whose parts stick in turn.
+
+        m_i v_i' = -k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i,   F_i dry friction against v_i - v_belt
+
+    Signals: gives `blocks.position` (n) [m] and `blocks.speed` (n) [m/s]. Contacts: `belt.i`, i from 0. Two equal blocks started alike move
+    as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
+    """
+
+    mass: tuple[float, ...] = quantity((1.0, 1.2), "kg", "masses", above=0)
+    stiffness: tuple[float, ...] = quantity((1.0, 1.0), "N/m", "stiffness to ground of every block", at_least=0)
+    damping: tuple[float, ...] = quantity((0.0, 0.0), "N s/m", "viscous damping to ground of every block", at_least=0)
+    tie: tuple[float, ...] = quantity((0.5,), "N/m", "stiffness q between neighbours", at_least=0)
+    load: tuple[float, ...] = quantity((1.0, 1.0), "N", "normal load of every block; 1 where the law is a force", at_least=0)
+    belt_speed: float = quantity(0.2, "m/s", "speed of the belt")
+    friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
+
+    def check(self):
+        n = len(self.mass)
+        if n < 2:
+            raise SceneError(f"Argument `blocks.mass` must hold at least 2 masses, but it has {n}.")
+        for name, size in (("stiffness", n), ("damping", n), ("load", n), ("tie", n - 1)):
+            if len(getattr(self, name)) != size:
+                raise SceneError(
+                    f"Argument `blocks.{name}` must have {size} entries for {n} blocks, but it has {len(getattr(self, name))}."
+                )
+
+    def equations(self, signal):
+        n = len(self.mass)
+        x, v = state("blocks.position", "m", n), state("blocks.speed", "m/s", n)
+        mass, stiffness, damping, tie = (ca.vertcat(*entries) for entries in (self.mass, self.stiffness, self.damping, self.tie))
+        belts = [DryFriction(f"belt.{i}", v[i] - self.belt_speed, self.friction, self.load[i]) for i in range(n)]
+        friction = ca.vertcat(*[belt.force for belt in belts])
+        stretch = x[1:] - x[:-1]
+        tied = ca.vertcat(tie * stretch, 0) - ca.vertcat(0, tie * stretch)
+        return Equations(
+            flow={x: v, v: (tied - stiffness * x - damping * v + friction) / mass},
+            elements=belts,
+            stored=ca.dot(mass, v**2) / 2 + ca.dot(stiffness, x**2) / 2 + ca.dot(tie, stretch**2) / 2,
+            losses={"damping": ca.dot(damping, v**2)} | {f"friction {i}": -belt.force * belt.slip for i, belt in enumerate(belts)},
+            supplies={"belt drive": ca.sum1(friction) * self.belt_speed},
+        )
+
+
+@dataclass(frozen=True)
+class Absorber(Component):
+    """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
+
+    Signals: needs `block.position` [m] and `block.speed` [m/s]; gives `absorber.position` y [m], `absorber.speed` w [m/s] and
+    `block.attachment` [N]. `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic
+    foundation with an absorber is that of Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to
+    a block of 1 kg on 1 N/m.
+    """
+
+    mass: float = quantity(0.1, "kg", "mass of the absorber", above=0)
+    stiffness: float = quantity(0.0909091, "N/m", "stiffness to the block", at_least=0)
+    damping: float = quantity(0.0287480, "N s/m", "viscous damping to the block", at_least=0)
+
+    @staticmethod
+    def tuned(block: Block | BlockOnBelt, mass_ratio: float) -> Absorber:
+        """The absorber of `mass_ratio` e times the block's mass that keeps the block still under the strongest negative damping.
+
+        With the block's w_n = sqrt(k / m), its frequency is w_n / sqrt(1 + e) and its damping ratio sqrt(e / (1 + e)) / 2: by Hurwitz's conditions
+        both pairs of poles then reach the imaginary axis at once, at the negative damping ratio `Absorber.bearable(e)`. An absorber of that
+        mass set otherwise bears at most sqrt((1 + e)(1 - 1 / sqrt(1 + e)) / 2), a factor of 1 + e / 8 to first order, and only near that limit.
+        Raises SceneError unless e > 0 and the block has a spring.
+        """
+        _check_ratio(mass_ratio)
+        if not block.stiffness > 0:
+            raise SceneError(f"Argument `block.stiffness` must be > 0 N/m to tune an absorber, but it is {block.stiffness!r}.")
+        mass = mass_ratio * block.mass
+        w = math.sqrt(block.stiffness / block.mass / (1 + mass_ratio))
+        ratio = math.sqrt(mass_ratio / (1 + mass_ratio)) / 2
+        return Absorber(mass=mass, stiffness=mass * w**2, damping=2 * ratio * mass * w)
+
+    @staticmethod
+    def bearable(mass_ratio: float) -> float:
+        """Negative damping ratio of a block up to which `Absorber.tuned(block, e)` keeps it still: sqrt(e) / 2.
+
+        On a belt: sliding is stable while -N mu'(v_belt) - c < 2 m w_n times this. Raises SceneError unless e > 0.
+        """
+        _check_ratio(mass_ratio)
+        return math.sqrt(mass_ratio) / 2
+
+    def equations(self, signal):
+        y, w = state("absorber.position", "m"), state("absorber.speed", "m/s")
+        x, v = signal("block.position", "m"), signal("block.speed", "m/s")
+        pull = self.stiffness * (x - y) + self.damping * (v - w)
+        return Equations(
+            flow={y: w, w: pull / self.mass},
+            gives={"block.attachment": (-pull, "N")},
+            stored=self.mass * w**2 / 2 + self.stiffness * (x - y) ** 2 / 2,
+            losses={"damping": self.damping * (v - w) ** 2},
+            supplies={"block": pull * v},
+        )
+
+
+def _check_ratio(mass_ratio: float) -> None:
+    if not 0 < mass_ratio < math.inf:
+        raise SceneError(f"Argument `mass_ratio` must be > 0 and finite, but it is {mass_ratio!r}.")

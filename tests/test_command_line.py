@@ -122,6 +122,26 @@ SHIPPED = {
         "ideal sliding mode": "free",
     },
     "block_on_belt": {"no controller": "stick-slip"},
+    "top_drive": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "soft torque": "free",
+        "soft torque, 100 Hz": "free",
+        "sliding mode, 100 Hz": "free",
+    },
+    "planetary_drive": {
+        "constant torque": "stick-slip",
+        "stiff PI": "stick-slip",
+        "PI that gives way": "free",
+        "PI that gives way, 100 Hz": "free",
+    },
+    "hand_held_block": {"no controller": "stick-slip"},
+    "oscillator_on_bar": {"no controller": "stick-slip"},
+    "breaking_circulation": {
+        "pump at once, 30 l/s": "free",
+        "pump in a minute, 30 l/s": "free",
+        "slow strokes, 0.5 l/s": "stick-slip",
+    },
 }
 
 
@@ -137,7 +157,9 @@ def test_in_the_shipped_scenes_some_drives_end_the_stick_slip_that_others_keep(r
 
 
 def test_every_shipped_scene_is_tested(root):
-    assert {path.stem for path in (root / "studies" / "scenes").glob("*.toml")} == set(SHIPPED)
+    tests = "".join(path.read_text() for path in (root / "tests").glob("test_*.py"))
+    untested = [path.stem for path in (root / "studies" / "scenes").glob("*.toml") if f'"{path.stem}"' not in tests]
+    assert untested == []
 
 
 @pytest.mark.parametrize(
@@ -250,7 +272,7 @@ def test_control_c_ends_the_process_with_130_and_nothing_written(tmp_path, belt)
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)  # while it loads the event loop, long before it is done
     errors = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
+    assert process.returncode == 130, errors
     assert "Traceback" not in errors and errors.endswith("stickslip: interrupted, and nothing was written.\n")
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]
 

@@ -62,7 +62,7 @@ def test_a_plant_of_two_blocks_needs_names_and_has_them_everywhere():
     assert plant.parameter("left.mass") == 1.0 and plant.parameter("right.mass") == 2.0
     assert [element.name for element in plant.elements] == ["left.belt", "right.belt"]
     assert plant.parameter("right.belt.friction.decay") == 3.0
-    assert set(plant.inputs) == {"left.force", "right.force"}
+    assert set(plant.inputs) == {f"{side}.{tail}" for side in ("left", "right") for tail in ("force", "load", "attachment")}
     # one named and one not is enough
     assert "block.mass" in compose(BlockOnBelt(), BlockOnBelt(name="other")).parameters
 

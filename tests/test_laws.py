@@ -25,8 +25,8 @@ from controllers import (
 from controllers.impedance import impedance, pipe_impedance, reflection
 from controllers.string_model import drilling_point, string_model
 from controllers.z_torque import compensated
-from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
-from toolbox import SceneError, Takeover, compose, linearise, overshoot, simulate, sine
+from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
+from toolbox import Sampled, SceneError, Takeover, compose, linearise, overshoot, simulate, sine
 from toolbox.measure import severity
 
 pytestmark = pytest.mark.timeout(60)
@@ -227,6 +227,16 @@ def test_laws_for_strings_say_so_on_other_plants():
     for law in (ZTorque(), ActiveDamping(), ImpedanceSuperTwisting()):
         with pytest.raises(SceneError, match=type(law).__name__):
             law.design(belt)
+
+
+def test_laws_are_designed_on_the_string_behind_a_top_drive_and_free_the_bit_through_it():
+    behind = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=20_000.0))
+    assert LQR(reference=4.0).design(behind) == LQR(reference=4.0).design(RIG)
+    stiff = simulate(behind, 150.0, controller=StiffPI(reference=5.0, **LIMITS), sample_time=0.01)
+    assert stiff.time_in("bit", "stick", after=100.0) > 10.0
+    for kind in (ZTorque, LQG, HInfinity):
+        law = Sampled(kind(reference=5.0, **LIMITS), 0.01, noise={"top.speed": 0.01}, resolution={"top.speed": 0.002})
+        assert simulate(behind, 150.0, controller=law).time_in("bit", "stick", after=100.0) == 0.0, kind.__name__
 
 
 # --- LQR, LQG, H-infinity

@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from controllers import SlidingMode, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import SceneError, compose, simulate, sine
 from toolbox.scene import Case, Scene, Waveform
+
+SCENES = Path(__file__).parents[1] / "studies" / "scenes"
 
 RIG = """
 title = "rig"
@@ -134,7 +137,7 @@ def test_a_scene_simulates_what_the_same_arguments_simulate(written):
     assert np.array_equal(run["bit.speed"], expected["bit.speed"])
 
 
-@pytest.mark.parametrize("name", ["navarro_lopez_4", "jansen_2", "block_on_belt"])
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.toml")))
 def test_saving_and_loading_gives_an_equal_scene(root, tmp_path, name):
     scene = Scene.load(root / "studies" / "scenes" / f"{name}.toml")
     assert Scene.load(scene.save(tmp_path / "again.toml")) == scene

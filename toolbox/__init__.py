@@ -2,7 +2,7 @@
 
 from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
-from toolbox.elements import DryFriction, FrictionLaw, Relay, quantity, state, time
+from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
@@ -23,6 +23,7 @@ __all__ = [
     "Event",
     "FrictionLaw",
     "HybridSystem",
+    "Hysteresis",
     "Observed",
     "Observer",
     "Relay",
@@ -32,6 +33,7 @@ __all__ = [
     "SimulationError",
     "Takeover",
     "Trajectory",
+    "UnilateralContact",
     "Update",
     "ZenoError",
     "compose",

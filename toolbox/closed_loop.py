@@ -144,8 +144,12 @@ class Held(Component):
 
 @dataclass(frozen=True)
 class External(Component):
-    """The signals that a Python callable drives, as held signals without an update; `sensors` are those it measures through."""
+    """The signals that a Python callable drives, as held signals without an update.
 
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant.
+    """
+
+    asked: tuple[str, ...] = ()
     measures: tuple[str, ...] = ()
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
@@ -177,8 +181,9 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
     law = sampled.law
-    measures = names(getattr(law, "measures", ("top.speed",)))
-    drives = names(getattr(law, "drives", ("top.torque",)))
+    asked = names(getattr(law, "measures", ("top.speed",)))
+    measures = tuple(plant.routes.get(name, name) for name in asked)
+    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))
     for name in measures:
         if not plant.has_signal(name) or (name in plant.states and plant.states[name][1] is not None):
             raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")
@@ -186,8 +191,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")
     units = tuple(plant.inputs[name].unit for name in drives)
-    return External(measures=measures, drives=drives, units=units, sensors=sampled.sensors(measures))
-
+    return External(asked=asked, measures=measures, drives=drives, units=units, sensors=sampled.sensors(asked))
 
 
 @dataclass(frozen=True)
@@ -202,6 +206,11 @@ class Takeover(Controller):
     before: Controller = field(default_factory=Controller)
     after: Controller = field(default_factory=Controller)
     at: float = quantity(0.0, "s", "time of the takeover", at_least=0)
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What both laws drive."""
+        return self.before.drives
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""

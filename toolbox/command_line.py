@@ -10,10 +10,10 @@ import csv
 import dataclasses
 import os
 import re
+import secrets
 import shutil
 import signal
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +22,7 @@ from typing import Any
 from toolbox.errors import SceneError
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
+INTERRUPTED = 130
 CASE_FILES = (".npz", ".png", "_phase.png")
 
 
@@ -38,7 +39,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
-        return _complaint("interrupted, and nothing was written.", 130)
+        return _complaint("interrupted, and nothing was written.", INTERRUPTED)
+
+
+def script() -> None:
+    """Run the command line as a process."""
+    code = main()
+    if code == INTERRUPTED:
+        # an interrupt that reached Python inside an exec of text ends the process as killed even where it was caught (3.11 to 3.13)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _complaint(text: str, code: int) -> int:
@@ -145,6 +157,8 @@ def _study(given: argparse.Namespace) -> int:
         study.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
     print(study.table(scene, rows))
+    if warning := scene.needs().warning:
+        print(f"\n{warning}")
     print(f"\nFigures, trajectories, table and scene are in {given.out}")
     return 1 if all(row.failed for row in rows) else 0
 
@@ -188,13 +202,14 @@ def whole_folder(path: Path, names: Sequence[str]) -> Iterator[Path]:
         if exists and (path / name).exists() and name not in earlier:
             raise SceneError(f"Argument `--out` must not hide your own files, but `{path / name}` is not from an earlier study.")
     ground = path if exists else next(parent for parent in path.parents if parent.exists())
+    shelter = ground / f".stickslip-{secrets.token_hex(8)}"  # named before it exists, so that an interrupt leaves nothing behind
+    folder = shelter / "study"
     try:
-        shelter = Path(tempfile.mkdtemp(dir=ground, prefix=".stickslip-"))
-    except OSError as error:
-        raise SceneError(f"Argument `--out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
-    try:
-        folder = shelter / "study"
-        folder.mkdir()
+        try:
+            shelter.mkdir(mode=0o700)
+            folder.mkdir()
+        except OSError as error:
+            raise SceneError(f"Argument `--out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
         yield folder
         with _uninterrupted():
             if not exists:

@@ -19,6 +19,7 @@ from toolbox.elements import Element, State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.parts import Component, Equations, Slot, Update, checked, numbers_of, structure_of, symbolic_copy
+from toolbox.switching import check_rates
 
 
 def compose(*components: Component) -> HybridSystem:
@@ -86,15 +87,24 @@ class _Composer:
         self.flow: list[ca.SX] = []
         self.given: dict[str, tuple[ca.SX, str]] = {}
         self.elements: list[Element] = []
+        self.owners: dict[str, int] = {}
         self.stored: dict[str, ca.SX] = {}
         self.losses: dict[str, ca.SX] = {}
         self.supplies: dict[str, ca.SX] = {}
         self.held: list[ca.SX] = []
         self.updates: list[tuple[Update, int, tuple[str, ...], dict[str, tuple[int, int | None]]]] = []
+        self.routes: dict[str, str] = {}
+        for component in components:
+            for name, target in component.routes.items():
+                if name in self.routes:
+                    raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
+                self.routes[name] = target
 
     def system(self) -> HybridSystem:
-        for component in self.components:
+        for i, component in enumerate(self.components):
             self._add(component)
+            for name in [*self.states, *(element.name for element in self.elements)]:
+                self.owners.setdefault(name, i)
         return self._connected()
 
     def _add(self, component: Component) -> None:
@@ -125,12 +135,14 @@ class _Composer:
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
+        routes = self.routes if hasattr(law, "drives") else {}
 
         def renamed(name: str) -> str:
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix else routes.get(name, name)
 
-        elements = [copy.copy(element) for element in equations.elements]
+        originals = [twin for element in equations.elements for twin in (element, *element.companions)]
+        elements = [copy.copy(element) for element in originals]
         for element in elements:
             element.name = renamed(element.name)
             if component.name and element.name.partition(".")[0] != own:
@@ -144,7 +156,7 @@ class _Composer:
             path = f"{own}.{slot.field_path.removeprefix('law.')}"
             unit = slot.spec.metadata.get("unit", "1")
             if slot.owner is not symbolic:
-                users = [e for e, original in zip(elements, equations.elements, strict=True) if original.law is slot.owner]
+                users = [e for e, original in zip(elements, originals, strict=True) if original.law is slot.owner]
                 if len(users) == 1:
                     path = f"{users[0].name}.{slot.field_path}"
                 if users:
@@ -166,7 +178,7 @@ class _Composer:
         for name, (expression, unit) in equations.gives.items():
             self._give(renamed(name), ca.SX(expression), unit)
         for element in elements:
-            for tail, expression, unit in (("force", element.force, element.force_unit), ("slip", element.mode**2 * element.slip, element.slip_unit)):
+            for tail, (expression, unit) in element.signals().items():
                 if f"{element.name}.{tail}" not in self.given:
                     self._give(f"{element.name}.{tail}", expression, unit)
         if equations.update is not None:
@@ -194,7 +206,7 @@ class _Composer:
     def _check_regular(self, title: str, equations: Equations) -> None:
         expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
         for element in equations.elements:
-            expressions += [element.slip, element.static, element.kinetic]
+            expressions += [getattr(element, name) for name in element.expressions]
         expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
         if equations.update is not None:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
@@ -276,7 +288,7 @@ class _Composer:
         for kind in ("stored", "losses", "supplies"):
             bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
         for i, element in enumerate(self.elements):
-            bundle |= {f"slip:{i}": element.slip, f"static:{i}": element.static, f"load:{i}": element.load, f"sliding:{i}": element.sliding}
+            bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expressions}
         for i, (update, _, _, _) in enumerate(self.updates):
             memory = [ca.SX(value) for value in update.memory.values()]
             bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
@@ -291,16 +303,17 @@ class _Composer:
         system.x = ca.vertcat(*self.x) if self.x else ca.SX(0, 1)
         system.p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
         system.u = ca.vertcat(*[i.symbol for i in inputs.values()]) if inputs else ca.SX(0, 1)
-        system.F = ca.vertcat(*[e.force for e in self.elements]) if self.elements else ca.SX(0, 1)
+        system.F = ca.vertcat(*[e.multiplier for e in self.elements]) if self.elements else ca.SX(0, 1)
         system.m = ca.vertcat(*[e.mode for e in self.elements]) if self.elements else ca.SX(0, 1)
         if not self.x:
             raise SceneError("A plant needs at least one state, but these parts have none.")
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
         system.states = self.states
+        system.owners = self.owners
         system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
-            for kind in ("slip", "static", "load", "sliding"):
-                setattr(element, kind, bundle[f"{kind}:{i}"])
+            for name in element.expressions:
+                setattr(element, name, bundle[f"{name}:{i}"])
         system.elements = tuple(self.elements)
         system.inputs = inputs
         system.parameters = self.parameters
@@ -313,6 +326,7 @@ class _Composer:
             SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise))
             for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
         )
+        system.routes = self.routes
         system.values = np.array(self.defaults, float)
         system.kernels = {}
         system.parts = ()
@@ -320,10 +334,12 @@ class _Composer:
         strangers = [s for s in ca.symvar(ca.vertcat(*bundle.values())) if not ca.depends_on(known, s)]
         if strangers:
             raise SceneError(f"The equations use symbols that nobody declared: {', '.join(map(str, strangers))}.")
-        slips = ca.vertcat(*[e.slip for e in self.elements])
+        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if hasattr(e, "closure")])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed
+        others = ca.vertcat(system.p, system.u, system.F, system.m, system.held)
+        check_rates(time, system.x, others, system.flow, system.elements)
         return system
 
 
@@ -361,17 +377,20 @@ def _check_gain(system: HybridSystem) -> None:
     if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
         return
     matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
-    for element, entry in zip(system.elements, np.diag(matrix), strict=True):
+    held = [i for i, element in enumerate(system.elements) if element.holds]
+    matrix = matrix[np.ix_(held, held)]
+    holding = [system.elements[i] for i in held]
+    for element, entry in zip(holding, np.diag(matrix), strict=True):
         if not entry > 0:
             raise SceneError(
                 f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
             )
-    if gain.sparsity().is_diag():
+    if gain.sparsity().is_diag() or not held:
         return
     size = np.sqrt(np.diag(matrix))
     values, vectors = np.linalg.eig(matrix / np.outer(size, size))
     weakest = np.argmin(np.abs(values))
     if abs(values[weakest]) < 1e-12:
         share = np.abs(vectors[:, weakest])
-        names = ", ".join(f"`{e.name}`" for e, part in zip(system.elements, share, strict=True) if part > 1e-6 * share.max())
+        names = ", ".join(f"`{e.name}`" for e, part in zip(holding, share, strict=True) if part > 1e-6 * share.max())
         raise SceneError(f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force.")

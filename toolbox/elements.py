@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
+
+from toolbox.errors import SceneError
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -62,12 +65,20 @@ def quantity(
 class FrictionLaw:
     """Coefficient of dry friction per unit of load, as a function of the slip speed.
 
-    A law is a frozen dataclass whose numeric fields are declared with `quantity`. It must be smooth for positive slip speeds.
+    A law is a frozen dataclass whose numeric fields are declared with `quantity`. It must be smooth for positive slip speeds, except at the
+    speeds that it declares as `breaks`.
     """
 
-    def sliding(self, speed: ca.SX) -> ca.SX:
-        """Kinetic friction per unit of load at slip speed `speed` >= 0."""
+    def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
+        """Kinetic friction per unit of load at slip speed `speed` >= 0.
+
+        beyond: one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
+        """
         raise NotImplementedError
+
+    def breaks(self) -> tuple[Any, ...]:
+        """Slip speeds > 0 at which the law jumps down: each becomes a switch `contact.break`, located as an event."""
+        return ()
 
     def breakaway(self) -> ca.SX:
         """Static bound per unit of load."""
@@ -78,30 +89,45 @@ class FrictionLaw:
 
 
 class Element:
-    """A set-valued element with one integer mode: 0 holds `slip` at zero, +1 and -1 apply `-mode * kinetic`, kinetic = load * sliding.
+    """A set-valued or switching element with one integer mode.
 
-    `force` is a casadi symbol to be used, affinely, in the flow of the part that owns the element.
+    Elements that hold (`DryFriction`, `Relay`, rigid `UnilateralContact`) keep `slip` at zero in mode 0, by whatever multiplier that takes; else
+    the multiplier is -mode * kinetic, kinetic = load * sliding. Switches (`Hysteresis`, elastic `UnilateralContact`, a break of a law) have mode 0 or 1 and
+    no multiplier. `force` is an expression to be used, affinely, in the flow of the part that owns the element.
     """
 
     legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip+", -1: "slip-"}
+    expressions: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")
+    holds: bool = True
+    unilateral: bool = False
+    initial: int = 0
     law: FrictionLaw | None = None
+    companions: Sequence[Element] = ()
 
-    def __init__(self, name: str, slip: ca.SX, slip_unit: str, force_unit: str):
+    def __init__(self, name: str, slip: ca.SX | float, slip_unit: str, force_unit: str):
         self.name = name
         self.slip = ca.SX(slip)
         self.slip_unit = slip_unit
         self.force_unit = force_unit
-        self.force = ca.SX.sym(f"{name}.force")
+        self.multiplier = ca.SX.sym(f"{name}.multiplier")
+        self.force: ca.SX = self.multiplier
         self.mode = ca.SX.sym(f"{name}.mode")
-        self.static: ca.SX
-        self.load: ca.SX
-        self.sliding: ca.SX
-
+        self.static = ca.SX(0)
+        self.load = ca.SX(0)
+        self.sliding = ca.SX(0)
 
     @property
     def kinetic(self) -> ca.SX:
         """Magnitude of the force while sliding."""
         return self.load * self.sliding
+
+    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Two expressions that are positive while the mode holds; multiplier and bound are zero unless the element holds."""
+        return bound - multiplier + self.mode * self.slip, bound + multiplier + self.mode**2
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        """What the element shows in a result: {last word of the name: (expression, unit)}."""
+        return {"force": (self.force, self.force_unit), "slip": (self.mode**2 * self.slip, self.slip_unit)}
 
 
 class DryFriction(Element):
@@ -110,7 +136,8 @@ class DryFriction(Element):
         stick:  slip = 0 and |force| <= static = load * law.breakaway()
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
-    `slip` may depend on states, parameters and time, not on a sampled input. Negative loads are the caller's error: give a load that is >= 0.
+    `slip` may depend on states, parameters and time, not on a sampled input. Negative loads are the caller's error: give a load that is >= 0, such
+    as the `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
     """
 
     def __init__(
@@ -127,7 +154,12 @@ class DryFriction(Element):
         self.law = law
         self.load = ca.SX(load)
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead
-        self.sliding = ca.SX(law.sliding(self.mode * self.slip))
+        speed = self.mode * self.slip
+        breaks = law.breaks()
+        self.companions = [
+            _Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)
+        ]
+        self.sliding = ca.SX(law.sliding(speed, *[companion.mode for companion in self.companions]))
         self.static = self.load * law.breakaway()
 
 
@@ -146,6 +178,107 @@ class Relay(Element):
         self.static = ca.SX(bound)
         self.load = ca.SX(bound)
         self.sliding = ca.SX(1)
+
+
+class UnilateralContact(Element):
+    """A contact that pushes and never pulls: `force` N >= 0 against the `closure` d of its gap (d < 0 open), which grows at `rate` d'.
+
+        elastic (stiffness k, damping c):  N = k d + c d' while closed; closes when d and k d + c d' are both positive, opens at N = 0
+        rigid (restitution e):             d' = 0 while closed, opens at N = 0; an impact turns d' into -e d'
+
+    Give either `stiffness` or `restitution`. N must act against the closure: in the flow it stands with the sign that lowers d'. Friction at the
+    contact is a `DryFriction` with load N, declared after it. At a rigid impact it takes part with a Coulomb impulse of the same law, and the energy never
+    rises: where Newton's restitution would make it rise, the impact is plastic. Bounces too low to be resolved close the contact. `stored` [J] and `loss` [W]
+    are the energy of the elastic contact and the power of its damper, for the audit; what the spring still stores at opening is lost, as in an impact.
+    Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
+    """
+
+    legend: ClassVar[dict[int, str]] = {1: "open", 0: "closed"}
+    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure", "rate", "relaxation", "restitution")
+    initial = 1
+
+    def __init__(
+        self,
+        name: str,
+        closure: ca.SX,
+        rate: ca.SX,
+        *,
+        stiffness: ca.SX | float | None = None,
+        damping: ca.SX | float = 0.0,
+        restitution: ca.SX | float | None = None,
+        rate_unit: str = "m/s",
+        force_unit: str = "N",
+    ):
+        if (stiffness is None) == (restitution is None):
+            raise SceneError(f"`{name}` must have either a `stiffness`, for an elastic contact, or a `restitution`, for a rigid one.")
+        self.holds = self.unilateral = stiffness is None
+        super().__init__(name, rate if self.holds else 0, rate_unit, force_unit)
+        self.closure = ca.SX(closure)
+        self.rate = ca.SX(rate)
+        closed = 1 - self.mode
+        self.stored, self.loss = ca.SX(0), ca.SX(0)
+        self.relaxation = ca.SX(0)  # c/k, the time in which an unloaded contact would relax
+        self.restitution = ca.SX(0 if restitution is None else restitution)
+        if stiffness is None:
+            self.force = -self.multiplier
+        else:
+            self.relaxation = damping / ca.SX(stiffness)
+            self.force = closed * (stiffness * self.closure + damping * self.rate)
+            self.stored = closed * stiffness * self.closure**2 / 2
+            self.loss = closed * damping * self.rate**2
+
+    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
+        if self.holds:
+            return -multiplier - self.mode * self.closure, ca.SX(1)
+        pressed = self.relaxation * self.rate
+        return (1 - self.mode) * (self.closure + pressed) - self.mode * (self.closure + ca.fmin(0, pressed)), ca.SX(1)
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {"force": (self.force, self.force_unit), "closure": (self.closure, self.slip_unit.removesuffix("/s"))}
+
+
+class Hysteresis(Element):
+    """A two-position switch with memory: `output` becomes 1 when `signal` rises to `high` and 0 when it falls to `low` < high.
+
+    Between the two it keeps what it was; `start`, "low" or "high", says what it was at the beginning. The signal may depend on states, parameters and
+    time. With low = high it is a plain switch, and chatters without end where both sides lead back to it: that is a `Relay`.
+    """
+
+    legend: ClassVar[dict[int, str]] = {0: "low", 1: "high"}
+    expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "signal", "low", "high")
+    holds = False
+
+    def __init__(self, name: str, signal: ca.SX, low: ca.SX | float, high: ca.SX | float, *, start: str = "low", signal_unit: str = "1"):
+        super().__init__(name, 0, signal_unit, "1")
+        if start not in ("low", "high"):
+            raise SceneError(f"Argument `start` of `{name}` must be low or high, but it is {start!r}.")
+        self.initial = 1 if start == "high" else 0
+        self.signal, self.low, self.high = ca.SX(signal), ca.SX(low), ca.SX(high)
+        if self.low.is_constant() and self.high.is_constant() and not float(self.low) <= float(self.high):
+            raise SceneError(f"Argument `low` of `{name}` must be <= `high`, but they are {self.low} and {self.high}.")
+
+    @property
+    def output(self) -> ca.SX:
+        """0 or 1."""
+        return self.mode
+
+    def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return (1 - self.mode) * (self.high - self.signal) + self.mode * (self.signal - self.low), ca.SX(1)
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {"output": (self.mode, "1")}
+
+
+class _Break(Hysteresis):
+    """Whether a slip speed is below or beyond a break of its law."""
+
+    legend: ClassVar[dict[int, str]] = {0: "below", 1: "beyond"}
+
+    def __init__(self, name: str, speed: ca.SX, place: ca.SX | float):
+        super().__init__(name, speed, place, place, start="low")
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {}
 
 
 def is_finite_number(value: Any) -> bool:

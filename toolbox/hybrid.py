@@ -72,7 +72,9 @@ class HybridSystem:
     t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
     states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
     parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
-    held: symbols of the signals held by sampled laws;  updates: those laws;  kernels: what is computed or compiled once per structure.
+    owners: {state or element: index of the part that has it};  held: symbols of the signals held by sampled laws;  updates: those laws;
+    routes: {signal that control laws name: what they find in its place};
+    kernels: what is computed or compiled once per structure.
     """
 
     parts: tuple[Component, ...]
@@ -92,8 +94,10 @@ class HybridSystem:
     stored: dict[str, ca.SX]
     losses: dict[str, ca.SX]
     supplies: dict[str, ca.SX]
+    owners: dict[str, int]
     held: ca.SX
     updates: tuple[SampledUpdate, ...]
+    routes: dict[str, str]
     kernels: dict[Any, Any]
 
     def __repr__(self) -> str:

@@ -7,6 +7,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
     burden   y = [size of what the forces of elements cancel]         of each slope
+    impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [held | elastic]; only with rigid contacts
     update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
 """
 
@@ -76,6 +77,9 @@ def machine(
     bodies["project"] = _plain(project, 0)
     bodies["probe"] = _plain(probe, 0)
     bodies["burden"] = _plain(burden, 0)
+    if form.impulse is not None:
+        held, elastic, results = form.impulse
+        bodies["impulse"] = _plain(ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]), 0)
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
         bodies[f"update_{i}"] = _plain(update, 0)
@@ -90,7 +94,7 @@ def machine(
         len(elements),
         form.guards.numel(),
         not form.gain.sparsity().is_diag(),
-        tuple(found[name] for name in ("field", "step", "project", "probe", "burden")),
+        tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
     )

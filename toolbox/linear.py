@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import is_finite_number
+from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.simulate import place_start
@@ -25,8 +25,14 @@ from toolbox.trajectory import Samples
 if TYPE_CHECKING:
     import control
 
-MODES = {"stick": 0.0, "slip+": 1.0, "slip-": -1.0}
-WORDS = {number: word for word, number in MODES.items()}
+
+def _code(element: Element, word: str) -> float:
+    """The number of a mode; raises SceneError for a word that is not in the element's legend."""
+    codes = {known: float(code) for code, known in element.legend.items()}
+    if word not in codes:
+        *others, last = codes
+        raise SceneError(f"Argument `mode` must be {', '.join(others)} or {last} for `{element.name}`, but it is {word!r}.")
+    return codes[word]
 
 
 @dataclass(frozen=True)
@@ -87,7 +93,7 @@ def equilibrium(
     reason = ""
     for guess in guesses:
         m = _modes_at(plant, guess, u, mode, resting=True)
-        sticking = m == 0.0
+        sticking = (m == 0.0) & _holding(plant)
 
         def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
             flow, slip = residual(0.0, x, u, plant.values, m)
@@ -120,7 +126,7 @@ def equilibrium(
         if contradiction:
             reason = f"the only state found contradicts its mode: {contradiction}"
             continue
-        return Equilibrium(plant, x, u, {element.name: WORDS[float(v)] for element, v in zip(plant.elements, m, strict=True)})
+        return Equilibrium(plant, x, u, {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)})
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
     raise SceneError(f"There is no steady state for {given_inputs}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
 
@@ -168,7 +174,7 @@ def linearise(
     if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
         raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
 
-    sticking = np.flatnonzero(m == 0.0)
+    sticking = np.flatnonzero((m == 0.0) & _holding(plant))
     columns = [list(plant.inputs).index(name) for name in kept_inputs]
     for i in sticking:
         movers = [name for name, column in zip(kept_inputs, columns, strict=True) if slip_u[i, column] != 0.0]
@@ -219,7 +225,7 @@ def _closed(plant: HybridSystem, name: str) -> ca.SX:
 
 
 def _numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
-    return np.array([MODES[modes[element.name]] for element in plant.elements])
+    return np.array([_code(element, modes[element.name]) for element in plant.elements])
 
 
 def _input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
@@ -248,17 +254,39 @@ def _modes_at(
     for name, word in (mode or {}).items():
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
-        if word not in MODES:
-            raise SceneError(f"Argument `mode` must be stick, slip+ or slip- for `{name}`, but it is {word!r}.")
+        _code(plant.elements[names.index(name)], word)
     slips = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
     modes = np.where(slips < 0, -1.0, 1.0)
     for i, element in enumerate(plant.elements):
         if mode and element.name in mode:
-            modes[i] = MODES[mode[element.name]]
+            modes[i] = _code(element, mode[element.name])
+        elif element.unilateral or not element.holds:
+            modes[i] = element.initial
         elif element.law is None and (resting or abs(slips[i]) <= zero):
             modes[i] = 0.0
+    chosen = set(mode or {})
+    for _ in range(2 * len(names)):  # a contact or switch whose mode is not given is where its guard is positive
+        guards = _guards(plant, t, x, u, modes)
+        wrong = [i for i, e in enumerate(plant.elements) if (e.unilateral or not e.holds) and e.name not in chosen and guards[i] < 0.0]
+        if not wrong:
+            break
+        for i in wrong:
+            modes[i] = 1.0 - modes[i]
     return modes
+
+
+def _holding(plant: HybridSystem) -> np.ndarray:
+    """Which elements hold their slip in mode 0."""
+    return np.array([element.holds for element in plant.elements], bool)
+
+
+def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """The first guard of every element, positive while its mode holds."""
+    if not plant.elements:
+        return np.empty(0)
+    function = _function(plant, ("guards",), lambda: [plant.switching.guards])
+    return np.array(function(t, x, u, plant.values, m)).ravel()[: 2 * len(plant.elements) : 2]
 
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
@@ -266,9 +294,15 @@ def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndar
     probe = _function(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
     slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
     size = float(np.abs(x).max(initial=0.0))
-    for element, mode, slip, force, bound in zip(plant.elements, m, slips, forces, bounds, strict=True):
+    guards = _guards(plant, t, x, u, m)
+    for element, mode, slip, force, bound, guard in zip(plant.elements, m, slips, forces, bounds, guards, strict=True):
+        if element.unilateral or not element.holds:
+            scale = bound if element.unilateral and mode == 0.0 else size
+            if guard < -1e-9 * scale or (element.unilateral and mode == 0.0 and abs(slip) > 1e-9 * size):
+                return f"`{element.name}` is not {element.legend[int(mode)]} there"
+            continue
         if mode * slip < -1e-9 * size:
-            return f"`{element.name}` in {WORDS[mode]} has the slip {_with_unit(slip, element.slip_unit)}"
+            return f"`{element.name}` in {element.legend[int(mode)]} has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and abs(slip) > 1e-9 * size:
             return f"`{element.name}` in stick has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and not abs(force) <= bound * (1.0 + 1e-9):
@@ -299,7 +333,7 @@ def _point(
             place_start(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
         placed[:] = True
         ran = [element.name for element in at.program.system.elements]
-        own = {name: WORDS[float(at.mode[0, ran.index(name)])] for name in (e.name for e in plant.elements) if name in ran} | own
+        own = {e.name: e.legend[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
         given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given
     elif isinstance(at, Mapping):
         for name, value in at.items():

@@ -8,8 +8,7 @@ the start of the step to the root of a cubic Hermite interpolant, with shrinking
 the accuracy at an event, like at an output time, is that of a step.
 
 A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
-integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state, and
-`excited_size` the error it may have.
+integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state.
 """
 
 from __future__ import annotations
@@ -26,8 +25,11 @@ from numba.extending import intrinsic
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
-(N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED, CLOSE,
- BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(26)  # fmt: skip
+(N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(27)  # fmt: skip
+
+# --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
+FRICTION, RIGID, SWITCH = range(3)
 
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
@@ -44,7 +46,9 @@ class Work(NamedTuple):
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
-    side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
+    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
@@ -74,10 +78,14 @@ class Work(NamedTuple):
     armed: np.ndarray
     fired: np.ndarray
     excited: np.ndarray
-    excited_size: np.ndarray
     zero: np.ndarray
     forced: np.ndarray
     before: np.ndarray
+    kind: np.ndarray
+    initial: np.ndarray
+    attached: np.ndarray
+    held: np.ndarray
+    bounced: np.ndarray
     rec_t: np.ndarray
     rec_x: np.ndarray
     rec_m: np.ndarray
@@ -157,10 +165,14 @@ def _borrowed_all(w):
         _borrowed(w.armed),
         _borrowed(w.fired),
         _borrowed(w.excited),
-        _borrowed(w.excited_size),
         _borrowed(w.zero),
         _borrowed(w.forced),
         _borrowed(w.before),
+        _borrowed(w.kind),
+        _borrowed(w.initial),
+        _borrowed(w.attached),
+        _borrowed(w.held),
+        _borrowed(w.bounced),
         _borrowed(w.rec_t),
         _borrowed(w.rec_x),
         _borrowed(w.rec_m),
@@ -295,8 +307,13 @@ def _consistent(w, t, change, one):
         if not w.zero[i]:
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
-        if w.m[i] == 0.0:
-            if abs(force) <= static * (1.0 + 1e-9):
+        if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
+            if force <= 1e-9 * static if w.m[i] == 0.0 else rate <= 1e-7 * abs(pace):
+                continue
+            right = 1.0 - w.m[i]
+        elif w.m[i] == 0.0:
+            # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
+            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
                 continue
             right = -1.0 if force > 0.0 else 1.0
         else:
@@ -329,7 +346,7 @@ def _decide(w, t):
             break
     if settled and w.ints[COUPLED] == 1:
         for i in range(ne):
-            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0:
+            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == FRICTION:
                 mode = w.m[i]
                 w.m[i] = 0.0
                 if not _consistent(w, t, False, -1):
@@ -341,7 +358,7 @@ def _decide(w, t):
 def _project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
     for i in range(w.ints[NE]):
-        if w.m[i] == 0.0:
+        if w.m[i] == 0.0 and w.kind[i] != SWITCH:
             _call(w.ints[PROJECT], t, 0.0, w.x, w.k, w.p, w.m, w.z)
             for j in range(w.ints[N]):
                 w.x[j] = w.z[j]
@@ -443,7 +460,8 @@ def _settle(w, t):
     if not _decide(w, t):
         return False
     for i in range(w.ints[NE]):
-        if w.m[i] != w.before[i]:
+        if w.m[i] != w.before[i] or w.bounced[i]:
+            w.bounced[i] = False
             e = w.ints[EVENTS]
             w.ev_t[e] = t
             w.ev_i[e] = i
@@ -464,8 +482,10 @@ def _inputs_changed(w, t):
     for i in range(ne):
         w.before[i] = w.m[i]
         slip, force, static = w.z[i], w.z[2 * ne + i], w.z[3 * ne + i]
-        w.zero[i], w.forced[i] = w.m[i] == 0.0, False
-        if w.m[i] == 0.0:
+        w.zero[i], w.forced[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH, False
+        if w.kind[i] != FRICTION:  # an open contact, like a switch, is seen to by its guard
+            wrong = wrong or (w.zero[i] and force > 1e-9 * static)
+        elif w.m[i] == 0.0:
             if abs(slip) > 1e-9 * w.guard_scale[2 * i] and slip != 0.0:
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
@@ -568,7 +588,9 @@ def _error(w, h):
         error = math.sqrt(sum1 / n)
     lowest = base + w.ints[N] if two else base
     for q in range(hidden):
-        error = max(error, abs(w.y[lowest + n + q]) / w.excited_size[q])
+        # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)
+        error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
     return error
 
 
@@ -583,7 +605,7 @@ def _outputs_before(w, end, t_new):
         _call(w.ints[STEP], t, target - t, w.x, w.k, w.p, w.m, w.z)
         x = w.z
         for i in range(w.ints[NE]):
-            if w.m[i] == 0.0:
+            if w.m[i] == 0.0 and w.kind[i] != SWITCH:
                 for j in range(w.ints[N]):
                     w.s[j] = w.z[j]
                 _call(w.ints[PROJECT], target, 0.0, w.s, w.k, w.p, w.m, w.z)
@@ -724,29 +746,112 @@ def _mark(w):
     ng = w.ints[NG]
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
-        w.zero[i] = w.m[i] == 0.0
+        w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
     for j in range(ng):
         near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
         w.fired[j] = near or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _balanced(w, t):
+    """Impulses in `y` of an impact of the held elements: unilateral ones that push, friction within its bound. Returns the energy they add.
+
+    Friction holds at first; where its impulse exceeds the bound it slides the way it did, or against the impulse, and holds again where that turned it.
+    """
+    n, ne = w.ints[N], w.ints[NE]
+    for _ in range(4 * ne + 8):
+        _call(w.ints[IMPULSE], t, 0.0, w.x, w.held, w.p, w.m, w.y)
+        settled = True
+        for i in range(ne):
+            impulse, before, after, bound = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
+            if w.kind[i] == RIGID:
+                if w.held[i] == 1.0 and impulse > 0.0:
+                    w.held[i] = 0.0
+                    settled = False
+            elif w.held[i] == 1.0:
+                if abs(impulse) > bound * (1.0 + 1e-9) and not w.forced[i]:
+                    w.held[i] = 0.0
+                    w.m[i] = math.copysign(1.0, before) if before != 0.0 else -math.copysign(1.0, impulse)
+                    settled = False
+            elif w.attached[i] >= 0 and w.held[w.attached[i]] == 1.0 and w.m[i] * after < 0.0:
+                w.held[i], w.m[i], w.forced[i] = 1.0, 0.0, True
+                settled = False
+        if settled:
+            break
+    energy, size = 0.0, 0.0
+    for i in range(ne):
+        energy += 0.5 * w.y[n + i] * (w.y[n + ne + i] + w.y[n + 2 * ne + i])
+        size += abs(w.y[n + i] * w.y[n + ne + i])
+    return energy if energy > 1e-12 * size else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _strike(w, t):
+    """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
+    n, ne = w.ints[N], w.ints[NE]
+    for elastic in range(1, -1, -1):
+        w.held[ne] = float(elastic)
+        for i in range(ne):
+            w.forced[i] = False
+            w.held[i] = 1.0 if w.kind[i] == RIGID and (w.before[i] == 0.0 or w.fired[2 * i]) else 0.0
+            if w.kind[i] != SWITCH:
+                w.m[i] = w.before[i]
+        for i in range(ne):
+            if w.attached[i] >= 0 and w.held[w.attached[i]] == 1.0:
+                w.held[i] = 1.0
+        if _balanced(w, t) == 0.0:
+            break
+    for i in range(n):
+        w.x[i] = w.y[i]
+    for i in range(ne):
+        after = w.y[n + 2 * ne + i]
+        if w.kind[i] == RIGID:
+            if w.before[i] == 0.0:
+                w.m[i] = 1.0 - w.held[i]
+                w.zero[i] = w.held[i] == 1.0
+            elif w.fired[2 * i]:
+                w.zero[i] = not after < 0.0
+                w.bounced[i] = not w.zero[i]
+                w.m[i] = 0.0 if w.zero[i] else 1.0
+        elif w.kind[i] == FRICTION:
+            w.zero[i] = w.held[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
+            w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
+    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        if w.bounced[i]:
+            after, fall = w.z[i], w.z[ne + i]
+            if fall > 0.0 and 0.5 * after * after <= fall * 1e-13 * _size(w, 2 * i):
+                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+    _project(w, t)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _fire(w, t):
-    """Handle the marked guards: kinks change side, elements are put at zero slip or released, and modes are decided."""
+    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
-    kink = False
+    kink, strike = False, False
     for j in range(2 * ne, ng):
         if w.fired[j]:
             w.side[j] = -w.side[j]
             kink = True
     for i in range(ne):
-        if w.before[i] != 0.0 and w.fired[2 * i]:
+        w.forced[i] = False
+        if w.kind[i] == SWITCH and w.fired[2 * i]:
+            w.m[i] = 1.0 - w.m[i]
+        strike = strike or (w.kind[i] == RIGID and w.before[i] != 0.0 and w.fired[2 * i])
+    if strike:
+        _strike(w, t)
+    for i in range(ne):
+        if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
             w.m[i] = 0.0  # its slip has been projected to zero already
             w.zero[i] = True
     for i in range(ne):
-        w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
-        if w.forced[i]:
-            w.m[i] = -1.0 if w.fired[2 * i] else 1.0
+        if w.kind[i] == FRICTION and not strike:
+            w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
+            if w.forced[i]:
+                w.m[i] = -1.0 if w.fired[2 * i] else 1.0
+        elif w.kind[i] == RIGID and w.before[i] == 0.0 and w.fired[2 * i] and not strike:
+            w.m[i], w.forced[i] = 1.0, True
     events = w.ints[EVENTS]
     if not _settle(w, t):
         return False
@@ -759,28 +864,57 @@ def _fire(w, t):
 def _begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 
-    An element slides where its slip is not zero; at zero slip force decides.
+    An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
+    switches turn until their guards agree.
     """
-    ne, ng = w.ints[NE], w.ints[NG]
+    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
     t = w.reals[TIME]
     for i in range(ne):
-        w.m[i] = 0.0
-    # a slip is zero where it is no more than the round-off of its terms, which small relative changes show
+        w.m[i] = w.initial[i]
+    # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
     _nudge(w)
+    rigid = False
+    for i in range(ne):
+        rigid = rigid or w.kind[i] == RIGID
+    if rigid:
+        _call(w.ints[FIELD], t, 0.0, w.s, w.k, w.q, w.m, w.z)
+        for i in range(ne):
+            w.held[i] = w.z[2 * n + 2 * i]
+        _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        for i in range(ne):
+            gap = w.z[2 * n + 2 * i]
+            close = abs(gap) <= 4.0 * EPS * 1e7 * abs(w.held[i] - gap)
+            if w.kind[i] == RIGID and gap < 0.0 and not close:
+                w.ints[CULPRIT] = i
+                return False
+            w.held[i] = 1.0 if close else 0.0
     _call(w.ints[PROBE], t, 0.0, w.s, w.k, w.q, w.m, w.y)
     _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         slip = w.z[i]
+        if w.kind[i] == SWITCH:
+            w.zero[i] = False
+            continue
         w.zero[i] = abs(slip) <= 4.0 * EPS * 1e7 * abs(w.y[i] - slip)
+        if w.kind[i] == RIGID:
+            w.zero[i] = w.zero[i] and w.held[i] == 1.0
+            w.m[i] = 0.0 if w.zero[i] else 1.0
+            continue
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
-        for q in range(w.excited.size):
-            if w.excited[q] == i:
-                w.excited_size[q] = max((0.02 if w.ints[TWO_ERRORS] == 1 else 3e-4) * w.z[3 * ne + i], 1e-300)
+    for _ in range(2 * ne):  # a switch may turn another
+        _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        turned = False
+        for i in range(ne):
+            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
+            if w.kind[i] == SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
+                w.m[i] = 1.0 - w.m[i]
+                turned = True
+        if not turned:
+            break
     _project(w, t)
     if not _decide(w, t):
         return False
     _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    n = w.ints[N]
     for j in range(2 * ne, ng):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
@@ -891,12 +1025,17 @@ def advance(w):
         if hit:
             low = 0.0
             size = -1.0
+            turned = False
             for j in range(2 * ng):
                 w.g_low[j] = w.g[j]
             for j in range(ng):
                 if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * _size(w, j):
                     continue
                 rise = _rise(w, h, j)
+                if rise == 0.0 and j >= 2 * ne:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+                    w.side[j] = -w.side[j]
+                    turned = True
+                    break
                 if rise == 0.0:  # it goes the wrong way from its start: decide again here
                     w.ints[LOCATED] = j
                     size = 0.0
@@ -914,6 +1053,8 @@ def advance(w):
                     low = rise
                     for i in range(2 * ng):
                         w.g_low[i] = w.y[end + i]
+            if turned:
+                continue
             if size < 0.0:
                 size = _locate(w, h, low)
             if size >= 0.0:
@@ -968,7 +1109,7 @@ def advance(w):
         if event:  # slips that have just become zero are zero in the record, too
             _mark(w)
             for i in range(ne):
-                if w.m[i] != 0.0 and w.fired[2 * i]:
+                if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
                     w.m[i] = 0.0
             _project(w, t_new)
             for i in range(ne):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import is_finite_number
+from toolbox.elements import UnilateralContact, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.trajectory import Samples, Trajectory, output_function
 
@@ -207,21 +207,23 @@ def _size(target: float, size: float | None) -> float:
 class EnergyAudit:
     """Where the energy of a run went: end - start of what is stored must equal supplies - losses. All in J; print it for the table.
 
-    stored: {part: (at the start, at the end)};  losses, supplies: {term: integral of its power over the run};  turnover: the largest
-    amount that one term moved, both directions counted, or that one part stores at the start or the end.
+    stored: {part: (at the start, at the end)};  losses, supplies: {term: integral of its power over the run};  impacts: what unilateral contacts
+    took at the instants at which they opened, closed or bounced;  turnover: the largest amount that one term moved, both directions counted, or
+    that one part stores at the start or the end.
     """
 
     duration: float
     stored: dict[str, tuple[float, float]]
     losses: dict[str, float]
     supplies: dict[str, float]
+    impacts: float
     turnover: float
 
     @property
     def residual(self) -> float:
-        """Supplies - losses - growth of the stored energy [J]; 0 for a model whose energy is declared as its flow has it."""
+        """Supplies - losses - impacts - growth of the stored energy [J]; 0 for a model whose energy is declared as its flow has it."""
         growth = math.fsum(end - start for start, end in self.stored.values())
-        return math.fsum([*self.supplies.values(), *(-value for value in self.losses.values()), -growth])
+        return math.fsum([*self.supplies.values(), *(-value for value in self.losses.values()), -self.impacts, -growth])
 
     @property
     def relative(self) -> float:
@@ -232,6 +234,7 @@ class EnergyAudit:
         rows = [(f"stored in {name}", end - start, f"{start:.6g} -> {end:.6g}") for name, (start, end) in self.stored.items()]
         rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
         rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
+        rows += [("impacts", 0.0 - self.impacts, "")] if self.impacts else []
         width = max([len(name) for name, _, _ in rows] + [len("residual")])
         lines = [f"Energy over {self.duration:g} s [J]"]
         lines += [f"  {name:<{width}} {value:>15.8g}  {note}".rstrip() for name, value, note in rows]
@@ -267,8 +270,21 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
         stored={name: (float(row[0]), float(row[-1])) for name, row in zip(system.stored, stored, strict=True)},
         losses=dict(zip(system.losses, total[:first].tolist(), strict=True)),
         supplies=dict(zip(system.supplies, total[first:].tolist(), strict=True)),
+        impacts=_taken_by_impacts(run, energy) if energy is not None else 0.0,
         turnover=float(max(np.max(moved, initial=0.0), np.max(np.abs(stored), initial=0.0))),
     )
+
+
+def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
+    """Fall of the stored energy at the instants at which unilateral contacts switched [J]."""
+    contacts = {e.name for e in run.program.system.elements if isinstance(e, UnilateralContact)}
+    times = np.unique([event.time for event in run.events if event.element in contacts])
+    if not times.size:
+        return 0.0
+    nodes = run.nodes
+    first, last = np.searchsorted(nodes.time, times, side="left"), np.searchsorted(nodes.time, times, side="right") - 1
+    fall = _evaluated(energy, _rows(nodes, first)) - _evaluated(energy, _rows(nodes, last))
+    return math.fsum(fall.ravel())
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps

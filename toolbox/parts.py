@@ -67,6 +67,14 @@ class Component:
     def check(self) -> None:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
 
+    @property
+    def routes(self) -> Mapping[str, str]:
+        """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
+
+        A part that stands between control laws and what they drive, such as an actuator, needs no other laws: {"top.torque": "drive.command"}.
+        """
+        return {}
+
 
 @dataclass(frozen=True)
 class _Field:
@@ -93,7 +101,7 @@ def _fields(kind: type) -> tuple[_Field, ...]:
         declared = str(spec.type)
         tuples = declared.startswith("tuple[float")
         numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
-        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None))
+        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None or "None" in declared))
     return _FIELDS.setdefault(kind, tuple(found))
 
 

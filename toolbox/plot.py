@@ -36,6 +36,12 @@ TONES: dict[str, dict[str, Any]] = {
     "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
     "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
     "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
+    "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "open": {"facecolor": "0.94", "edgecolor": "0.94"},
+    "high": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "low": {"facecolor": "0.90", "edgecolor": "0.90"},
+    "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "below": {"facecolor": "0.90", "edgecolor": "0.90"},
 }
 BAND = "0.90"
 MANY_EVENTS = 60
@@ -272,7 +278,9 @@ def _interesting(run: Trajectory) -> list[str]:
         if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
             continue
         if name in own and groups.get(unit):
-            continue
+            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
+                continue
+            groups[unit] = []  # a load that stands still makes room for what it presses
         if len(groups.get(unit, [])) < 3:
             seen.append(values)
             groups.setdefault(unit, []).append(name)

@@ -34,6 +34,9 @@ class Program:
     table_slot: dict[str, int]
     first_held: int
     excited: np.ndarray
+    kind: np.ndarray
+    initial: np.ndarray
+    attached: np.ndarray
     varying: list[int]
     forced: bool
     groups: np.ndarray
@@ -48,6 +51,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     found = system.kernels.get(key)
     if found is not None:
         return found
+    from toolbox import loop
     from toolbox.kernel import machine
 
     given = dict(kinds)
@@ -85,7 +89,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     elements = []
     for element in system.elements:
         twin = copy.copy(element)
-        for kind in ("slip", "static", "load", "sliding"):
+        for kind in element.expressions:
             setattr(twin, kind, closed(getattr(element, kind)))
         elements.append(twin)
     form = switching(system.t, system.x, closed(system.flow), elements)
@@ -104,7 +108,10 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         machine=machine(system.t, x, p, elements, form, pair, updates),
         excited=np.array(excited, np.int64),
-        varying=[i for i, e in enumerate(elements) if ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
+        kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
+        initial=np.array([e.initial for e in elements], float),
+        attached=np.array(form.attached, np.int64),
+        varying=[i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
         forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
@@ -124,17 +131,20 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     """The states and field with one more state for every sticking force or bound that varies nonlinearly in time (see `toolbox.loop`)."""
     rates, excited = [], []
     for i, element in enumerate(elements):
-        sticks = 1 - element.mode**2
-        for value in (form.force[i], form.static[i]):
-            rate = ca.jacobian(sticks * value, system.t)
+        values = (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
+        for value in values if element.holds else ():
+            rate = ca.jacobian(form.sticks[i] * value, system.t)
             if ca.depends_on(rate, system.t):
                 rates.append(rate)
                 excited.append(i)
     if not rates:
         return system.x, [], form
     hidden = ca.SX.sym("hidden", len(rates))
-    field = ca.vertcat(form.field, *rates)
-    return ca.vertcat(system.x, hidden), excited, dataclasses.replace(form, field=field, projected=ca.vertcat(form.projected, hidden))
+    impulse, n = form.impulse, system.x.numel()
+    if impulse is not None:
+        impulse = (*impulse[:2], ca.vertcat(impulse[2][:n], hidden, impulse[2][n:]))
+    wider = dataclasses.replace(form, field=ca.vertcat(form.field, *rates), projected=ca.vertcat(form.projected, hidden), impulse=impulse)
+    return ca.vertcat(system.x, hidden), excited, wider
 
 
 @dataclass(frozen=True, eq=False)

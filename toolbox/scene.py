@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
 from toolbox.simulate import checked_run, place_start, simulate
 from toolbox.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from toolbox.needs import Needs
 
 Number = float | tuple[float, ...]
 
@@ -118,6 +121,26 @@ class Scene:
     def run(self, label: str) -> Trajectory:
         """Simulate one case. Raises what `simulate` raises."""
         return simulate(self.plant(), self.duration, **self._arguments(self.case(label)))
+
+    @property
+    def measures(self) -> dict[str, tuple[str, ...]]:
+        """What the verdict measures, and the signals and elements that each measure reads."""
+        return {"stuck": (self.element,), "severity": (self.signal,), "peak": (self.effort,)}
+
+    def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Needs:
+        """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
+
+        measures: {measure: names of the signals and elements it reads}; without, those of the verdict. Raises SceneError for unknown names.
+        """
+        from toolbox.needs import Need, Needs, needs
+
+        plant, asked = self.plant(), self.measures if measures is None else measures
+        found = [needs(checked_run(plant, self.duration, **self._arguments(case)).system, asked, len(self.parts)) for case in self.cases]
+        parts = tuple(
+            Need(same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same)))
+            for same in zip(*(each.parts for each in found), strict=True)
+        )
+        return Needs(parts, min(each.idle for each in found))
 
     def check(self) -> None:
         """Raise SceneError unless every case could be simulated and what is to be looked at exists; nothing is compiled."""

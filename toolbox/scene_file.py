@@ -184,6 +184,8 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
     if isinstance(value, dict):
         if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
             return _friction(value, name, current)
+    elif any(typing.get_origin(option) is tuple and float not in typing.get_args(option) for option in options):
+        return _words(value, name)
     elif float in options or any(typing.get_origin(option) is tuple for option in options):
         if isinstance(value, list) != (float not in options):
             shape = "one number" if float in options else "a list of numbers"
@@ -203,6 +205,13 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
         "a table with `law`" if isinstance(o, type) and issubclass(o, FrictionLaw) else getattr(o, "__name__", str(o)) for o in options
     )
     raise SceneError(f"Argument `{name}` must be {words}, but it is {value!r}.")
+
+
+def _words(value: Any, name: str) -> Any:
+    """Text, or tuples of text, from a list that may hold lists: names that are structure."""
+    if isinstance(value, list):
+        return tuple(entry if isinstance(entry, str) else _words(entry, name) for entry in value)
+    raise SceneError(f"Argument `{name}` must be a list of names, but it holds {value!r}.")
 
 
 def _friction(data: Mapping[str, Any], name: str, current: Any) -> FrictionLaw:

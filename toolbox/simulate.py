@@ -311,7 +311,7 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         names = [program.system.elements[i].name for i in program.varying]
         expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
         bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
-        if (bounds < 0).any():
+        if (bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)).any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(
                 f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
@@ -349,7 +349,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
 
     ints = np.zeros(loop.INTS, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
-    ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN] = machine.addresses
+    ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN], ints[loop.IMPULSE] = machine.addresses
     ints[loop.COUPLED] = machine.coupled
     ints[loop.ORDER] = program.pair.order
     ints[loop.TWO_ERRORS] = 1 if program.pair.error_low else 0
@@ -378,7 +378,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
             p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, 5 * ne, memory_size + widest, n) + 8
+    room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
     memory = np.zeros(memory_size)
@@ -393,7 +393,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        excited=program.excited, excited_size=np.ones(program.excited.size),
+        kind=program.kind, initial=program.initial, attached=program.attached, held=np.zeros(ne + 1), bounced=np.zeros(ne, np.bool_),
+        excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
@@ -460,7 +461,7 @@ def _sample(
     sensors, update = part.sensors, program.system.updates[c]
     first = row[loop.FIRST_STATE] + row[loop.STATES]
     noise = {name: loop.normal(work.keys[first + i], row[loop.TAKEN]) for i, name in enumerate(update.channels)}
-    y = np.array([sensors.reading(name, point[name], noise.get(name, 0.0)) for name in part.measures])
+    y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
     answer = laws[index](float(work.reals[loop.TIME]), y)
     u = finite_array(answer)
     if u is None or u.size != row[loop.OUTPUTS]:
@@ -516,6 +517,9 @@ def _failure(
     if status == loop.ENDLESS:
         return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.INCONSISTENT:
+        inside = [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0] if t == 0.0 else []
+        if inside:
+            return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k)

@@ -10,7 +10,10 @@ The mode vector m is a numeric input of one set of expressions: with B = df/dF, 
     m_i = 0:   sum_j A_ij F_j = -b_i            (slip rate zero)
     m_i != 0:  F_i + m_i K_i F = -m_i kinetic_i(F = 0)
 
-so that no mode is ever enumerated or compiled on its own.
+so that no mode is ever enumerated or compiled on its own. A rigid unilateral contact is the same with its own bound: it holds while its multiplier pushes,
+and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
+
+    held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 """
 
 from __future__ import annotations
@@ -31,7 +34,11 @@ class Switching:
 
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
     modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
-    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel.
+    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel;
+    sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
+    a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
+    attached: for every element the rigid contact whose force bounds it, or -1. The bound of a rigid contact is the size of the
+    forces that its own has to balance, a scale for what is zero.
     """
 
     field: ca.SX
@@ -44,6 +51,9 @@ class Switching:
     projected: ca.SX
     gain: ca.SX
     burden: ca.SX
+    sticks: ca.SX
+    impulse: tuple[ca.SX, ca.SX, ca.SX] | None
+    attached: tuple[int, ...]
 
 
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
@@ -53,9 +63,10 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     """
     force, mode, slip, load, sliding, static = (
         ca.vertcat(*[getattr(e, name) for e in elements]) if elements else ca.SX(0, 1)
-        for name in ("force", "mode", "slip", "load", "sliding", "static")
+        for name in ("multiplier", "mode", "slip", "load", "sliding", "static")
     )
     kinetic = load * sliding
+    holding = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
@@ -68,7 +79,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
     for i, element in enumerate(elements):
-        if not gain.has_nz(i, i):
+        if element.holds and not gain.has_nz(i, i):
             raise SceneError(
                 f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
             )
@@ -78,8 +89,8 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
 
-    sticks = 1 - mode * mode
-    slides = mode * mode
+    sticks = holding * (1 - mode * mode)
+    slides = 1 - sticks
     matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
     if matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)
@@ -93,14 +104,54 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     limit = sticks * bound
     held = sticks * solved
     guards = ca.SX(0, 1)
-    for i in range(len(elements)):
-        guards = ca.vertcat(guards, limit[i] - held[i] + mode[i] * slip[i], limit[i] + held[i] + slides[i])
-    kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound)) if ca.depends_on(arg, ca.vertcat(t, x))]
+    for i, element in enumerate(elements):
+        guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
+    watched = [getattr(e, name) for e in elements for name in ("closure", "signal") if hasattr(e, name)]
+    kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks)
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
     burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
-    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden)
+    attached, impulse = [-1] * len(elements), None
+    rigid = [i for i, element in enumerate(elements) if element.unilateral]
+    if rigid:
+        strength = ca.jacobian(static, force)
+        for i in range(len(elements)):
+            attached[i] = next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1)
+        balanced = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
+        for j in rigid:
+            bound[j] = balanced[j] / gain[j, j]
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
+    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached))
+
+
+def _impact(
+    x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as held take part."""
+    held, elastic = ca.SX.sym("held", len(elements)), ca.SX.sym("elastic")
+    restitution = ca.vertcat(*[getattr(e, "restitution", 0) if e.unilateral else 0 for e in elements])
+    matrix = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held) + ca.diag((1 - held) * mode) @ coupling)
+    impulses = masked_solve(matrix, -held * (1 + elastic * restitution) * slip)
+    results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
+    return held, elastic, ca.vertcat(*map(ca.densify, results))
+
+
+def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:
+    """Raise SceneError where the rate of a unilateral contact is not the time derivative of its closure, as numbers at random points show."""
+    contacts = [element for element in elements if hasattr(element, "closure")]
+    if not contacts:
+        return
+    closure, rate = (ca.vertcat(*[getattr(e, name) for e in contacts]) for name in ("closure", "rate"))
+    derivative = ca.jtimes(closure, ca.vertcat(t, x), ca.vertcat(1, ca.densify(flow)))
+    size = ca.fabs(derivative) + ca.fabs(rate)
+    compared = ca.Function("compared", [t, x, others], [ca.fabs(derivative - rate), size])
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        difference, scale = (np.array(v).ravel() for v in compared(random.random(), random.normal(size=x.numel()), 0.5 + random.random(others.numel())))
+        for i, element in enumerate(contacts):
+            if difference[i] > 1e-6 * scale[i]:  # false where a number is not finite
+                raise SceneError(f"The rate of `{element.name}` must be the time derivative of its closure, but they differ.")
 
 
 def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, x: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:

@@ -262,16 +262,23 @@ class Trajectory(Samples):
 
     @cached_property
     def error(self) -> float:
-        """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run."""
+        """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
+
+        Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
+        duration.
+        """
         from toolbox.simulate import again
 
         nodes = self.nodes
         better = again(self.run, accuracy=self.accuracy / 100, output_times=None, longest_step=self.run.longest_step / 5.3)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
+        late = 0.0
+        if any(element.unilateral for element in self.program.system.elements):
+            times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0)
         difference = np.abs(mine - theirs).max(axis=0)
-        return float(np.max(difference[size > 0] / size[size > 0], initial=0.0))
+        return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 
     def plot(self, *signals: str, ax: Any = None) -> Any:
         """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
@@ -348,3 +355,24 @@ def _restored(pair: Any, data: dict[str, Any]) -> Trajectory:
 
     run = data["run"]
     return Trajectory(program=program_of(run.system, run.kinds, pair), **data)
+
+
+def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:
+    """The times at which both runs have made the same impacts, and the largest distance between their impacts, relative to the duration."""
+    jumps = []
+    for nodes in (run, better):
+        change = np.abs(np.diff(nodes.states, axis=0)) / np.maximum(np.abs(nodes.states).max(axis=0), 1e-300)
+        jumps.append(nodes.time[1:][(np.diff(nodes.time) == 0.0) & (change.max(axis=1) > run.accuracy)])
+    late = 0.0
+    for some, others in (jumps, jumps[::-1]):
+        if not some.size:
+            continue
+        if not others.size:
+            return times, 1.0
+        right = np.minimum(np.searchsorted(others, some), others.size - 1)
+        gap = np.minimum(np.abs(others[right] - some), np.abs(others[np.maximum(right - 1, 0)] - some))
+        late = max(late, float(gap.max()) / run.end)
+        reach = 2.0 * gap + 1e-12 * run.end
+        within = np.searchsorted(np.sort(some - reach), times, side="right") > np.searchsorted(np.sort(some + reach), times, side="left")
+        times = times[~within]
+    return times, late

@@ -1,0 +1,43 @@
+"""A friction damper: a dry slider on a spring, which takes most energy from a vibration at a load in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.friction import Coulomb
+from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+
+
+@dataclass(frozen=True)
+class FrictionDamper(Component):
+    """Friction damper on a block: a slider of small mass on the ground, tied to the block by a spring and damper (a Jenkins element).
+
+        m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction against w
+
+    While it sticks it is a spring; where |k_d (x - y)| would pass the static force F_c it slides. A slider without mass takes W = 4 F_c (X - F_c / k_d)
+    from a slow swing of amplitude X > F_c / k_d, at most k_d X^2 where F_c = k_d X / 2; without load it takes nothing, and nothing when it never
+    slides. Signals: needs `block.speed` v [m/s] and `damper.load` [N] (the field); gives `block.attachment` [N],
+    `damper.stretch` x - y [m], `damper.speed` w [m/s]. Contact: `damper`.
+    Why a mass: the slider's speed is then a state that sticks exactly. c_d calms its ringing on the spring; the default is
+    critical for the default mass. Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
+    """
+
+    stiffness: float = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)
+    damping: float = quantity(0.02, "N s/m", "viscous damping c_d beside that spring", at_least=0)
+    slider_mass: float = quantity(1e-4, "kg", "mass m_d of the slider", above=0)
+    load: float = quantity(1.0, "N", "normal load of the slider; 1 where the law is a force", at_least=0)
+    friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
+
+    def equations(self, signal):
+        stretch, w = state("damper.stretch", "m"), state("damper.speed", "m/s")
+        v = signal("block.speed", "m/s")
+        damper = DryFriction("damper", w, self.friction, signal("damper.load", "N", default=self.load))
+        pull = self.stiffness * stretch + self.damping * (v - w)
+        return Equations(
+            flow={stretch: v - w, w: (pull + damper.force) / self.slider_mass},
+            gives={"block.attachment": (-pull, "N")},
+            elements=[damper],
+            stored=self.slider_mass * w**2 / 2 + self.stiffness * stretch**2 / 2,
+            losses={"friction": -damper.force * w, "spring damping": self.damping * (v - w) ** 2},
+            supplies={"block": pull * v},
+        )

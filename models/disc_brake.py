@@ -1,0 +1,59 @@
+"""A disc brake at low speed: the pad swings on its caliper and groans; the plant for laws that command the force of the pads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+
+
+@dataclass(frozen=True)
+class DiscBrake(Component):
+    """Disc between two pads that a caliper holds against turning with a spring and damper.
+
+        I w' = T_drive - r F ;   m v' = F - k x - c v ;   F dry friction against r w - v, with load 2 N
+
+    x, v: tangential motion of pads and caliper at the effective radius r;  N = `brake.force` + `brake.disturbance`, the normal force of one pad; a
+    first-order `lag` of the actuator stands between the command and N where it is given. The commanded force must stay >= 0: pads push.
+    Signals: needs `brake.force` [N] (the field `force`), `brake.disturbance` [N] (0; a harmonic one is the input `sine`), `disc.torque` T_drive [N m] (0);
+    gives `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
+    Contact: `pad`.
+
+    Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are
+    chosen, not published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad
+    then loses its damping where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. Form of the plant after the disc and pad with normal
+    harmonic force of Balaram et al., of which only this much is known here: a reconstruction.
+    """
+
+    inertia: float = quantity(36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0)
+    radius: float = quantity(0.12, "m", "effective radius r of the pads", above=0)
+    pad_mass: float = quantity(10.0, "kg", "mass m of pads, caliper and what swings with them", above=0)
+    stiffness: float = quantity(1e6, "N/m", "tangential stiffness k that holds the caliper", at_least=0)
+    damping: float = quantity(200.0, "N s/m", "tangential damping c", at_least=0)
+    force: float = quantity(1000.0, "N", "normal force of one pad", at_least=0)
+    lag: float | None = quantity(None, "s", "time constant of the actuator", above=0)
+    friction: FrictionLaw = Exponential(static=0.45, kinetic=0.35, decay=5.0)
+
+    def equations(self, signal):
+        w = state("disc.speed", "rad/s")
+        x, v = state("pad.position", "m"), state("pad.speed", "m/s")
+        command = signal("brake.force", "N", default=self.force)
+        disturbance = signal("brake.disturbance", "N", default=0.0)
+        drive = signal("disc.torque", "N m", default=0.0)
+        flow, normal = {}, command
+        if self.lag is not None:
+            normal = state("brake.normal_force", "N")
+            flow = {normal: (command - normal) / self.lag}
+        slip = self.radius * w - v
+        pad = DryFriction("pad", slip, self.friction, 2 * (normal + disturbance))
+        grip = -pad.force  # on the pads, along the rotation
+        torque = self.radius * grip
+        return Equations(
+            flow={w: (drive - torque) / self.inertia, x: v, v: (grip - self.stiffness * x - self.damping * v) / self.pad_mass, **flow},
+            gives={"brake.torque": (torque, "N m")},
+            elements=[pad],
+            stored=self.inertia * w**2 / 2 + self.pad_mass * v**2 / 2 + self.stiffness * x**2 / 2,
+            losses={"friction": grip * slip, "caliper": self.damping * v**2},
+            supplies={"drive": drive * w},
+        )

@@ -1,0 +1,385 @@
+"""Unilateral contacts, hysteresis and laws that jump, against closed forms, energy and independent solutions."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from models import BlockOnBelt, Coulomb
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    FrictionLaw,
+    Hysteresis,
+    SceneError,
+    SimulationError,
+    UnilateralContact,
+    ZenoError,
+    compose,
+    energy_audit,
+    equilibrium,
+    linearise,
+    quantity,
+    simulate,
+    state,
+)
+
+
+@dataclass(frozen=True)
+class Ball(Component):
+    """A ball falling on a floor, rigid or elastic."""
+
+    mass: float = quantity(2.0, "kg", above=0)
+    gravity: float = quantity(10.0, "m/s2")
+    restitution: float | None = quantity(None, "1", at_least=0, at_most=1)
+    stiffness: float | None = quantity(None, "N/m", above=0)
+    damping: float = quantity(0.0, "N s/m", at_least=0)
+
+    def equations(self, signal):
+        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+        floor = UnilateralContact("floor", -x, -v, stiffness=self.stiffness, damping=self.damping, restitution=self.restitution)
+        pull = signal("ball.force", "N", default=0.0)
+        return Equations(
+            flow={x: v, v: -self.gravity + (floor.force + pull) / self.mass},
+            elements=[floor],
+            stored=self.mass * v**2 / 2 + self.mass * self.gravity * x + floor.stored,
+            losses={"floor": floor.loss},
+            supplies={"pull": pull * v},
+        )
+
+
+def test_a_rigid_bounce_keeps_restitution_times_the_speed_and_comes_to_rest_in_finite_time():
+    run = simulate(compose(Ball(restitution=0.5)), 3.0, start={"ball.height": 1.0})
+    first = np.sqrt(0.2)
+    times = [event.time for event in run.events]
+    theory = first * (1 + 2 * np.concatenate([[0.0], np.cumsum(0.5 ** np.arange(1, len(times)))]))
+    np.testing.assert_allclose(times, theory, rtol=1e-9)
+    assert {(event.before, event.after) for event in run.events[:-1]} == {("open", "open")}
+    assert run.events[-1].after == "closed"
+    assert run.events[-1].time == pytest.approx(3 * first, abs=1e-5)  # the geometric series, cut off where it can no longer be resolved
+    assert run.at(2.0)["ball.speed"] == 0.0
+    assert run.at(2.0)["floor.force"] == pytest.approx(20.0, rel=1e-12)
+    assert run["ball.height"].min() > -1e-12
+    assert run.error < 1e-5
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9, 1.0])
+def test_each_impact_takes_the_share_of_kinetic_energy_that_restitution_says(restitution):
+    run = simulate(compose(Ball(restitution=restitution)), 0.6, start={"ball.height": 1.0})
+    audit = energy_audit(run)
+    assert audit.impacts == pytest.approx((1 - restitution**2) * 20.0, rel=1e-9, abs=1e-9)
+    assert audit.relative < 1e-9
+
+
+def test_an_elastic_bounce_agrees_with_its_closed_form():
+    stiffness, v0 = 1e4, np.sqrt(20.0)
+    run = simulate(compose(Ball(stiffness=stiffness)), 0.6, start={"ball.height": 1.0}, accuracy=1e-9)
+    closed, opened = run.events
+    w = np.sqrt(stiffness / 2)
+    assert (closed.after, opened.after) == ("closed", "open")
+    # m x'' = -m g - k x from x = 0, v = -v0: half a swing about the static sag and what lies above it
+    assert opened.time - closed.time == pytest.approx((np.pi + 2 * np.arctan(10.0 / (w * v0))) / w, rel=1e-8)
+    assert run.at(opened.time)["ball.speed"] == pytest.approx(v0, rel=1e-8)
+    assert energy_audit(run).relative < 1e-9
+
+
+def test_a_damped_contact_opens_at_zero_force_and_loses_what_its_spring_still_held():
+    run = simulate(compose(Ball(stiffness=1e4, damping=50.0)), 5.0, start={"ball.height": 1.0}, accuracy=1e-9)
+    inside = run["floor.force"]
+    assert inside.min() >= -1e-9 * inside.max()
+    opened = next(event.time for event in run.events if event.after == "open")
+    before = run.at(np.nextafter(opened, 0.0))
+    assert before["floor.force"] == pytest.approx(0.0, abs=1e-6 * inside.max())
+    assert before["ball.height"] < -1e-4  # the spring is still compressed
+    audit = energy_audit(run)
+    assert audit.impacts == pytest.approx(sum(0.5e4 * run.at(e.time)["ball.height"] ** 2 for e in run.events if e.after == "open"), rel=1e-6)
+    assert audit.relative < 1e-9
+    assert run["ball.height"][-1] == pytest.approx(-20.0 / 1e4, rel=1e-5)
+
+
+def test_stiff_contacts_tend_to_the_rigid_one():
+    rigid = simulate(compose(Ball(restitution=1.0)), 1.2, start={"ball.height": 1.0})
+    gaps = []
+    for stiffness in (1e6, 1e8, 1e10):
+        run = simulate(compose(Ball(stiffness=stiffness)), 1.2, start={"ball.height": 1.0}, accuracy=1e-9)
+        gaps.append(abs(run.at(1.2)["ball.height"] - rigid.at(1.2)["ball.height"]))
+    assert gaps[0] > 5 * gaps[1] > 25 * gaps[2]
+
+
+@pytest.mark.parametrize("law", [{"restitution": 0.4}, {"stiffness": 1e5, "damping": 100.0}])
+def test_contact_lost_by_a_pull_returns_when_the_pull_ends(law):
+    pull = ([0.0, 1.0, 1.0, 1.5, 1.5], [0.0, 0.0, 30.0, 30.0, 0.0])  # 1.5 times the weight for half a second
+    run = simulate(compose(Ball(**law)), 6.0, inputs={"ball.force": pull}, accuracy=1e-8)
+    assert run.modes["floor"][0] == "closed"
+    lifted = next(event.time for event in run.events if event.after == "open" and event.time > 0.5)
+    assert lifted == pytest.approx(1.0, abs=1e-2 if "stiffness" in law else 0.0)
+    assert run["ball.height"].max() > 0.5
+    assert run.modes["floor"][-1] == "closed"
+    assert energy_audit(run).relative < 1e-8
+
+
+def test_a_slow_pull_opens_a_rigid_contact_where_it_equals_the_weight():
+    run = simulate(compose(Ball(restitution=0.0)), 3.0, inputs={"ball.force": ([0.0, 3.0], [0.0, 30.0])})
+    (event,) = run.events
+    assert event.time == pytest.approx(2.0, rel=1e-12)
+    assert (event.before, event.after) == ("closed", "open")
+
+
+def test_a_start_inside_a_rigid_wall_is_an_error_and_inside_an_elastic_one_is_not():
+    with pytest.raises(SimulationError, match="`floor` must be <= 0 at the start"):
+        simulate(compose(Ball(restitution=0.5)), 1.0, start={"ball.height": -0.1})
+    run = simulate(compose(Ball(stiffness=1e3)), 1.0, start={"ball.height": -0.1})
+    assert run.modes["floor"][0] == "closed"
+
+
+def test_a_contact_needs_one_law_and_a_rate_that_is_its_derivative():
+    for given in ({}, {"restitution": 0.1, "stiffness": 1.0}):
+        with pytest.raises(SceneError, match="either a `stiffness`"):
+            compose(Ball(**given))
+
+    @dataclass(frozen=True)
+    class Wrong(Component):
+        def equations(self, signal):
+            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+            floor = UnilateralContact("floor", -x, v, restitution=0.5)
+            return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
+
+    with pytest.raises(SceneError, match="derivative of its closure|oppose its slip"):
+        compose(Wrong())
+
+
+@dataclass(frozen=True)
+class Disc(Component):
+    """A disc of mass m and inertia I in the plane, falling on a rough floor: impact with friction."""
+
+    mass: float = quantity(1.0, "kg", above=0)
+    inertia: float = quantity(0.5, "kg m2", above=0)
+    radius: float = quantity(1.0, "m", above=0)
+    gravity: float = quantity(10.0, "m/s2")
+    restitution: float | None = quantity(None, "1", at_least=0, at_most=1)
+    stiffness: float | None = quantity(None, "N/m", above=0)
+    eccentricity: float = quantity(0.0, "m")
+    friction: FrictionLaw = Coulomb(static=0.3, kinetic=0.3)
+
+    def equations(self, signal):
+        # a, b: position of the centre of mass; the geometric centre lies at the eccentricity from it along the angle c
+        a, b, c = state("disc.along", "m"), state("disc.height", "m"), state("disc.angle", "rad")
+        u, v, w = state("disc.u", "m/s"), state("disc.v", "m/s"), state("disc.spin", "rad/s")
+        e, r = self.eccentricity, self.radius
+        closure = r - b - e * ca.sin(c)
+        rate = -v - e * w * ca.cos(c)
+        floor = UnilateralContact("floor", closure, rate, stiffness=self.stiffness, restitution=self.restitution)
+        slide = u + (r - 0.0) * w - e * w * ca.sin(c)
+        rub = DryFriction("rub", slide, self.friction, load=floor.force)
+        moment = floor.force * e * ca.cos(c) + rub.force * (r - e * ca.sin(c))
+        return Equations(
+            flow={a: u, b: v, c: w, u: rub.force / self.mass, v: floor.force / self.mass - self.gravity, w: moment / self.inertia},
+            elements=[floor, rub],
+            stored=self.mass * (u**2 + v**2) / 2 + self.inertia * w**2 / 2 + self.mass * self.gravity * b + floor.stored,
+            losses={"rub": -rub.force * slide, "floor": floor.loss},
+        )
+
+
+@pytest.mark.parametrize("u0", [0.5, 4.0])
+def test_an_impact_with_friction_gives_the_coulomb_impulse(u0):
+    run = simulate(compose(Disc(restitution=0.6)), 1.0, start={"disc.height": 1.0 + 0.2, "disc.u": u0})
+    v = np.sqrt(2 * 10.0 * 0.2)
+    after = run.at(run.events[0].time)
+    normal = 1.6 * v
+    stick = u0 / (1 / 1.0 + 1.0 / 0.5)  # the impulse that stops the slip
+    tangential = min(stick, 0.3 * normal)
+    assert (tangential < stick) == (u0 == 4.0)
+    assert after["disc.v"] == pytest.approx(0.6 * v, rel=1e-9)
+    assert after["disc.u"] == pytest.approx(u0 - tangential, rel=1e-9)
+    assert after["disc.spin"] == pytest.approx(-tangential / 0.5, rel=1e-9)
+
+
+def test_a_thrown_disc_ends_rolling_without_slip():
+    run = simulate(compose(Disc(restitution=0.6)), 30.0, start={"disc.height": 1.5, "disc.u": 4.0})
+    assert run.modes["floor"][-1] == "closed"
+    assert run.modes["rub"][-1] == "stick"
+    # about a point of the floor angular momentum is conserved: m r u - I w with u = -r w at the end
+    assert run["disc.u"][-1] == pytest.approx(4.0 / (1 + 0.5), rel=1e-6)
+    assert energy_audit(run).relative < 1e-6
+    twin = simulate(compose(Disc(restitution=0.6, friction=Coulomb(static=0.0, kinetic=0.0))), 30.0, start={"disc.height": 1.5, "disc.u": 4.0})
+    assert twin["disc.u"][-1] == pytest.approx(4.0, rel=1e-12)  # without friction nothing makes it roll
+
+
+def test_impacts_never_add_energy_whatever_the_geometry():
+    plant = compose(Disc(restitution=0.6, eccentricity=0.5))
+    random = np.random.default_rng(5)
+    taken, worst = [], 0.0
+    for _ in range(150):
+        speed = {f"disc.{name}": random.normal() * 3 for name in ("u", "v", "spin")}
+        numbers = {
+            "disc.restitution": random.random(), "disc.eccentricity": 0.9 * random.random(), "disc.inertia": 10 ** random.uniform(-1.5, 1),
+            "rub.friction.static": (mu := 3 * random.random()), "rub.friction.kinetic": mu,
+        }  # fmt: skip
+        start = {"disc.height": 2.2, "disc.angle": random.uniform(-3, 3)} | speed
+        run = simulate(plant, 2.0, start=start, parameters=numbers, accuracy=1e-7)
+        speeds = run["disc.u"] ** 2 + run["disc.v"] ** 2 + numbers["disc.inertia"] * run["disc.spin"] ** 2
+        energy = speeds / 2 + 10.0 * run["disc.height"]
+        jump = np.flatnonzero(np.diff(run.time) == 0.0)
+        growth = energy[jump + 1] - energy[jump]
+        worst = max(worst, float(np.max(growth / energy.max(), initial=-1.0)))
+        taken += list(-growth)
+        assert run["floor.closure"].max() < run.accuracy
+    assert len(taken) > 300
+    assert worst < 1e-10
+
+
+def test_friction_sticks_flies_and_returns_with_its_elastic_contact():
+    run = simulate(compose(Disc(stiffness=1e4)), 20.0, start={"disc.height": 1.3, "disc.u": 1.0}, accuracy=1e-8)
+    flying = run.modes["floor"] == "open"
+    assert np.all(run["rub.force"][flying] == 0.0)
+    assert np.all(np.abs(run["rub.force"][~flying]) <= 0.3 * run["floor.force"][~flying] + 1e-9)
+    assert energy_audit(run).relative < 1e-8
+
+
+def test_two_balls_on_top_of_each_other_pass_the_impulse_on():
+    @dataclass(frozen=True)
+    class Pair(Component):
+        light: float = quantity(1.0, "kg", above=0)
+        heavy: float = quantity(3.0, "kg", above=0)
+
+        def equations(self, signal):
+            x, v = state("pair.x", "m", 2), state("pair.v", "m/s", 2)
+            hit = UnilateralContact("hit", x[0] - x[1], v[0] - v[1], restitution=1.0)
+            return Equations(flow={x: v, v: ca.vertcat(-hit.force / self.light, hit.force / self.heavy)}, elements=[hit])
+
+    run = simulate(compose(Pair()), 2.0, start={"pair.x": [0.0, 1.0], "pair.v": [2.0, 0.0]})
+    assert run.events[0].time == pytest.approx(0.5, rel=1e-12)
+    np.testing.assert_allclose(run["pair.v"][-1], [2 * (1 - 3) / 4, 2 * 2 / 4], rtol=1e-12)  # elastic collision of two masses
+
+
+def test_a_ball_on_a_shaking_table_follows_the_impact_map():
+    @dataclass(frozen=True)
+    class Shaken(Component):
+        amplitude: float = quantity(0.01, "m")
+        frequency: float = quantity(40.0, "rad/s")
+
+        def equations(self, signal):
+            from toolbox import time
+
+            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+            table, speed = self.amplitude * ca.sin(self.frequency * time), self.amplitude * self.frequency * ca.cos(self.frequency * time)
+            floor = UnilateralContact("table", table - x, speed - v, restitution=0.5)
+            return Equations(flow={x: v, v: floor.force - 9.81}, elements=[floor])
+
+    run = simulate(compose(Shaken()), 1.2, start={"ball.height": 0.03}, accuracy=1e-9)
+    t, x, v, times = 0.0, 0.03, 0.0, []
+    while len(times) < 6:
+        def gap(s, t=t, x=x, v=v):
+            return x + v * (s - t) - 9.81 * (s - t) ** 2 / 2 - 0.01 * np.sin(40 * s)
+
+        grid = t + 1e-4 + np.linspace(0, 0.4, 4001)
+        k = np.flatnonzero(gap(grid) < 0)[0]
+        hit = brentq(gap, grid[k - 1], grid[k], xtol=1e-14)
+        down, table = v - 9.81 * (hit - t), 0.4 * np.cos(40 * hit)
+        t, x, v = hit, 0.01 * np.sin(40 * hit), table - 0.5 * (down - table)
+        times.append(hit)
+    np.testing.assert_allclose([event.time for event in run.events[:6]], times, rtol=1e-7)
+
+
+@dataclass(frozen=True)
+class Heated(Component):
+    """A room with a two-position heater: T' = (q - (T - outside)) / tau."""
+
+    low: float = quantity(19.0, "K")
+    high: float = quantity(21.0, "K")
+    start: str = "low"
+
+    def equations(self, signal):
+        temperature = state("room.temperature", "K")
+        off = Hysteresis("thermostat", temperature, self.low, self.high, start=self.start, signal_unit="K")
+        return Equations(flow={temperature: (30.0 * (1 - off.output) - temperature) / 10.0}, elements=[off])
+
+
+def test_hysteresis_switches_at_its_two_thresholds_with_the_period_of_the_closed_form():
+    run = simulate(compose(Heated()), 100.0, start={"room.temperature": 20.0})
+    times = np.array([event.time for event in run.events])
+    np.testing.assert_allclose(run.at(times)["room.temperature"], np.where(np.arange(times.size) % 2, 19.0, 21.0), rtol=1e-9)
+    period = 10 * np.log(11 / 9) + 10 * np.log(21 / 19)
+    np.testing.assert_allclose(np.diff(times[::2]), period, rtol=1e-6)
+    assert [event.after for event in run.events[:2]] == ["high", "low"]
+
+
+def test_hysteresis_between_its_thresholds_starts_as_declared_and_outside_as_it_must():
+    for start, temperature, mode in [("low", 20.0, "low"), ("high", 20.0, "high"), ("low", 22.0, "high"), ("high", 18.0, "low")]:
+        run = simulate(compose(Heated(start=start)), 0.01, start={"room.temperature": temperature})
+        assert run.modes["thermostat"][0] == mode
+    with pytest.raises(SceneError, match="low or high"):
+        compose(Heated(start="off"))
+
+
+def test_a_switch_that_both_sides_lead_back_to_is_reported_as_endless():
+    with pytest.raises(ZenoError, match="thermostat"):
+        simulate(compose(Heated(low=20.0, high=20.0)), 10.0, start={"room.temperature": 18.0})
+
+
+@dataclass(frozen=True)
+class Jumping(FrictionLaw):
+    """Coulomb friction that falls to a share of itself beyond a slip speed (Aarsnes and Shor 2018)."""
+
+    static: float = quantity(1.0, "1", at_least=0)
+    ratio: float = quantity(0.5, "1", at_least=0)
+    speed: float = quantity(1.5, "m/s", above=0)
+
+    def sliding(self, speed, beyond):
+        return self.static * (1 - (1 - self.ratio) * beyond)
+
+    def breakaway(self):
+        return self.static
+
+    def breaks(self):
+        return (self.speed,)
+
+
+def test_a_law_that_jumps_switches_exactly_at_its_break():
+    run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Jumping())), 3.0, start={"block.speed": 0.0})
+    # slip -3, friction +0.5 until |slip| = 1.5 after 3 s / 1 = 3 s
+    assert run.modes["belt.break"][0] == "beyond"
+    run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Jumping())), 6.0)
+    assert [(e.element, e.before, e.after) for e in run.events] == [("belt.break", "beyond", "below"), ("belt", "slip-", "stick")]
+    assert run.events[0].time == pytest.approx(3.0, rel=1e-10)
+    assert run.events[1].time == pytest.approx(4.5, rel=1e-10)
+
+
+def test_a_law_that_jumps_agrees_with_scipy_stopped_at_every_switch():
+    plant = compose(BlockOnBelt(belt_speed=1.0, friction=Jumping(static=2.0, ratio=0.4, speed=1.5)))
+    run = simulate(plant, 20.0, start={"block.position": 3.0}, accuracy=1e-9)
+    assert {e.element for e in run.events} == {"belt", "belt.break"}
+    x, t = np.array([3.0, 0.0]), 0.0
+    for event in [*run.events, None]:
+        end = 20.0 if event is None else event.time
+        middle = run.at(0.5 * (t + end))
+        force = float(middle["belt.force"])
+        stuck = middle.modes["belt"][0] == "stick"
+        slope = (lambda t, y: [1.0, 0.0]) if stuck else (lambda t, y, f=force: [y[1], -y[0] + f])
+        x = solve_ivp(slope, (t, end), x, rtol=1e-12, atol=1e-12).y[:, -1]
+        t = end
+        if event is not None and event.element == "belt.break":
+            assert abs(x[1] - 1.0) == pytest.approx(1.5, rel=1e-7)
+    np.testing.assert_allclose([run["block.position"][-1], run["block.speed"][-1]], x, atol=1e-7)
+
+
+def test_steady_states_and_linearisation_know_contacts():
+    plant = compose(Ball(stiffness=1e4, damping=10.0))
+    rest = equilibrium(plant, start={"ball.height": -1e-3})
+    assert rest.modes == {"floor": "closed"}
+    assert rest["ball.height"] == pytest.approx(-20.0 / 1e4)
+    linear = linearise(plant, at=rest)
+    np.testing.assert_allclose(sorted(np.linalg.eigvals(linear.A), key=np.imag), np.sort_complex(np.roots([2.0, 10.0, 1e4]))[::1], rtol=1e-9)
+    free = linearise(plant, at={"ball.height": 1.0})
+    np.testing.assert_allclose(free.A, [[0, 1], [0, 0]], atol=0)
+
+
+def test_events_of_contacts_fall_on_output_and_sample_times_without_harm():
+    times = np.linspace(0, 3, 301)
+    dense = simulate(compose(Ball(restitution=0.7)), 3.0, start={"ball.height": 0.05})
+    coarse = simulate(compose(Ball(restitution=0.7)), 3.0, start={"ball.height": 0.05}, output_times=times)
+    np.testing.assert_allclose(coarse["ball.height"], dense.at(times)["ball.height"], atol=1e-9)

@@ -16,7 +16,7 @@ from toolbox import Equations, SceneError, Update, quantity, state
 class HInfinity(TorqueLimits):
     """The law from the top speed to the torque that makes the worst gain from disturbances to sizes that count small.
 
-        u = u_0 + K(s) (w_top - reference),   || (T_bit / disturbance, n / noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
+        u = u_0 + K(s) (w_top - reference),   || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
 
     z is the error of the top speed through 1 / (s + leak), in place of an integral. `design` linearises the plant with the bit sliding at
     `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
@@ -30,7 +30,7 @@ class HInfinity(TorqueLimits):
     angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
     torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
     disturbance: float = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
-    noise: float = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
+    speed_noise: float = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
     leak: float = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
     margin: float = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
     order: int = 0
@@ -48,7 +48,7 @@ class HInfinity(TorqueLimits):
         B1 = np.append(-model.E, 0.0)[:, None] * self.disturbance
         B2 = np.append(model.B, 0.0)[:, None] * self.torque_size
         C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_size, np.append(np.zeros(n), 1 / self.angle_size)])
-        C2 = np.append(model.top, 0.0)[None, :] / self.noise
+        C2 = np.append(model.top, 0.0)[None, :] / self.speed_noise
         low, high = 0.0, 1.0
         while central_law(F, B1, B2, C1, C2, high) is None:
             low, high = high, 2 * high
@@ -60,7 +60,7 @@ class HInfinity(TorqueLimits):
         law = central_law(F, B1, B2, C1, C2, self.margin * high)
         assert law is not None
         A_K, B_K, C_K = law
-        numbers = [A_K, B_K / self.noise, C_K * self.torque_size, B2 / self.torque_size]
+        numbers = [A_K, B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
         matrices = np.concatenate([matrix.ravel() for matrix in numbers])
         return replace(self, order=n + 1, matrices=tuple(matrices.tolist()), torque=u, worst=self.margin * high)
 

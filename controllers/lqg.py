@@ -22,10 +22,10 @@ class LQG(LQR):
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
 
     late: int = 0
-    noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     period: float = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: float = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    torque_walk: float = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def design(self, plant):
         """The regulator and the filter for the plant."""
@@ -33,5 +33,5 @@ class LQG(LQR):
             reference=self.reference, top_size=self.top_size, bit_size=self.bit_size, angle_size=self.angle_size, torque_size=self.torque_size,
             states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
         )  # fmt: skip
-        observer = Kalman(noise=self.noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
+        observer = Kalman(speed_noise=self.speed_noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
         return Observed(regulator, observer, late=self.late).design(plant)

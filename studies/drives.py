@@ -88,7 +88,7 @@ def on_estimates(label: str, law: Callable[..., Any], **numbers: float) -> Conte
     def nominal(reference: float) -> Any:
         return law(reference=reference, **numbers, **LIMITS)
 
-    return Contender(label, nominal, lambda reference: Observed(nominal(reference), Kalman(noise=NOISE), late=round(DELAY / 0.01)))
+    return Contender(label, nominal, lambda reference: Observed(nominal(reference), Kalman(speed_noise=NOISE), late=round(DELAY / 0.01)))
 
 
 def contenders() -> list[Contender]:
@@ -107,7 +107,7 @@ def contenders() -> list[Contender]:
         Contender(
             "LQR, LQG",
             lambda reference: LQR(reference=reference, **LIMITS),
-            lambda reference: LQG(reference=reference, late=round(DELAY / 0.01), noise=NOISE, **LIMITS),
+            lambda reference: LQG(reference=reference, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS),
         ),
     ]
 

@@ -304,7 +304,7 @@ def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_ke
         from_bit, from_drive = (np.linalg.solve(1j * om * np.eye(3) - A, column) for column in (-model.E, model.B))
         top, bit = (row @ from_bit for row in (model.top, model.bit))
         loop = 1 - K * (model.top @ from_drive)
-        torque = np.array([K * top * law.disturbance, K * law.noise]) / loop
+        torque = np.array([K * top * law.disturbance, K * law.speed_noise]) / loop
         speeds = [top * law.disturbance + model.top @ from_drive * torque[0], model.top @ from_drive * torque[1]]
         bits = [bit * law.disturbance + model.bit @ from_drive * torque[0], model.bit @ from_drive * torque[1]]
         gain = np.array([np.array(bits) / law.bit_size, np.array(speeds) / (1j * om + law.leak) / law.angle_size, torque / law.torque_size])

@@ -42,7 +42,7 @@ def test_the_poles_of_the_filter_are_the_stable_half_of_its_hamiltonian():
     A, L, C = matrices(law)
     Q = law.drive_walk**2 * np.outer(law.drive, law.drive)
     Q[-1, -1] += law.torque_walk**2
-    R = law.noise**2 * law.period
+    R = law.speed_noise**2 * law.period
     every = np.linalg.eigvals(np.block([[A.T, -np.outer(C, C) / R], [-Q, -A]]))
     np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(A - np.outer(L, C))), np.sort_complex(every[every.real < 0]), rtol=1e-5)
 
@@ -105,7 +105,7 @@ def test_while_the_bit_stands_the_estimates_lag_by_what_a_ramp_of_its_torque_doe
 
 
 def test_a_filter_told_of_less_noise_follows_sooner_and_passes_more_of_it():
-    quiet, trusting = Kalman(noise=0.05), Kalman(noise=0.001)
+    quiet, trusting = Kalman(speed_noise=0.05), Kalman(speed_noise=0.001)
     slow, fast = (np.linalg.norm(matrices(o.design(RIG))[1]) for o in (quiet, trusting))
     assert fast > 5 * slow
     turning = {"start": {"chain.speed": (10.0, 10.0), "chain.twist": 17.0}}

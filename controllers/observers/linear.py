@@ -115,15 +115,15 @@ def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.nda
 class Kalman(StringObserver):
     """Steady Kalman filter: the gain that is best for white noises of the given sizes.
 
-    The measurement has noise of standard deviation `noise` at samples every `period`; the bit torque wanders by `torque_walk` in a second (the
+    The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_walk` in a second (the
     square root of its variance), the drive's torque has an error of that kind of `drive_walk`. `design` solves the Riccati equation (scipy).
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108, doi:10.1115/1.3658902.
     """
 
-    noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     period: float = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: float = quantity(8000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    torque_walk: float = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def gains(self, A, B, row):
         """L = P C' / R of the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
@@ -131,7 +131,7 @@ class Kalman(StringObserver):
 
         Q = self.drive_walk**2 * np.outer(B, B)
         Q[-1, -1] += self.torque_walk**2
-        R = self.noise**2 * self.period
+        R = self.speed_noise**2 * self.period
         # scaled so that entries of speeds and torques are alike
         size = np.where(np.arange(A.shape[0]) == A.shape[0] - 1, self.torque_walk, 1.0)
         scaled = A * size[None, :] / size[:, None]

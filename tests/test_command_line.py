@@ -121,6 +121,13 @@ SHIPPED = {
         "sliding mode, 100 Hz, 20 ms late": "free",
         "ideal sliding mode": "free",
     },
+    "drives": {
+        "stiff PI": "stick-slip",
+        "soft torque": "stick-slip",
+        "Z-torque": "free",
+        "LQG": "free",
+        "H-infinity": "free",
+    },
     "block_on_belt": {"no controller": "stick-slip"},
     "top_drive": {
         "constant torque": "stick-slip",

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, wells
+from models import BitRock, TopDrive, wells
 from toolbox import (
     Component,
     Controller,
@@ -44,13 +44,13 @@ class Line(Component):
 
 @dataclass(frozen=True)
 class Meter(Controller):
-    """Holds what it measures."""
+    """Holds what it measures; 0 where nothing gives it."""
 
     measured: str = "line.a"
     drives = ("meter.value",)
 
     def sampled(self, signal, period):
-        return Update(memory={}, outputs={"meter.value": (signal(self.measured, "m"), "m")})
+        return Update(memory={}, outputs={"meter.value": (signal(self.measured, "m", default=0.0), "m")})
 
 
 LINE = compose(Line())
@@ -105,6 +105,22 @@ def test_a_python_function_sees_the_noise_that_a_compiled_law_sees():
     law.measures, law.drives = ("line.a",), ("line.push",)
     simulate(LINE, 30.0, controller=Sampled(law, 1.0, noise={"line.a": 0.2}, resolution={"line.a": 0.01}, seed=3))
     np.testing.assert_allclose(seen, readings(30, noise={"line.a": 0.2}, resolution={"line.a": 0.01}, seed=3), rtol=1e-13)
+
+
+def test_a_python_function_behind_a_top_drive_is_given_the_noise_by_the_name_it_asked_for():
+    plant = compose(wells.JANSEN_2, BitRock(), TopDrive(encoder_lag=None, drive_lag=None))
+    seen = []
+
+    def law(t, y):
+        seen.append(y[0])
+        return 0.0
+
+    silent = simulate(plant, 1.0, controller=Sampled(law, 0.1))
+    quiet, seen = np.array(seen), []
+    simulate(plant, 1.0, controller=Sampled(law, 0.1, noise={"top.speed": 0.5}, seed=4))
+    assert np.all(quiet == 0.0) and silent.at(1.0)["top.speed"] == 0.0
+    meter = simulate(compose(Line()), 1.0, controller=Sampled(Meter("top.speed"), 0.1, noise={"top.speed": 0.5}, seed=4))
+    np.testing.assert_allclose(seen, meter.at((np.arange(10) + 0.5) * 0.1)["meter.value"], rtol=1e-13)
 
 
 def test_the_error_of_a_noisy_run_is_that_of_its_steps_and_not_that_of_its_noise():

@@ -21,6 +21,15 @@ class PI(TorqueLimits):
     integral: float = quantity(1500.0, "N m/rad", "integral gain", at_least=0)
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
 
+    @classmethod
+    def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: float | None) -> PI:
+        """Gains that give an inertia J [kg m2] alone the poles of s^2 + 2 damping om s + om^2, om = `frequency` [rad/s].
+
+        proportional = 2 damping om J, integral = om^2 J, less whatever drag the drive has (textbook: K. J. Åström, T. Hägglund, Advanced PID Control,
+        ISA 2006).
+        """
+        return cls(proportional=2.0 * damping * frequency * inertia, integral=frequency**2 * inertia, **others)
+
     def check(self):
         super().check()
         if self.limits_known and not self.proportional > 0:

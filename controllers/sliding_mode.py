@@ -8,6 +8,9 @@ Navarro-Lopez, D. Cortes, IEEE Int. Conf. Control Applications 2007 (sliding-mod
 
 Why an ideal form: a boundary layer trades the chatter of sgn for a small offset, and sampling brings the chatter back; the ideal form, a set-valued
 relay with true sliding, is the limit both are measured against.
+
+What the surface means: int (w_r - w_b) dt is the twist of a two-inertia string, so that on s = 0 the drive gives way by lam / k times the torque of the string:
+it shows the impedance k / lam, and one number sets both this and the rate lam at which the set-point is won back. `ImpedanceSuperTwisting` parts the two.
 """
 
 from __future__ import annotations

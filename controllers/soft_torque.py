@@ -24,6 +24,16 @@ class SoftTorque(TorqueLimits):
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
     detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
 
+    @staticmethod
+    def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: float | None) -> PI:
+        """The PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
+
+        zeta [N m s/rad] is the wave impedance of the pipe (`controllers.impedance.pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the
+        lowest frequency of the string: there the integral cancels the inertia and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source:
+        U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+        """
+        return PI(proportional=4.0 * string_impedance, integral=(2.0 * np.pi * frequency) ** 2 * inertia, reference=reference, **limits)
+
     def design(self, plant):
         try:
             inertia, stiffness = plant.parameter("chain.inertia"), plant.parameter("chain.stiffness")

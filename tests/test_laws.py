@@ -197,6 +197,48 @@ def test_soft_torque_matches_at_the_frequency_of_the_string():
     assert np.abs(reflection(StiffPI(), om, np.sqrt(473.0 * 374.0), 2122.0)) > 0.9
 
 
+def test_soft_torque_for_a_pipe_shows_four_times_its_impedance_at_its_frequency():
+    zeta = pipe_impedance(*PIPE)
+    law = SoftTorque.for_string(zeta, 2900.0, 0.2, highest_torque=3e4)
+    assert impedance(law, 2 * np.pi * 0.2, 2900.0)[0] == pytest.approx(4 * zeta)
+    assert np.abs(reflection(law, 2 * np.pi * 0.2, zeta, 2900.0))[0] == pytest.approx(3 / 5)
+    assert law.highest_torque == 3e4
+
+
+def test_a_placed_pi_gives_its_inertia_the_poles_asked_for():
+    pi = PI.placed(2122.0, frequency=3.0, damping=0.5)
+    # behind a string without stiffness the drive is alone
+    found = poles(TorsionalChain(stiffness=(0.0,), damping=(0.0,)), pi)
+    np.testing.assert_allclose(np.poly(found[np.abs(found) > 1e-3]).real, [1.0, 3.0, 9.0], rtol=1e-9)
+
+
+def test_a_wave_that_comes_up_a_pipe_leaves_it_through_z_torque_and_returns_from_a_stiff_drive():
+    # 3000 m of pipe as 80 inertias; a bump of torque at the free bit runs up within 1.1 s, and what the top reflects runs down
+    outer, inner, modulus, density = PIPE
+    n, length = 80, 3000.0
+    polar = np.pi / 32 * (outer**4 - inner**4)
+    zeta, piece = pipe_impedance(*PIPE), length / n
+    pipe = TorsionalChain(
+        inertia=(2900.0,) + (density * polar * piece,) * n, stiffness=(modulus * polar / piece,) * n, damping=(0.0,) * n
+    )  # fmt: skip
+    bump = np.linspace(0.0, 0.8, 81), 500.0 * (1 - np.cos(np.linspace(0.0, 2 * np.pi, 81)))
+    times = np.array([1.0, 1.9])  # all of the wave is in the pipe, and all of it has met the top
+    left = {}
+    laws = {"matched": ZTorque.for_string(zeta, 2900.0, filter_time=1e-3, reference=0.0), "stiff": StiffPI(reference=0.0)}
+    for name, law in laws.items():
+        run = simulate(compose(pipe), 2.0, controller=law, inputs={"bit.torque": bump}, accuracy=1e-5).at(times)
+        kinetic = (run["chain.speed"][:, 1:] ** 2).sum(axis=1) * density * polar * piece / 2
+        energy = kinetic + (run["chain.twist"] ** 2).sum(axis=1) * modulus * polar / piece / 2
+        left[name] = energy[1] / energy[0]
+    # what returns is |r|^2 of every frequency in the bump
+    om = np.linspace(0.05, 60.0, 1200)
+    share = np.abs(np.trapezoid(bump[1] * np.exp(-1j * om[:, None] * bump[0]), bump[0], axis=1)) ** 2
+    for name, law in laws.items():
+        expected = np.trapezoid(share * np.abs(reflection(law, om, zeta, 2900.0)) ** 2, om) / np.trapezoid(share, om)
+        assert left[name] == pytest.approx(expected, rel=0.1)
+    assert left["matched"] < 0.15 < 0.9 < left["stiff"]
+
+
 def test_a_law_that_measures_the_bit_has_no_impedance():
     with pytest.raises(SceneError, match=r"bit\.speed|top\.load"):
         impedance(SlidingMode().design(RIG), 1.0)
@@ -319,6 +361,7 @@ def test_h_infinity_stabilises_its_point():
 
 
 # --- sliding modes
+
 
 def test_inside_its_boundary_layer_s_stays():
     for width in (0.2, 0.05):

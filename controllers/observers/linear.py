@@ -79,7 +79,9 @@ class StringObserver(Observer):
         def rate(z: Any) -> Any:
             return A @ z + B * torque + L * self.injection(speed - top @ z)
 
-        estimates: dict[str, tuple[Any, str]] = {name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))}
+        estimates: dict[str, tuple[Any, str]] = {
+            name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))
+        }
         estimates |= {
             "top.speed": (top @ x, "rad/s"),
             "bit.speed": (bit @ x, "rad/s"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
@@ -22,7 +23,7 @@ class PI(TorqueLimits):
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
 
     @classmethod
-    def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: float | None) -> PI:
+    def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
         """Gains that give an inertia J [kg m2] alone the poles of s^2 + 2 damping om s + om^2, om = `frequency` [rad/s].
 
         proportional = 2 damping om J, integral = om^2 J, less whatever drag the drive has (textbook: K. J. Åström, T. Hägglund, Advanced PID Control,

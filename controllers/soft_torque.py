@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class SoftTorque(TorqueLimits):
     detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
 
     @staticmethod
-    def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: float | None) -> PI:
+    def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
         """The PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
 
         zeta [N m s/rad] is the wave impedance of the pipe (`controllers.impedance.pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the

@@ -1,4 +1,4 @@
-"""Torsion of a drill string: a chain of inertias, and the rock under the bit."""
+"""Torsion of a drill string: a chain of inertias."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from models.friction import Exponential
 from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
 
 
@@ -17,10 +16,10 @@ class TorsionalChain(Component):
         J_i w_i' = tau_(i-1) - tau_i - c_i w_i + T_i,   tau_i = k_i twist_i + c_i,i+1 (w_i - w_(i+1)),   twist_i' = w_i - w_(i+1)
 
     Twists instead of angles: n inertias have 2n-1 states, `chain.twist` (n-1) [rad] and `chain.speed` (n) [rad/s].
-    Signals: needs `top.torque` [N m] (0) and `bit.torque` [N m] (0, against the rotation); gives `top.speed`, `bit.speed` [rad/s] and
-    `top.load` [N m], the torque of the string on the top inertia. `friction` adds dry friction at every inertia i, contact `chain.i`
-    (i from 0, like the columns of `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where
-    `BitRock` holds it.
+    Signals: needs `top.torque` [N m] (0) and `bit.torque` [N m] (0, against the rotation); gives `top.speed`, `bit.speed` [rad/s],
+    `top.load` [N m], the torque of the string on the top inertia, `bit.free_acceleration` [rad/s2], that of the last inertia without the rock, and
+    `bit.inertia` [kg m2]. `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of
+    `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where `BitRock` holds it.
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -37,7 +36,9 @@ class TorsionalChain(Component):
             raise SceneError(f"Argument `chain.inertia` must hold at least 2 inertias, but it has {n}.")
         for name in ("stiffness", "damping"):
             if len(getattr(self, name)) != n - 1:
-                raise SceneError(f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}.")
+                raise SceneError(
+                    f"Argument `chain.{name}` must have {n - 1} entries, one less than `chain.inertia`, but it has {len(getattr(self, name))}."
+                )
         if (self.friction is None) != (self.friction_load is None):
             raise SceneError("Arguments `chain.friction` and `chain.friction_load` must be given together.")
         if self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
@@ -64,6 +65,7 @@ class TorsionalChain(Component):
         push[-1] -= bit_torque + self.bit_drag * speed[-1]
         for i, contact in enumerate(contacts):
             push[i] += contact.force
+        bit_load = tau[-1] - self.bit_drag * speed[-1] + sum(contact.force for contact in contacts[n - 1 :])
         losses = {
             "damping": ca.dot(damping, slip**2),
             "top drag": self.top_drag * speed[0] ** 2,
@@ -76,30 +78,11 @@ class TorsionalChain(Component):
                 "top.speed": (speed[0], "rad/s"),
                 "bit.speed": (speed[-1], "rad/s"),
                 "top.load": (tau[0], "N m"),
+                "bit.free_acceleration": (bit_load / self.inertia[-1], "rad/s2"),
+                "bit.inertia": (self.inertia[-1], "kg m2"),
             },
             elements=contacts,
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,
             supplies={"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]},
         )
-
-
-@dataclass(frozen=True)
-class BitRock(Component):
-    """Rock under a rotating bit: set-valued Stribeck torque, T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
-
-    Signals: needs `bit.speed` [rad/s] and `bit.weight` [N] (the field `weight`); gives `bit.torque` [N m]. Contact: `bit`. Defaults: E. M.
-    Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s,
-    so that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
-    """
-
-    weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)
-    radius: float = quantity(0.155575, "m", "radius of the bit", above=0)
-    friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
-
-    def equations(self, signal):
-        speed = signal("bit.speed", "rad/s")
-        weight = signal("bit.weight", "N", default=self.weight)
-        bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
-        # the power that enters the rock is what the chain books as its bit torque
-        return Equations(gives={"bit.torque": (-bit.force, "N m")}, elements=[bit])

@@ -129,6 +129,9 @@ SHIPPED = {
         "H-infinity": "free",
     },
     "block_on_belt": {"no controller": "stick-slip"},
+    "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},
+    "drag_bit": {"table at 57 rpm": "stick-slip", "table at 240 rpm": "free"},
+    "hysteretic_bit": {"constant torque": "stick-slip", "stiff PI": "stick-slip", "soft torque": "free"},
     "top_drive": {
         "constant torque": "stick-slip",
         "stiff PI": "stick-slip",

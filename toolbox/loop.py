@@ -748,7 +748,9 @@ def _mark(w):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
     for j in range(ng):
-        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
+        rate = w.side[j] * w.g[ng + j]
+        # a kink that is at zero and stays there has not been crossed
+        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
         w.fired[j] = near or j == w.ints[LOCATED]
 
 

@@ -8,8 +8,6 @@ import pytest
 from controllers import PI
 from studies.drives import GRID, LIMITS, SEEDS, Contender, contenders, lowest, on_speed, run_of, step_time, stick_phase_end, succeeds
 
-pytestmark = pytest.mark.timeout(120)
-
 EVERY = {contender.label: contender for contender in contenders()}
 
 

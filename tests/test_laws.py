@@ -30,8 +30,6 @@ from studies import chatter
 from toolbox import Sampled, SceneError, Takeover, compose, linearise, overshoot, simulate, sine
 from toolbox.measure import severity
 
-pytestmark = pytest.mark.timeout(60)
-
 STRING = compose(wells.JANSEN_2)
 RIG = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}

@@ -28,8 +28,6 @@ from toolbox import (
     step,
 )
 
-pytestmark = pytest.mark.timeout(60)
-
 
 @dataclass(frozen=True)
 class Line(Component):

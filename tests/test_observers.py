@@ -10,8 +10,6 @@ from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from toolbox import Observed, Sampled, SceneError, compose, simulate, stick_intervals
 
-pytestmark = pytest.mark.timeout(60)
-
 RIG = compose(wells.JANSEN_2, BitRock())
 EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), SlidingObserver()], ids=lambda o: type(o).__name__)
 

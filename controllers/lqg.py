@@ -31,7 +31,7 @@ class LQG(LQR):
         """The regulator and the filter for the plant."""
         regulator = LQR(
             reference=self.reference, top_size=self.top_size, bit_size=self.bit_size, angle_size=self.angle_size, torque_size=self.torque_size,
-            states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
+            tracking=self.tracking, states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
         )  # fmt: skip
         observer = Kalman(speed_noise=self.speed_noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
         return Observed(regulator, observer, late=self.late).design(plant)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import casadi as ca
 import numpy as np
 
 from controllers.string_model import drilling_point
@@ -22,8 +21,9 @@ class LQR(TorqueLimits):
 
     The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design`
     linearises the plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0
-    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z rests while the command is cut (back-calculation in the time
-    K_top / K_i). Measures all states of the string. Range: near that point; the law may not free a bit that is far from it.
+    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Measures
+    all states of the string. Range: near that point. K holds the twist of that point, too, so that a stuck bit is wound up and freed only as fast as
+    the integral overcomes K: tens of seconds at low set-points.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
@@ -33,6 +33,7 @@ class LQR(TorqueLimits):
     bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
     torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    tracking: float = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     gain: tuple[float, ...] | None = quantity(None, "1", "K, then K_i; filled in by design")
@@ -87,7 +88,7 @@ class LQR(TorqueLimits):
         return Update({angle: angle + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")})
 
     def _rate(self, error, wanted, command):
-        return error if command is wanted else error - (command - wanted) / ca.sum1(ca.vertcat(*self.gain[:-1]))
+        return error if command is wanted else error + (wanted - command) / (self.gain[-1] * self.tracking)
 
 
 def _with_integral(A: np.ndarray, row: np.ndarray) -> np.ndarray:

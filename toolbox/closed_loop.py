@@ -117,7 +117,9 @@ class Sampled:
         for word, given in (("noise", self.noise), ("resolution", self.resolution)):
             for name in given:
                 if name not in measured:
-                    raise SceneError(f"Argument `{word}` must name signals that the law measures, but `{name}` is none: {suggest(name, measured)}")
+                    raise SceneError(
+                        f"Argument `{word}` must name signals that the law measures, but `{name}` is none: {suggest(name, measured)}"
+                    )
         numbers = [{name: float(value) for name, value in given.items()} for given in (self.noise, self.resolution)]
         return Sensors.of(*numbers)
 

@@ -21,7 +21,7 @@ class HInfinity(TorqueLimits):
     z is the error of the top speed through 1 / (s + leak), in place of an integral. `design` linearises the plant with the bit sliding at
     `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
     optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer gets the torque that is given.
-    Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847, doi:10.1109/9.29425. Range: near
+    Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near
     the operating point.
     """
 

@@ -119,7 +119,7 @@ class Kalman(StringObserver):
 
     The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_walk` in a second (the
     square root of its variance), the drive's torque has an error of that kind of `drive_walk`. `design` solves the Riccati equation (scipy).
-    Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108, doi:10.1115/1.3658902.
+    Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
     """
 
     speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)

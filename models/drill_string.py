@@ -20,6 +20,7 @@ class TorsionalChain(Component):
     `top.load` [N m], the torque of the string on the top inertia, `bit.free_acceleration` [rad/s2], that of the last inertia without the rock, and
     `bit.inertia` [kg m2]. `friction` adds dry friction at every inertia i, contact `chain.i` (i from 0, like the columns of
     `chain.speed`), with load `friction_load[i]`; with one load less the last inertia has none, as where `BitRock` holds it.
+    `friction_at` names the inertias that have friction, one for each load, where others have none. `drag` c_i adds to `top_drag` and `bit_drag`.
     """
 
     inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
@@ -29,6 +30,8 @@ class TorsionalChain(Component):
     bit_drag: float = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)
     friction: FrictionLaw | None = None
     friction_load: tuple[float, ...] | None = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
+    friction_at: tuple[int, ...] | None = None
+    drag: tuple[float, ...] | None = quantity(None, "N m s/rad", "viscous drag on every inertia", at_least=0)
 
     def check(self):
         n = len(self.inertia)
@@ -41,7 +44,11 @@ class TorsionalChain(Component):
                 )
         if (self.friction is None) != (self.friction_load is None):
             raise SceneError("Arguments `chain.friction` and `chain.friction_load` must be given together.")
-        if self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
+        if self.drag is not None and len(self.drag) != n:
+            raise SceneError(f"Argument `chain.drag` must have {n} entries, one for each inertia, but it has {len(self.drag)}.")
+        if self.friction_at is not None:
+            _check_friction_at(self.friction_at, self.friction_load, n)
+        elif self.friction_load is not None and len(self.friction_load) not in (n - 1, n):
             raise SceneError(
                 f"Argument `chain.friction_load` must have {n} entries, or {n - 1} to leave the last inertia to the rock, but it has "
                 f"{len(self.friction_load)}."
@@ -54,24 +61,30 @@ class TorsionalChain(Component):
         inertia, stiffness, damping = ca.vertcat(*self.inertia), ca.vertcat(*self.stiffness), ca.vertcat(*self.damping)
         slip = speed[:-1] - speed[1:]
         tau = stiffness * twist + damping * slip
-        contacts = []
+        contacts = {}
         if self.friction is not None:
-            contacts = [
-                DryFriction(f"chain.{i}", speed[i], self.friction, self.friction_load[i], slip_unit="rad/s", force_unit="N m")
-                for i in range(len(self.friction_load))
-            ]
+            at = range(len(self.friction_load)) if self.friction_at is None else self.friction_at
+            contacts = {
+                i: DryFriction(f"chain.{i}", speed[i], self.friction, load, slip_unit="rad/s", force_unit="N m")
+                for i, load in zip(at, self.friction_load, strict=True)
+            }
         push = ca.vertcat(0, tau) - ca.vertcat(tau, 0)
         push[0] += top_torque - self.top_drag * speed[0]
-        push[-1] -= bit_torque + self.bit_drag * speed[-1]
-        for i, contact in enumerate(contacts):
+        push[-1] -= self.bit_drag * speed[-1]
+        for i, contact in contacts.items():
             push[i] += contact.force
-        bit_load = tau[-1] - self.bit_drag * speed[-1] + sum(contact.force for contact in contacts[n - 1 :])
         losses = {
             "damping": ca.dot(damping, slip**2),
             "top drag": self.top_drag * speed[0] ** 2,
             "bit drag": self.bit_drag * speed[-1] ** 2,
         }
-        losses |= {f"friction {i}": -contact.force * speed[i] for i, contact in enumerate(contacts)}
+        if self.drag is not None:
+            drag = ca.vertcat(*self.drag)
+            push -= drag * speed
+            losses["drag"] = ca.dot(drag, speed**2)
+        bit_load = push[-1]
+        push[-1] = bit_load - bit_torque
+        losses |= {f"friction {i}": -contact.force * speed[i] for i, contact in contacts.items()}
         return Equations(
             flow={twist: slip, speed: push / inertia},
             gives={
@@ -81,8 +94,19 @@ class TorsionalChain(Component):
                 "bit.free_acceleration": (bit_load / self.inertia[-1], "rad/s2"),
                 "bit.inertia": (self.inertia[-1], "kg m2"),
             },
-            elements=contacts,
+            elements=list(contacts.values()),
             stored=ca.dot(inertia, speed**2) / 2 + ca.dot(stiffness, twist**2) / 2,
             losses=losses,
             supplies={"top torque": top_torque * speed[0], "bit torque": -bit_torque * speed[-1]},
+        )
+
+
+def _check_friction_at(at: tuple[int, ...], load: tuple[float, ...] | None, n: int) -> None:
+    if load is None:
+        raise SceneError("Argument `chain.friction_at` must come with `chain.friction` and `chain.friction_load`, but they are not given.")
+    if list(at) != sorted({i for i in at if isinstance(i, int) and 0 <= i < n}):
+        raise SceneError(f"Argument `chain.friction_at` must be increasing numbers of inertias, 0 to {n - 1}, but it is {at!r}.")
+    if len(load) != len(at):
+        raise SceneError(
+            f"Argument `chain.friction_load` must have {len(at)} entries, one for each of `chain.friction_at`, but it has {len(load)}."
         )

@@ -128,6 +128,7 @@ SHIPPED = {
         "LQG": "free",
         "H-infinity": "free",
     },
+    "aarsnes_shor": {"published PI": "stick-slip", "soft torque, lumped matching": "stick-slip", "PI of 4 pipe impedances": "free"},
     "block_on_belt": {"no controller": "stick-slip"},
     "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},
     "drag_bit": {"table at 57 rpm": "stick-slip", "table at 240 rpm": "free"},
@@ -152,6 +153,12 @@ SHIPPED = {
         "pump in a minute, 30 l/s": "free",
         "slow strokes, 0.5 l/s": "stick-slip",
     },
+    "two_disks": {"no controller": "stick-slip"},
+    "pressed_disks": {"no controller": "stick-slip"},
+    "disk_stack": {"no controller": "stick-slip"},
+    "slider_on_plate": {"no controller": "free"},
+    "slider_on_incline": {"no controller": "free"},
+    "bristle_contact": {"no controller": "stick-slip"},
 }
 
 

@@ -7,7 +7,7 @@ from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
-from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
 from toolbox.observed import Observed, Observer
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
@@ -37,6 +37,7 @@ __all__ = [
     "Update",
     "ZenoError",
     "compose",
+    "cycles",
     "energy_audit",
     "equilibrium",
     "linearise",

@@ -26,7 +26,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(27)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, INTS) = range(28)  # fmt: skip
 
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
 FRICTION, RIGID, SWITCH = range(3)
@@ -564,7 +564,8 @@ def _next_stop(w):
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
-    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. Hidden forces
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. A step of an
+    implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
     count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
     hidden = w.excited.size
@@ -572,9 +573,14 @@ def _error(w, h):
     base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
-    share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    portion = h
+    if w.ints[IMPLICIT] == 1:
+        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+            size = max(size, 1e-4 * w.group_scale[w.group[i]])
         tol = 1.0 / (share * size + w.noise[i] * h)
         e = w.y[base + i] * tol
         sum1 += e * e
@@ -741,8 +747,8 @@ def _locate(w, h, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _mark(w):
-    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending."""
+def _mark(w, again):
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again."""
     ng = w.ints[NG]
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
@@ -751,7 +757,7 @@ def _mark(w):
         rate = w.side[j] * w.g[ng + j]
         # a kink that is at zero and stays there has not been crossed
         near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
-        w.fired[j] = near or j == w.ints[LOCATED]
+        w.fired[j] = (near and not again) or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -1109,7 +1115,7 @@ def advance(w):
                     w.armed[j] = True
         w.reals[TIME] = t_new
         if event:  # slips that have just become zero are zero in the record, too
-            _mark(w)
+            _mark(w, h == 0.0)
             for i in range(ne):
                 if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
                     w.m[i] = 0.0
@@ -1132,7 +1138,11 @@ def advance(w):
             w.reals[LAST_EVENT] = t_new
             if not _fire(w, t_new):
                 return INCONSISTENT
-            _first_step(w)
+            if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
+                w.reals[STEP_OLD] = 0.0
+                _round_off(w)
+            else:
+                _first_step(w)
             if every_node:
                 _record(w, t_new, w.x)
 

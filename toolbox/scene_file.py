@@ -4,7 +4,8 @@ A scene file is data only: it names parts and laws of the catalogue and gives th
 its unit. The keys, with those in brackets optional:
 
     title, duration, [accuracy], [reference]      reference: set-point of the judged signal; laws with a field `reference` take it
-    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }
+    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
+                      takes the arguments of its `from_tables` instead, paths relative to the scene file
     [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
                       plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps
     [start]           state = value at the beginning; all else is at rest
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import inspect
 import tomllib
 import types
 import typing
@@ -57,7 +59,7 @@ HEADER = b"# Every parameter in SI units, angles in rad.\n"
 
 def read(path: Path) -> Scene:
     """The scene of a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
-    return _scene(_data(path))
+    return _scene(_data(path), path.parent)
 
 
 def write(scene: Scene, path: Path) -> None:
@@ -85,10 +87,10 @@ def _data(path: Path) -> dict[str, Any]:
         raise SceneError(f"the file must be TOML, but: {error}.") from None
 
 
-def _scene(data: dict[str, Any]) -> Scene:
+def _scene(data: dict[str, Any], folder: Path) -> Scene:
     known = ("title", "duration", "accuracy", "reference", "plant", "controllers", "start", "inputs", "parameters", "verdict")
     _keys(data, "the scene", known, ("title", "duration", "plant"))
-    parts = tuple(_component(entry, f"plant[{i}]") for i, entry in enumerate(_tables(data, "plant"), 1))
+    parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
     verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after"))
@@ -128,10 +130,33 @@ def _scene(data: dict[str, Any]) -> Scene:
     )
 
 
-def _component(data: Any, where: str) -> Component:
+def _component(data: Any, where: str, folder: Path) -> Component:
     _keys(data, where, None, ("part",))
     item = catalogue.part(data["part"], "part")
-    return _filled(item, {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where))
+    values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
+    if isinstance(item, type) and hasattr(item, "from_tables"):
+        made = inspect.signature(item.from_tables).parameters
+        own = {spec.name for spec in dataclasses.fields(item)}
+        if any(key in made and key not in own for key in values):
+            return _tabulated(item, values, title, folder)
+    return _filled(item, values, title)
+
+
+def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
+    """A part made by its `from_tables`, whose annotations say what each argument is: a path, `Annotated[float, unit]`, or as for fields."""
+    made = inspect.signature(item.from_tables).parameters
+    hints = typing.get_type_hints(item.from_tables, include_extras=True)
+    _keys(data, title, tuple(made), [name for name, argument in made.items() if argument.default is inspect.Parameter.empty])
+    values: dict[str, Any] = {}
+    for key, value in data.items():
+        options = typing.get_args(hints[key]) if isinstance(hints[key], types.UnionType) else (hints[key],)
+        if Path in options:
+            values[key] = folder / _text(value, f"{title}.{key}")
+        elif typing.get_origin(hints[key]) is typing.Annotated:
+            values[key] = parse(value, hints[key].__metadata__[0], f"{title}.{key}")
+        else:
+            values[key] = _field_value(value, "1", hints[key], f"{title}.{key}", None, False)
+    return item.from_tables(**values)
 
 
 def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
@@ -195,6 +220,9 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
     if isinstance(value, dict):
         if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
             return _friction(value, name, current)
+    elif isinstance(value, list) and tuple[int, ...] in options:
+        if all(type(entry) is int for entry in value):
+            return tuple(value)
     elif any(typing.get_origin(option) is tuple and float not in typing.get_args(option) for option in options):
         return _words(value, name)
     elif float in options or any(typing.get_origin(option) is tuple for option in options):

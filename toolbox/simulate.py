@@ -24,11 +24,16 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
-from toolbox.runge_kutta import DOP853, DOPRI5
+from toolbox.rosenbrock import RODAS5P, Rosenbrock
+from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
 from toolbox.trajectory import Samples, Trajectory, output_function
 
 MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
+
+METHODS = ("event", "explicit", "stiff")
+"""How a run may step."""
 
 
 @dataclass
@@ -47,6 +52,7 @@ class Run:
     output_times: np.ndarray | None
     longest_step: float
     seeds: list[int]
+    method: str = "event"
 
 
 def simulate(
@@ -67,9 +73,10 @@ def simulate(
     start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), whose states are taken.  inputs:
     {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`}.  parameters: {name: value} for
     this run only; the controller keeps the plant's declared values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period,
-    delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event".  accuracy: target for the global
-    error, states scaled by their size.  output_times: increasing times [s] at which to record (right-hand limits at events); without, every step
-    and both sides of every event.
+    delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
+    linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
+    prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
+    output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished.
@@ -100,8 +107,8 @@ def checked_run(
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
     if not is_finite_number(duration) or duration < 0:
         raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
-    if method != "event":
-        raise SceneError(f'Argument `method` must be "event", but it is {method!r}.')
+    if method not in METHODS:
+        raise SceneError(f"Argument `method` must be one of {', '.join(map(repr, METHODS))}, but it is {method!r}.")
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
     if sample_time is not None and controller is None:
@@ -126,7 +133,7 @@ def checked_run(
     system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
     kinds, values = _input_kinds(system, inputs or {})
     longest = float(duration) / 256
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds)
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -255,11 +262,18 @@ def _event_loop(run: Run, program: Program) -> Any:
     return loop
 
 
+def _undecided(run: Run) -> bool:
+    """Whether the run may turn out to be stiff; a law in Python is asked once per sample, so that its runs do not begin anew."""
+    return run.method == "event" and not run.laws
+
+
 def _run(run: Run) -> Trajectory:
     system = run.system
-    pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    pair: Pair | Rosenbrock = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
+    if run.method == "stiff":
+        pair = RODAS5P
     program = program_of(system, run.kinds, pair)
     loop = _event_loop(run, program)
     work = _work(loop, run, program)
@@ -267,8 +281,11 @@ def _run(run: Run) -> Trajectory:
     laws = [_fresh(law) for law in run.laws]
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
+    look = progress(loop, work)
+    following = FIRST_LOOK if _undecided(run) else MAX_STEPS
     try:
         while True:
+            work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
             status = loop.advance(work)
             if status == loop.DONE:
                 return _sound(_trajectory(loop, run, program, work, began, answers), program)
@@ -277,6 +294,11 @@ def _run(run: Run) -> Trajectory:
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
+                if progress(loop, work)[1] >= following:
+                    if pays(loop, run, program, work, look):
+                        return _run(dataclasses.replace(run, method="stiff"))
+                    look = progress(loop, work)
+                    following = 2 * look[1]
                 if bar is None and clock.perf_counter() - began > 1.0:
                     from tqdm import tqdm
 
@@ -349,18 +371,13 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
 
     ints = np.zeros(loop.INTS, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
-    ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN], ints[loop.IMPULSE] = machine.addresses
     ints[loop.COUPLED] = machine.coupled
-    ints[loop.ORDER] = program.pair.order
-    ints[loop.TWO_ERRORS] = 1 if program.pair.error_low else 0
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
-    ints[loop.BUDGET] = 200_000
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.END] = run.duration
     reals[loop.RTOL] = run.accuracy
-    reals[loop.POWER] = program.pair.power
     reals[loop.LAST_EVENT] = -np.inf
 
     samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
@@ -388,7 +405,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
             _place_memory(system, memory[remembered[0] :], name, value)
         else:
             place_start(system, x, name, value)
-    return loop.Work(
+    work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
@@ -402,6 +419,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
+    set_method(loop, work, program)
+    return work
 
 
 def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:

@@ -270,7 +270,7 @@ class Trajectory(Samples):
         from toolbox.simulate import again
 
         nodes = self.nodes
-        better = again(self.run, accuracy=self.accuracy / 100, output_times=None, longest_step=self.run.longest_step / 5.3)
+        better = again(self.run, accuracy=self.accuracy / 100, method="event", output_times=None, longest_step=self.run.longest_step / 5.3)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         late = 0.0
         if any(element.unilateral for element in self.program.system.elements):

@@ -121,6 +121,13 @@ SHIPPED = {
         "sliding mode, 100 Hz, 20 ms late": "free",
         "ideal sliding mode": "free",
     },
+    "drives": {
+        "stiff PI": "stick-slip",
+        "soft torque": "stick-slip",
+        "Z-torque": "free",
+        "LQG": "free",
+        "H-infinity": "free",
+    },
     "aarsnes_shor": {"published PI": "stick-slip", "soft torque, lumped matching": "stick-slip", "PI of 4 pipe impedances": "free"},
     "block_on_belt": {"no controller": "stick-slip"},
     "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},

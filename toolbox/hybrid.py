@@ -49,14 +49,21 @@ class Input:
 
 @dataclass(frozen=True)
 class SampledUpdate:
-    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`."""
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
+
+    names: of its outputs, behind which `outputs` repeats the memory;  places: {state of the memory: (first row, size or None)};  noise,
+    channels: symbols of the noise of a sample and the measured signals they belong to.
+    """
 
     memory: ca.SX
     following: ca.SX
     outputs: ca.SX
     names: tuple[str, ...]
+    places: dict[str, tuple[int, int | None]]
     first_held: int
     external: bool
+    noise: ca.SX
+    channels: tuple[str, ...]
 
 
 class HybridSystem:

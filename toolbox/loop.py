@@ -35,7 +35,7 @@ FRICTION, RIGID, SWITCH = range(3)
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
 
 # --- columns of `Work.samplers`, one row per sampled controller
-ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, COLUMNS = range(8)
+ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, NOISES, COLUMNS = range(9)
 
 EPS = 2.220446049250313e-16
 
@@ -52,7 +52,8 @@ class Work(NamedTuple):
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
-    period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
+    period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
+    channel at its place in `keys`, computed outputs waiting in `queue` (controller, slot, output).
     """
 
     ints: np.ndarray
@@ -102,6 +103,7 @@ class Work(NamedTuple):
     samplers: np.ndarray
     clocks: np.ndarray
     memory: np.ndarray
+    keys: np.ndarray
     queue: np.ndarray
 
 
@@ -189,6 +191,7 @@ def _borrowed_all(w):
         _borrowed(w.samplers),
         _borrowed(w.clocks),
         _borrowed(w.memory),
+        _borrowed(w.keys),
         _borrowed(w.queue),
     )
 
@@ -207,6 +210,29 @@ def _exp2(x):
     whole = math.floor(x)
     fraction = x - whole
     return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _scrambled(z):
+    """The 64 bits of an unsigned integer scrambled: the finaliser of splitmix64."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def channel_key(seed, name):
+    """The key of a noise channel from a seed and the number of its name."""
+    return _scrambled(_scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal(key, sample):
+    """A standard normal number that is a function of a channel's key and the number of the sample alone (splitmix64, Box and Muller)."""
+    counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
+    radius = (float(_scrambled(counter) >> np.uint64(11)) + 0.5) * 2.0**-53
+    angle = float(_scrambled(counter + np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(11)) * 2.0**-53
+    return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -512,6 +538,8 @@ def _samples(w, t):
                 return SAMPLE_DUE, False
             states, outputs = s[STATES], s[OUTPUTS]
             memory = w.memory[s[FIRST_STATE] :]
+            for i in range(states, states + s[NOISES]):
+                memory[i] = normal(w.keys[s[FIRST_STATE] + i], s[TAKEN])
             _call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
             for i in range(states):
                 memory[i] = w.z[i]

@@ -19,12 +19,13 @@ from toolbox.errors import SceneError
 class Update:
     """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
 
-    external: the values come from a Python callable instead.
+    external: the values come from a Python callable instead.  noise: {name of a measured signal: symbol of its standard normal noise}.
     """
 
     memory: Mapping[State, Any]
     outputs: Mapping[str, tuple[Any, str]]
     external: bool = False
+    noise: Mapping[str, ca.SX] = dataclasses.field(default_factory=dict)
 
 
 @dataclass

@@ -101,7 +101,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         following, outputs = (
             ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
         )
-        updates.append((update.memory, following, outputs))
+        updates.append((ca.vertcat(update.memory, update.noise), following, outputs))
     units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
     units += ["hidden force"] * len(excited)
     known = sorted(set(units))

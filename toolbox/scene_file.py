@@ -6,7 +6,8 @@ its unit. The keys, with those in brackets optional:
     title, duration, [accuracy], [reference]      reference: set-point of the judged signal; laws with a field `reference` take it
     [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
                       takes the arguments of its `from_tables` instead, paths relative to the scene file
-    [[controllers]]   label, [law], [sample_time], [delay], [inputs], and any parameter of the law; none at all: the plant alone
+    [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
+                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps
     [start]           state = value at the beginning; all else is at rest
     [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, table = { times, values }
     [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
@@ -49,6 +50,9 @@ _SHAPES: dict[str, dict[str, str]] = {
 
 _TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
 """Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
+
+_SAMPLED = ("delay", "noise", "resolution", "seed")
+"""Keys of a controller that only a sampled law has."""
 
 HEADER = b"# Every parameter in SI units, angles in rad.\n"
 
@@ -158,7 +162,7 @@ def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> 
 def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
     _keys(data, where, None, ("label",))
     label = _text(data["label"], f"{where}.label")
-    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "delay": None, "inputs": {}}
+    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "inputs": {}} | dict.fromkeys(_SAMPLED)
     if "law" not in data:
         _keys(data, label, ("label", "inputs"))
         return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
@@ -170,14 +174,21 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     sample_time = data.get("sample_time")
     if sample_time is not None:
         sample_time = parse(sample_time, "s", f"{label}.sample_time")
-    elif "delay" in data:
-        raise SceneError(f"The key `delay` of `{label}` must come with `sample_time`, but there is none.")
-    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"))
+    for key in _SAMPLED if sample_time is None else ():
+        if key in data:
+            raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
+    sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
+    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
     try:
         closed = checked_run(plant, 1.0, controller=case.controller).system
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
+
+
+def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
+    """Numbers by signal, each in the unit of its signal."""
+    return {name: parse(value, plant.unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
 
 
 def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] = ()) -> Any:
@@ -337,6 +348,9 @@ def _resolved_case(case: Case) -> dict[str, Any]:
         data |= {"law": catalogue.name_of(type(case.law))} | _fields(case.law)
         if case.sample_time is not None:
             data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
+            data |= {key: {name: float(value) for name, value in getattr(case, key).items()} for key in ("noise", "resolution") if getattr(case, key)}
+            if case.noise:
+                data["seed"] = case.seed
     if case.inputs:
         data["inputs"] = {name: _plain(value) for name, value in case.inputs.items()}
     return data

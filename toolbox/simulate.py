@@ -7,6 +7,7 @@ import copy
 import dataclasses
 import sys
 import time as clock
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import FunctionType
@@ -15,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
+from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
@@ -26,7 +27,7 @@ from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
-from toolbox.trajectory import Trajectory, output_function
+from toolbox.trajectory import Samples, Trajectory, output_function
 
 MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
@@ -50,6 +51,7 @@ class Run:
     accuracy: float
     output_times: np.ndarray | None
     longest_step: float
+    seeds: list[int]
     method: str = "event"
 
 
@@ -57,7 +59,7 @@ def simulate(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | Samples | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -68,12 +70,12 @@ def simulate(
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
-    start: {state or signal that is a state: value}, all else 0.  inputs: {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi
-    expression of `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared
-    values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without
-    `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a linearly implicit one where that is
-    cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff" prescribe one of the two. Both locate every
-    switch as an event.  accuracy: target for the global error, states scaled by their size.
+    start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), whose states are taken.  inputs:
+    {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`}.  parameters: {name: value} for
+    this run only; the controller keeps the plant's declared values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period,
+    delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
+    linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
+    prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
@@ -91,7 +93,7 @@ def checked_run(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | Samples | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -111,6 +113,8 @@ def checked_run(
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    if isinstance(start, Samples):
+        start = _states_of(plant, start)
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
             raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
@@ -126,20 +130,32 @@ def checked_run(
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
-    system, clocks, laws = _closed(declared, plant, controller, sample_time)
+    system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
     kinds, values = _input_kinds(system, inputs or {})
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, float(duration) / 256, method)
+    longest = float(duration) / 256
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
+
+
+def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
+    """The states of a plant at one instant of a run of it; raises SceneError where the run has none of that name."""
+    if instant.time.size != 1:
+        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {instant.time.size} times.")
+    for name in plant.states:
+        if name not in instant:
+            raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
+    return {name: np.squeeze(instant[name]) if size is None else np.ravel(instant[name]) for name, (_, size, _) in plant.states.items()}
 
 
 def _closed(
     declared: HybridSystem, plant: HybridSystem, controller: Any, sample_time: float | None
-) -> tuple[HybridSystem, list[tuple[float, float]], list[Any]]:
-    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, and the Python callables."""
+) -> tuple[HybridSystem, list[tuple[float, float]], list[Any], list[int]]:
+    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, the Python callables, and the seeds."""
     if controller is None:
-        return plant, [], []
+        return plant, [], [], []
     parts: list[Component] = []
     clocks: list[tuple[float, float]] = []
     laws: list[Any] = []
+    seeds: list[int] = []
     for given in controller if isinstance(controller, (list, tuple)) else (controller,):
         sampled = given
         if not isinstance(given, Sampled):
@@ -151,16 +167,17 @@ def _closed(
             law = law.design(declared)
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
-            parts.append(law if sampled is None else Held(law, float(sampled.period)))
+            parts.append(law if sampled is None else held(sampled, law))
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-            parts.append(callable_law(law, declared))
+            parts.append(callable_law(sampled, declared))
             laws.append(law)
         else:
             raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")
         if sampled is not None:
             clocks.append((float(sampled.period), float(sampled.delay)))
+            seeds.append(sampled.seed)
     key = ("closed", tuple(structure_of(part) for part in parts))
     found = plant.kernels.get(key)
     if found is None:
@@ -184,7 +201,7 @@ def _closed(
         if first <= entry.offset < first + len(numbers):
             size = entry.size or 1
             entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
-    return closed, clocks, laws
+    return closed, clocks, laws, seeds
 
 
 def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
@@ -366,21 +383,28 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
     memory_size = 0
+    keys: list[int] = []
     for c, update in enumerate(system.updates):
-        size = update.memory.numel()
-        samplers[c] = 0 if update.external else machine.updates[c], 0, 0, memory_size, size, program.held_slot + update.first_held, len(update.names)
-        memory_size += size
+        size, first_output = update.memory.numel(), program.held_slot + update.first_held
+        address = 0 if update.external else machine.updates[c]
+        samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
+        keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+        memory_size = len(keys)
         if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
-            first_output = program.held_slot + update.first_held
             defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
             p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
-    widest = max((len(u.names) for u in system.updates), default=1)
+    widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
+    memory = np.zeros(memory_size)
     for name, value in run.start.items():
-        place_start(system, x, name, value)
+        remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]
+        if remembered:
+            _place_memory(system, memory[remembered[0] :], name, value)
+        else:
+            place_start(system, x, name, value)
     work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
@@ -393,10 +417,19 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
-        samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
+        samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
     set_method(loop, work, program)
     return work
+
+
+def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:
+    """Write the start value of a state that a sampled law remembers into the memory of that law."""
+    first, size = next(update.places[name] for update in system.updates if name in update.places)
+    array = finite_array(value)
+    if array is None or (array.ndim and array.shape != (size or 1,)):
+        raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
+    memory[first : first + (size or 1)] = array
 
 
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
@@ -444,7 +477,10 @@ def _sample(
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     part = [part for part in run.system.parts if isinstance(part, External)][index]
     point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
-    y = np.array([point[name] for name in part.measures])
+    sensors, update = part.sensors, program.system.updates[c]
+    first = row[loop.FIRST_STATE] + row[loop.STATES]
+    noise = {name: loop.normal(work.keys[first + i], row[loop.TAKEN]) for i, name in enumerate(update.channels)}
+    y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
     answer = laws[index](float(work.reals[loop.TIME]), y)
     u = finite_array(answer)
     if u is None or u.size != row[loop.OUTPUTS]:

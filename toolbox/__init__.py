@@ -3,13 +3,14 @@
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
-from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
+from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
+from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
 from toolbox.trajectory import Event, Trajectory
 
@@ -21,12 +22,14 @@ __all__ = [
     "Equations",
     "Event",
     "FrictionLaw",
+    "GrazingError",
     "HybridSystem",
     "Hysteresis",
     "Relay",
     "Sampled",
     "Scene",
     "SceneError",
+    "Sensitivity",
     "SimulationError",
     "Trajectory",
     "UnilateralContact",
@@ -40,6 +43,7 @@ __all__ = [
     "quantity",
     "ramp",
     "settling",
+    "sensitivity",
     "severity",
     "simulate",
     "sine",

@@ -127,7 +127,10 @@ class Variation:
         self.guards = ca.Function("guards", arguments_of, [guards])
         self.edge = ca.Function("edge", arguments_of, [field, ca.densify(ca.jacobian(guards, t)), ca.densify(ca.jacobian(guards, z))])
         self.projection = ca.Function("projection", arguments_of, [ca.densify(ca.jacobian(projected, z))])
+        self.project = ca.Function("project", arguments_of, [projected])
         self.kinks = ca.Function("kinks", [t, x, p, m], [arguments])
+        self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(guards, x))
+        self.forced = bool(ca.depends_on(ca.vertcat(field, guards), t))
         self.impact: Any = None
         if form.impulse is not None:
             marks, elastic, results = form.impulse
@@ -290,7 +293,6 @@ class Variation:
             for i, way in zip(closed, choice[len(partners) :], strict=True):
                 marks[i] = way
             state, of_t, of_z = (np.array(v) for v in self.impact(t, x, p, m, marks))
-            jump = np.hstack([of_t, of_z])
             away = float(np.max(np.abs(state.ravel() - goal) / scale))
             if away < best:
                 best, found = away, np.hstack([of_t, of_z])
@@ -302,6 +304,17 @@ class Variation:
             found = of_goal[:, :n] @ found
             found[:, 1 + n :] += of_parameters
         return found
+
+
+def _drifting(of_field: ca.SX, of_guards: ca.SX) -> np.ndarray:
+    """Which states only add up what others do, such as the angle of a free shaft: nothing but such states depends on them."""
+    field, guards = (np.array(ca.DM(matrix.sparsity())) != 0 for matrix in (of_field, of_guards))
+    drifts = np.zeros(field.shape[1], bool)
+    while True:
+        more = ~drifts & ~guards.any(axis=0) & ~field[~drifts].any(axis=0)
+        if not more.any():
+            return drifts
+        drifts |= more
 
 
 def variation_of(program: Program, columns: tuple[int, ...]) -> Variation:

@@ -10,13 +10,14 @@ is predicted along the tangent and corrected in the plane across it, so that fol
     grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
 
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
-taken up on the other side by stepping in the states alone, with the parameter left free.
+taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -147,15 +148,15 @@ def follow(
         point = walk.step(size)
         if point is None:
             size /= 2
-            if size < 1e-5 * step:
-                corner = walk.around(step) if turned < 2 else None
-                if corner is None:
-                    branch.ended = "no further cycle is found: it shrinks to a steady state, or its switches change"
-                    break
-                turned += 1
-                before = branch.cycles[-1]
-                branch.bifurcations.append(Bifurcation("grazing", branch.values[-1], before))
-                point, size = corner, step / 16
+            if size > 1e-5 * step:
+                continue
+            point = walk.around() if turned < 2 else None
+            if point is None:
+                branch.ended = "no further cycle is found: it shrinks to a steady state, or its switches change"
+                break
+            turned += 1
+            branch.bifurcations.append(Bifurcation("grazing", branch.values[-1], branch.cycles[-1]))
+            size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
             turned = 0
             branch.bifurcations += walk.changes(walk.here, point, size)
@@ -288,6 +289,8 @@ class _Walk:
         point = self._corrected(guess, self.heading, float(self.heading @ self.here.u) + size)
         if point is None or point.direction @ self.heading < 0.3:
             return None
+        if start is None and np.linalg.norm(point.u - guess) > 0.5 * size:  # the branch bends sharply, or this is another one
+            return None
         return None if self._dead(point) else point
 
     def _dead(self, point: _Point) -> bool:
@@ -295,22 +298,25 @@ class _Walk:
         swing = np.ptp(point.run.states[:, self.kept], axis=0) / self.scale[: self.kept.size]
         return not self.forced and float(swing.max()) < 1e-4
 
-    def around(self, step: float) -> _Point | None:
-        """The branch beyond a corner, searched by stepping in the states alone."""
-        n = self.kept.size
-        ways = [np.concatenate([self.heading[:n], np.zeros(self.heading.size - n)])]
-        ways.append(-ways[0])
-        for way in ways:
-            length = np.linalg.norm(way)
-            if length < 1e-6:
+    def around(self) -> _Point | None:
+        """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
+        n, here, heading = self.kept.size, self.here, self.heading
+        mine = _signature(here.run)
+        probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
+        for near, probe in itertools.product((1e-6, 1e-5, 1e-4, 1e-3), probes):
+            try:
+                run, tangent, period = self._shot(here.u + near * probe)
+            except (SimulationError, SceneError):
                 continue
-            normal = way / length
-            for distance in (1e-3, 3e-3, 1e-2, 3e-2):
-                heading, self.heading = self.heading, normal
-                point = self._corrected(self.here.u + distance * normal, normal, float(normal @ self.here.u) + distance, most=20)
-                if point is not None and not self._dead(point) and _signature(point.run) != _signature(self.here.run):
+            if _signature(run) == mine:
+                continue
+            beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
+            for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
+                self.heading = way
+                point = self._corrected(here.u + far * way, way, float(way @ here.u) + far, most=20)
+                if point is not None and not self._dead(point) and _signature(point.run) != mine:
                     return point
-                self.heading = heading
+        self.heading = heading
         return None
 
     def move_to(self, point: _Point) -> None:

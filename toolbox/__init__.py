@@ -2,6 +2,8 @@
 
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.compose import compose
+from toolbox.continuation import Bifurcation, Branch, follow
+from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
@@ -15,9 +17,13 @@ from toolbox.simulate import simulate
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
+    "Bifurcation",
+    "Branch",
     "BudgetError",
     "Component",
     "Controller",
+    "Cycle",
+    "CycleError",
     "DryFriction",
     "Equations",
     "Event",
@@ -38,6 +44,8 @@ __all__ = [
     "compose",
     "energy_audit",
     "equilibrium",
+    "follow",
+    "limit_cycle",
     "linearise",
     "overshoot",
     "quantity",

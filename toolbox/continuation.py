@@ -8,6 +8,7 @@ is predicted along the tangent and corrected in the plane across it, so that fol
     period doubling    det(M + I) = 0 (a multiplier passes -1)
     Neimark-Sacker     a pair of complex multipliers passes the unit circle, prod (mu_i mu_j - 1) = 0
     grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
+    Hopf               the cycle shrinks to a steady state, where the branch ends
 
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
@@ -91,7 +92,7 @@ class Branch:
                 style = {"linestyle": "-", "linewidth": 1.6} if stable[a] else {"linestyle": (0, (4, 2)), "linewidth": 1.2}
                 ax.plot(values[piece], ends[piece, side], color=color, label=None if word in labels else word, **style)
                 labels.add(word)
-        markers = {"fold": "o", "period doubling": "s", "Neimark-Sacker": "D", "grazing": "v"}
+        markers = {"fold": "o", "period doubling": "s", "Neimark-Sacker": "D", "grazing": "v", "Hopf": "P"}
         for point in self.bifurcations:
             low, high = point.cycle.extremes(signal)
             label = None if point.kind in labels else point.kind
@@ -124,8 +125,7 @@ def follow(
     """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
 
     span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
-    start towards, by default the farther one. A branch ends early, and says so in `ended`, where no further cycle is found, such as at a Hopf point, at
-    which it shrinks to a steady state.
+    start towards, by default the farther one. A branch ends early at a Hopf point and where no further cycle is found; `ended` says why.
 
     Raises SceneError for wrong arguments.
     """
@@ -152,13 +152,18 @@ def follow(
                 continue
             point = walk.around() if turned < 2 else None
             if point is None:
-                branch.ended = "no further cycle is found: it shrinks to a steady state, or its switches change"
+                branch.ended = "no further cycle is found"
                 break
             turned += 1
             branch.bifurcations.append(Bifurcation("grazing", branch.values[-1], branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
             turned = 0
+            rest = walk.vanishing(point, size)
+            if rest is not None:
+                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.ended = "the cycle shrinks to a steady state"
+                break
             branch.bifurcations += walk.changes(walk.here, point, size)
         if not span[0] <= point.value <= span[1]:
             branch.ended = f"the end of the span at {span[0] if point.value < span[0] else span[1]:g}"
@@ -216,7 +221,7 @@ class _Walk:
     def head_for(self, sign: float) -> None:
         """Face the way in which the parameter changes so."""
         along = self.here.direction
-        self.heading = along * (sign if along[-1] >= 0 else -sign)
+        self.heading = self.here.direction = along * (sign if along[-1] >= 0 else -sign)
 
     def _period(self, u: np.ndarray, run: Any) -> float:
         if not self.forced:
@@ -297,6 +302,26 @@ class _Walk:
         """Whether a free cycle has shrunk to a steady state."""
         swing = np.ptp(point.run.states[:, self.kept], axis=0) / self.scale[: self.kept.size]
         return not self.forced and float(swing.max()) < 1e-4
+
+    def vanishing(self, point: _Point, size: float) -> float | None:
+        """The parameter at which the cycle shrinks to a steady state before the next point, whose cycle is then the same half a period later.
+
+        By symmetry the parameter is stationary there; it is interpolated from both points with their tangents.
+        """
+        if self.forced or self.here.run.events or point.run.events:
+            return None
+        begins = []
+        for each in (self.here, point):
+            states = each.run.states[:, self.kept]
+            begins.append((states[0] - (states.max(axis=0) + states.min(axis=0)) / 2) / self.scale[: self.kept.size])
+        if begins[0] @ begins[1] >= 0:
+            return None
+        a, b, length = self.here.u[-1], point.u[-1], float(np.linalg.norm(point.u - self.here.u))
+        da, db = self.heading[-1] * length, point.direction[-1] * length
+        c2, c3 = 3 * (b - a) - 2 * da - db, 2 * (a - b) + da + db
+        roots = [r.real for r in np.roots([3 * c3, 2 * c2, da]) if abs(r.imag) < 1e-9 and -0.1 <= r.real <= 1.1]
+        s = min(roots, key=lambda r: abs(r - 0.5), default=0.5)
+        return float((a + s * (da + s * (c2 + s * c3))) * self.scale[-1])
 
     def around(self) -> _Point | None:
         """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
@@ -405,8 +430,10 @@ class _Walk:
             return test(points[s])
 
         try:
-            return points[min(points, key=lambda s: abs(s - brentq(value, 0.0, size, xtol=1e-10 * size + 1e-14)))]
-        except (CycleError, ValueError, KeyError):
+            root = brentq(value, 0.0, size, xtol=1e-10 * size + 1e-14)
+            value(root)
+            return points[root]
+        except (CycleError, ValueError):
             return None
 
 

@@ -70,9 +70,15 @@ class Cycle:
 
     def extremes(self, signal: str) -> tuple[float, float]:
         """Smallest and largest value of a scalar signal over the period."""
-        times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
-        values = self.run.at(times)[signal]
-        return float(values.min()), float(values.max())
+        found = []
+        for sign in (1.0, -1.0):
+            times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
+            for _ in range(3):  # each look is some twenty times closer than the one before
+                values = sign * self.run.at(times)[signal]
+                i = int(np.argmin(values))
+                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], 41)
+            found.append(sign * float(values.min()))
+        return found[0], found[1]
 
     def amplitude(self, signal: str) -> float:
         """Half of the difference between the largest and the smallest value of a scalar signal."""
@@ -319,7 +325,7 @@ def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, f
     y = states[:, best] - (states[:, best].max() + states[:, best].min()) / 2
     up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))
     if up.size < 2:
-        raise CycleError("The run must come round at least twice in its last two thirds for a cycle to be seen; let it settle longer.", run)
+        raise CycleError("The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.", run)
     part = y[up] / (y[up] - y[up + 1])
     crossings = times[up] + part * (times[1] - times[0])
     points = run.at(crossings).states[:, orbit.returning] / np.where(swing > 0, swing, 1.0)

@@ -11,7 +11,22 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
-from toolbox import Component, CycleError, Equations, SceneError, compose, equilibrium, follow, limit_cycle, linearise, quantity, simulate, sine, state, step
+from toolbox import (
+    Component,
+    CycleError,
+    Equations,
+    SceneError,
+    compose,
+    equilibrium,
+    follow,
+    limit_cycle,
+    linearise,
+    quantity,
+    simulate,
+    sine,
+    state,
+    step,
+)
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -21,7 +36,9 @@ def test_a_block_on_a_belt_with_constant_kinetic_friction_has_the_period_of_the_
     # z = (F_s - F_k) w / (k v);  t_slip = (2 / w)(pi - arctan z);  t_stick = 2 z / w; once it sticks it has forgotten how it got there
     mass, stiffness, belt = 1.7, 4.3, 0.6
     w = math.sqrt(stiffness / mass)
-    plant = compose(BlockOnBelt(mass=mass, stiffness=stiffness, belt_speed=belt, friction=Coulomb(static=0.5 + z * stiffness * belt / w, kinetic=0.5)))
+    plant = compose(
+        BlockOnBelt(mass=mass, stiffness=stiffness, belt_speed=belt, friction=Coulomb(static=0.5 + z * stiffness * belt / w, kinetic=0.5))
+    )
     cycle = limit_cycle(plant, 60.0, start={"block.speed": belt})
     np.testing.assert_allclose(cycle.period, 2 * (math.pi - math.atan(z)) / w + 2 * z / w, rtol=1e-10)
     np.testing.assert_allclose(cycle.stick_share("belt"), 2 * z / w / cycle.period, rtol=1e-9)
@@ -161,7 +178,14 @@ def test_beyond_a_period_doubling_the_motion_comes_round_only_every_second_time(
         start = {"mass.position": doubling.cycle.start[0], "mass.speed": doubling.cycle.start[1] + 1e-3}
         length = 1500 / frequency
         times = np.array([length - 2 / frequency, length - 1 / frequency, length])
-        run = simulate(plant, length, start=start, inputs={"mass.force": sine(0.0, factor * doubling.value, frequency)}, output_times=times, accuracy=1e-9)
+        run = simulate(
+            plant,
+            length,
+            start=start,
+            inputs={"mass.force": sine(0.0, factor * doubling.value, frequency)},
+            output_times=times,
+            accuracy=1e-9,
+        )
         once, twice = (np.abs(run.states[-1] - run.states[k]).max() for k in (-2, -3))
         assert twice < 1e-5
         assert (once > 1e-2) == doubled
@@ -217,7 +241,9 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
     last = branch.cycles[-1]
     assert not last.stable
     # between the two, what starts inside the unstable cycle comes to rest and what starts outside sticks and slips
-    middle = next(c for c, v in zip(branch.cycles, branch.values, strict=True) if not c.stable and v < 0.5 * sum(p.value for p in branch.bifurcations))
+    middle = next(
+        c for c, v in zip(branch.cycles, branch.values, strict=True) if not c.stable and v < 0.5 * sum(p.value for p in branch.bifurcations)
+    )
     x = middle.start
     rest = equilibrium(middle.run.run.plant, start={"block.position": float(middle.run["block.position"].mean())})["block.position"]
     for factor, sticks in ((0.98, False), (1.02, True)):

@@ -96,7 +96,15 @@ def test_stick_forgets_the_speed_with_which_it_was_entered():
 
 def test_derivatives_of_leines_oscillator_through_four_events_agree_with_differences():
     plant = compose(BlockOnBelt(damping=0.02, friction=Exponential(static=1.0, kinetic=0.4, decay=3.0)))
-    to = ("block.mass", "block.stiffness", "block.belt_speed", "belt.friction.static", "belt.friction.decay", "block.position", "block.speed")
+    to = (
+        "block.mass",
+        "block.stiffness",
+        "block.belt_speed",
+        "belt.friction.static",
+        "belt.friction.decay",
+        "block.position",
+        "block.speed",
+    )
     run, exact = agree(plant, 21.0, to, start={"block.position": 0.1, "block.speed": 0.05})
     assert len(run.events) >= 4
     found, _ = differenced(plant, 21.0, to, lambda r: r.time_in("belt", "stick"), start={"block.position": 0.1, "block.speed": 0.05})
@@ -251,7 +259,9 @@ def test_output_times_give_the_derivatives_of_the_same_instants():
     some = sensitivity(simulate(plant, 10.0, output_times=times, **options), "top.torque")
     assert some["bit.speed"].shape == (21, 1) and some["chain.speed"].shape == (21, 2, 1)
     np.testing.assert_allclose(some["bit.speed"][-1], whole["bit.speed"][-1], rtol=1e-9)
-    before, after = (simulate(plant, 10.0, inputs={"top.torque": 12_300.0 + by}, accuracy=1e-12, output_times=times)["bit.speed"] for by in (-0.01, 0.01))
+    before, after = (
+        simulate(plant, 10.0, inputs={"top.torque": 12_300.0 + by}, accuracy=1e-12, output_times=times)["bit.speed"] for by in (-0.01, 0.01)
+    )
     np.testing.assert_allclose(some["bit.speed"][:, 0], (after - before) / 0.02, atol=1e-6 * np.abs(some["bit.speed"]).max())
 
 

@@ -141,7 +141,13 @@ def follow(
     goal = towards if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     system = cycle.run.program.system
-    unit = system.unit(parameter) if parameter in system.inputs else system.parameters[parameter].unit if parameter in system.parameters else "1"
+    unit = (
+        system.unit(parameter)
+        if parameter in system.inputs
+        else system.parameters[parameter].unit
+        if parameter in system.parameters
+        else "1"
+    )
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
     while len(branch.values) < points:
@@ -150,6 +156,11 @@ def follow(
             size /= 2
             if size > 1e-5 * step:
                 continue
+            rest = _at_rest(branch, walk.kept)
+            if rest is not None:
+                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.ended = "the cycle shrinks to a steady state"
+                break
             point = walk.around() if turned < 2 else None
             if point is None:
                 branch.ended = "no further cycle is found"
@@ -173,6 +184,18 @@ def follow(
         branch.cycles.append(walk.cycle(point))
         size = min(step, size * (1.5 if point.iterations <= 4 else 0.7 if point.iterations > 6 else 1.0))
     return branch
+
+
+def _at_rest(branch: Branch, kept: np.ndarray) -> float | None:
+    """The parameter to which the square of the swing, linear in it near a Hopf point, vanishes from the last two cycles; None where they are not small."""
+    if len(branch.values) < 2:
+        return None
+    swing = np.array([np.ptp(cycle.run.states[:, kept], axis=0) for cycle in branch.cycles])
+    size = (swing / (swing.max(axis=0) + 1e-300)).max(axis=1) ** 2
+    if branch.cycles[-1].forced or size[-1] > 0.05**2 or size[-1] >= size[-2]:
+        return None
+    a, b = branch.values[-2:]
+    return float(b + (b - a) * size[-1] / (size[-2] - size[-1]))
 
 
 @dataclass
@@ -375,7 +398,17 @@ class _Walk:
     def cycle(self, point: _Point) -> Cycle:
         """The cycle of a point."""
         monodromy = point.tangent[np.ix_(self.kept, self.kept)]
-        return Cycle(point.run, point.period, monodromy, multipliers_of(monodromy, not self.forced), self.kept, self.forced, 1e-9, point.iterations, 0.0)
+        return Cycle(
+            point.run,
+            point.period,
+            monodromy,
+            multipliers_of(monodromy, not self.forced),
+            self.kept,
+            self.forced,
+            1e-9,
+            point.iterations,
+            0.0,
+        )
 
     def changes(self, before: _Point, after: _Point, size: float) -> list[Bifurcation]:
         """The bifurcations between two neighbouring points."""

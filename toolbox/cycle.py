@@ -145,7 +145,15 @@ def limit_cycle(
     else:
         if settle is None and period is None:
             raise SceneError("Argument `settle` must be given for a plant, in s, or a guess of the `period` with a `start` near the cycle.")
-        run = simulate(plant, period if settle is None else settle, start=start, inputs=inputs, parameters=parameters, controller=controller, accuracy=1e-8)
+        run = simulate(
+            plant,
+            period if settle is None else settle,
+            start=start,
+            inputs=inputs,
+            parameters=parameters,
+            controller=controller,
+            accuracy=1e-8,
+        )
     if period is not None and not (is_finite_number(period) and period > 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     orbit = Orbit.of(run, (), accuracy)
@@ -182,7 +190,9 @@ class Orbit:
         check_smooth(run)
         for name, value in run.run.inputs.items():
             if isinstance(value, Table) and np.ptp(value.values) > 0:
-                raise SceneError(f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table.")
+                raise SceneError(
+                    f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table."
+                )
         arguments = dataclasses.replace(run.run, accuracy=accuracy, output_times=None, duration=0.0)
         columns = tuple(parameter_column(run, name) for name in names)
         for name, column in zip(names, columns, strict=True):
@@ -274,10 +284,14 @@ class Orbit:
             period = longer
             size = np.linalg.norm(residual(run))
         else:
-            raise CycleError(f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run)
+            raise CycleError(
+                f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run
+            )
         swing = np.ptp(run.states[:, kept], axis=0) / scale
         if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
-            raise CycleError("The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run)
+            raise CycleError(
+                "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
+            )
         monodromy = tangent[np.ix_(kept, kept)]
         return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iteration,
                      abs(move[count] * guess) if free else 0.0)  # fmt: skip
@@ -325,7 +339,10 @@ def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, f
     y = states[:, best] - (states[:, best].max() + states[:, best].min()) / 2
     up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))
     if up.size < 2:
-        raise CycleError("The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.", run)
+        raise CycleError(
+            "The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.",
+            run,
+        )
     part = y[up] / (y[up] - y[up + 1])
     crossings = times[up] + part * (times[1] - times[0])
     points = run.at(crossings).states[:, orbit.returning] / np.where(swing > 0, swing, 1.0)

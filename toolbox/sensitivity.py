@@ -107,7 +107,9 @@ class Sensitivity:
         values = nodes[name][inside]
         place = int(inside[int(np.argmax(values))])
         low, high = nodes.time[max(place - 1, inside[0])], nodes.time[min(place + 1, nodes.time.size - 1)]
-        found = minimize_scalar(lambda t: -float(nodes.at(float(t))[name]), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * (high - low)})
+        found = minimize_scalar(
+            lambda t: -float(nodes.at(float(t))[name]), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * (high - low)}
+        )
         t = float(found.x)
         if min(t - max(after, nodes.time[0]), nodes.end - t) < 1e-6 * (high - low):
             raise SceneError(f"Argument `name` must be a signal with a peak inside the run, but `{name}` is largest at its end.")
@@ -215,7 +217,11 @@ def with_value(run: Run, name: str, value: float) -> Run:
     entry.check(value)
     system.values = system.values.copy()
     system.values[entry.offset] = value
-    plant = run.plant.with_parameters({name: value}) if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters else run.plant
+    plant = (
+        run.plant.with_parameters({name: value})
+        if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters
+        else run.plant
+    )
     return dataclasses.replace(run, system=system, plant=plant)
 
 
@@ -227,4 +233,6 @@ def value_of(run: Run, name: str) -> float:
     shape = run.inputs.get(head)
     if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
         return shape.coefficients[COEFFICIENTS[shape.kind].index(tail)]
-    return float(run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset])
+    return float(
+        run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset]
+    )

@@ -160,7 +160,25 @@ class Variation:
         pairs = np.flatnonzero(np.diff(time) <= 0.0)
         place, dated = 0, []
         for k in [*pairs.tolist(), time.size - 1]:
-            transport(self.address, self.a, self.b, self.c, self.rows, self.entries, own, time, state, modes, held, p, first_held, tangent, place, k, kept)
+            transport(
+                self.address,
+                self.a,
+                self.b,
+                self.c,
+                self.rows,
+                self.entries,
+                own,
+                time,
+                state,
+                modes,
+                held,
+                p,
+                first_held,
+                tangent,
+                place,
+                k,
+                kept,
+            )
             if k < time.size - 1:
                 tangent, dt = self._event(nodes, k, place, tangent, own, p, modes)
                 if keep:
@@ -252,7 +270,9 @@ class Variation:
             dates.append(-guard / rate)
         if any(np.abs(date - dates[0]).max() > 1e-6 * np.abs(dates[0]).max() + 1e-12 for date in dates[1:]):
             names = " and ".join(f"`{self.program.system.elements[j // 2].name}`" for j in firing[:2])
-            raise GrazingError(f"At t = {t:.9g} s {names} switch at one instant: which comes first decides, and no derivative exists.", nodes)
+            raise GrazingError(
+                f"At t = {t:.9g} s {names} switch at one instant: which comes first decides, and no derivative exists.", nodes
+            )
         dt = dates[0]
         p[first_held:] = nodes.held[k + 1]
         flow_after = np.array(self.field(t, nodes.states[k + 1], p, modes[k + 1])).ravel()

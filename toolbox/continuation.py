@@ -85,7 +85,7 @@ class Branch:
         color = LINES[0]["color"]
         cuts = [0, *(np.flatnonzero(np.diff(stable.astype(int))) + 1).tolist(), values.size]
         labels = set()
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        for a, b in itertools.pairwise(cuts):
             piece = slice(max(a - 1, 0), b)
             word = "stable" if stable[a] else "unstable"
             for side in (0, 1):
@@ -264,7 +264,7 @@ class _Walk:
     def _matrix(self, run: Trajectory, tangent: np.ndarray, period: float) -> np.ndarray:
         """Derivatives of closure and phase with respect to the unknowns."""
         n, s = self.kept.size, self.scale[: self.kept.size]
-        begin, end = self.orbit.slopes(run)
+        _, end = self.orbit.slopes(run)
         monodromy = tangent[np.ix_(self.kept, self.kept)]
         columns = [(monodromy - np.eye(n)) * (s[None, :] / s[:, None])]
         of_parameter = tangent[self.kept, -1]

@@ -11,6 +11,7 @@ Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mecha
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -89,11 +90,11 @@ class Cycle:
         """Part of the period that an element sticks, from 0 to 1."""
         return self.run.time_in(element, "stick") / self.period
 
-    def plot(self, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
+    def plot(self, x: str, y: str, ax: Any = None) -> Any:
         """The closed orbit in a phase plane; see `toolbox.plot.phase_plane`."""
         from toolbox.plot import phase_plane
 
-        return phase_plane(self.run, *[name for name in (x, y) if name is not None], ax=ax)
+        return phase_plane(self.run, x, y, ax=ax)
 
     def __str__(self) -> str:
         shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
@@ -143,11 +144,12 @@ def limit_cycle(
             raise SceneError("Argument `plant` must be a plant for the other arguments to apply, but it is a trajectory, which has them.")
         run = plant
     else:
-        if settle is None and period is None:
+        length = period if settle is None else settle
+        if length is None:
             raise SceneError("Argument `settle` must be given for a plant, in s, or a guess of the `period` with a `start` near the cycle.")
         run = simulate(
             plant,
-            period if settle is None else settle,
+            length,
             start=start,
             inputs=inputs,
             parameters=parameters,
@@ -255,17 +257,18 @@ class Orbit:
 
         size = np.linalg.norm(residual(run))
         step = np.inf
-        for iteration in range(1, most + 1):
+        for iterations in itertools.count(1):
+            if iterations > most:
+                raise CycleError(f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run)
             matrix = (tangent[np.ix_(kept, kept)] - np.eye(count)) * (scale[None, :] / scale[:, None])
             if free:
                 matrix = np.block([[matrix, (self.slopes(run)[1][kept] * guess / scale)[:, None]], [towards[None, :], np.zeros((1, 1))]])
             move = np.linalg.lstsq(matrix, -residual(run), rcond=1e-13)[0]
             step = float(np.linalg.norm(move))
             if step < CONVERGED:
-                # the last step is still worth taking where it says something: it is taken with the matrix at hand
                 break
             share, tried = min(1.0, 0.5 / step), None
-            for _ in range(8):
+            for attempt in range(8):
                 following = run.states[0].copy()
                 following[kept] += share * move[:count] * scale
                 longer = period + share * move[count] * guess if free else period
@@ -275,7 +278,7 @@ class Orbit:
                     if grown < 2 * size + 1e-9:
                         break
                 except SimulationError as failed:
-                    if _ == 7:
+                    if attempt == 7:
                         raise failed
                 share /= 2
             if tried is None:
@@ -283,17 +286,13 @@ class Orbit:
             run, tangent = tried
             period = longer
             size = np.linalg.norm(residual(run))
-        else:
-            raise CycleError(
-                f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run
-            )
         swing = np.ptp(run.states[:, kept], axis=0) / scale
         if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
             raise CycleError(
                 "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
             )
         monodromy = tangent[np.ix_(kept, kept)]
-        return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iteration,
+        return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iterations,
                      abs(move[count] * guess) if free else 0.0)  # fmt: skip
 
 
@@ -320,7 +319,7 @@ def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
         return begin
     holding = np.array([element.holds and not element.unilateral for element in run.program.system.elements])
     pieces = []
-    for a, b in zip(times[:-1], times[1:], strict=True):
+    for a, b in itertools.pairwise(times):
         if b - a > 1e-6 * (end - begin):
             mode = run.at((a + b) / 2).mode[0]
             pieces.append((int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))

@@ -1,6 +1,6 @@
 """How far does stick-slip reach, and what lies between it and steady drilling? Cycles followed through the events of stick and slip.
 
-1. A drill string under a stiff drive (Jansen's rig): steady drilling loses its stability at the Hopf speed, but the stick-slip cycle lives on far above it. Between
+1. A drill string under a stiff drive (Jansen's rig): steady drilling loses its stability at the Hopf speed, but stick-slip lives on far above it. Between
    the two stands an unstable cycle that never sticks; it meets the stick-slip cycle where the stick phase has shrunk to nothing, a fold with a corner. Its
    distance from steady drilling is the kick that the machine bears: a bit that is pushed beyond it ends in stick-slip.
 2. Blocks on belts: the block of Thomsen and Fidlin passes from stick-slip through grazing into sliding oscillations and ends at its Hopf speed without

@@ -6,16 +6,20 @@ import cmath
 import math
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
+from studies import cycles
 from toolbox import (
     Component,
     CycleError,
     Equations,
+    Hysteresis,
     SceneError,
+    UnilateralContact,
     compose,
     equilibrium,
     follow,
@@ -26,6 +30,7 @@ from toolbox import (
     sine,
     state,
     step,
+    time,
 )
 
 pytestmark = pytest.mark.timeout(90)
@@ -254,7 +259,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
 
 @pytest.mark.slow
 def test_a_stiff_drive_lets_a_drill_string_stick_and_slip_far_above_its_hopf_speed(drilling):
-    branch = follow(drilling, "pi.reference", (2.0, 25.0), points=250)
+    branch = cycles.reach(drilling)
     grazing, hopf = branch.bifurcations
     assert [grazing.kind, hopf.kind] == ["grazing", "Hopf"]
     assert not branch.stable[-1]
@@ -264,6 +269,87 @@ def test_a_stiff_drive_lets_a_drill_string_stick_and_slip_far_above_its_hopf_spe
     poles = linearise(closed, at=rest).poles()
     assert abs(max(poles.real)) < 1e-4  # the steady state at the end of the branch is about to lose its stability
     assert grazing.value > 2.5 * hopf.value
+
+
+def test_an_unstable_cycle_is_found_from_a_guess_of_its_start_and_period():
+    # Veraszto-Stepan between Hopf and grazing: to first order a circle about the steady state, at the frequency of the free block
+    block = oscillators.VERASZTO_STEPAN
+    plant = compose(block)
+    rest = equilibrium(plant)["block.position"]
+    w = math.sqrt(block.stiffness / block.mass)
+    cycle = limit_cycle(plant, start={"block.position": rest + 0.13 / w}, period=2 * math.pi / w)
+    assert not cycle.stable
+    assert cycle.stick_share("belt") == 0.0
+    np.testing.assert_allclose(cycle.period, 2 * math.pi / w, rtol=1e-2)
+
+
+def test_a_driven_block_with_stops_has_the_multipliers_that_differences_show():
+    plant = compose(BlockOnBelt(belt_speed=0.0, damping=0.1, friction=Coulomb(static=0.6, kinetic=0.4)))
+    force = {"block.force": sine(0.1, 1.0, 0.06)}
+    cycle = limit_cycle(plant, 200.0, inputs=force)
+    assert 0.05 < cycle.stick_share("belt") < 0.95
+    columns = []
+    for i in range(2):
+        ends = []
+        for sign in (1.0, -1.0):
+            x = cycle.start.copy()
+            x[i] += sign * 1e-6
+            ends.append(simulate(plant, cycle.period, start={"block.position": x[0], "block.speed": x[1]}, inputs=force, accuracy=1e-13).states[-1])
+        columns.append((ends[0] - ends[1]) / 2e-6)
+    values = np.linalg.eigvals(np.array(columns).T)
+    np.testing.assert_allclose(np.sort(np.abs(cycle.multipliers)), np.sort(np.abs(values)), atol=1e-5)
+
+
+@dataclass(frozen=True)
+class Oven(Component):
+    """w' = P s - L w, s on below `low` and off above `high`."""
+
+    low: float = quantity(0.8, "K", "on below")
+    high: float = quantity(1.2, "K", "off above")
+
+    def equations(self, signal):
+        warm = state("oven.warm", "K")
+        switch = Hysteresis("switch", warm, self.low, self.high, start="high")
+        return Equations(flow={warm: 2.0 * (1 - switch.output) - 0.5 * warm}, elements=[switch])
+
+
+def test_an_oven_goes_round_in_the_time_of_the_closed_form():
+    cycle = limit_cycle(compose(Oven()), 30.0)
+    np.testing.assert_allclose(cycle.period, 2 * math.log((4 - 0.8) / (4 - 1.2)) + 2 * math.log(1.2 / 0.8), rtol=1e-10)
+
+
+@dataclass(frozen=True)
+class Table(Component):
+    """A ball that bounces on a table a sin(w t): h'' = -g + N / m, restitution e."""
+
+    amplitude: float = quantity(0.004, "m", "a")
+    frequency: float = quantity(60.0, "rad/s", "w")
+    restitution: float = quantity(0.7, "1", "e")
+
+    def equations(self, signal):
+        h, v = state("ball.height", "m"), state("ball.speed", "m/s")
+        a, w = self.amplitude, self.frequency
+        table = UnilateralContact("table", a * ca.sin(w * time) - h, a * w * ca.cos(w * time) - v, restitution=self.restitution)
+        return Equations(flow={h: v, v: table.force - 9.81}, elements=[table])
+
+
+def test_a_ball_on_a_shaking_table_doubles_its_period_where_the_closed_form_says():
+    # one bounce per period: det M = e^2, trace M = 1 + e^2 - (1 + e)^2 a w^2 sin(phi) / g, a w^2 cos(phi) = pi g (1 - e) / (1 + e)
+    g, e, w, a = 9.81, 0.7, 60.0, 0.0026
+    period = 2 * math.pi / w
+    phase = math.acos(math.pi * g * (1 - e) / (1 + e) / (a * w**2))
+    flight = period - phase / w
+    start = {"ball.height": a * math.sin(phase) + g * period / 2 * flight - g * flight**2 / 2, "ball.speed": g * period / 2 - g * flight}
+    cycle = limit_cycle(compose(Table(amplitude=a)), start=start, period=period)
+    trace = 1 + e**2 - (1 + e) ** 2 * a * w**2 * math.sin(phase) / g
+    np.testing.assert_allclose([np.prod(cycle.multipliers), np.sum(cycle.multipliers)], [e**2, trace], rtol=1e-7)
+    np.testing.assert_allclose(cycle.run.events[0].time, phase / w, rtol=1e-8)
+    name = next(name for name in cycle.run.program.system.parameters if name.endswith(".amplitude"))
+    branch = follow(cycle, name, (0.002, 0.008), points=60)
+    doubling = branch.bifurcations[0]
+    assert doubling.kind == "period doubling"
+    theory = g / w**2 * math.hypot(math.pi * (1 - e) / (1 + e), 2 * (1 + e**2) / (1 + e) ** 2)
+    np.testing.assert_allclose(doubling.value, theory, rtol=1e-7)
 
 
 def test_what_is_no_cycle_is_said_to_be_none():

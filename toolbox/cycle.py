@@ -225,7 +225,9 @@ class Orbit:
         for row in (0, -1):
             p = run.parameters.copy()
             p[run.program.first_held :] = run.held[row]
-            sides = np.sign(np.array(self.variation.kinks(run.time[row], run.states[row], p, run.mode[row])).ravel())
+            sides = np.empty(0)
+            if self.variation.sides.numel():
+                sides = np.sign(np.array(self.variation.kinks(run.time[row], run.states[row], p, run.mode[row])).ravel())
             rows.append(np.array(self.variation.field(run.time[row], run.states[row], p, np.concatenate([run.mode[row], sides]))).ravel())
         return rows[0], rows[1]
 
@@ -286,6 +288,9 @@ class Orbit:
             run, tangent = tried
             period = longer
             size = np.linalg.norm(residual(run))
+        if run.mode.size and (run.mode[0] != run.mode[-1]).any():
+            names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
+            raise CycleError(f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run)
         swing = np.ptp(run.states[:, kept], axis=0) / scale
         if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
             raise CycleError(
@@ -313,17 +318,19 @@ def forcing_period(run: Run) -> float | None:
 
 
 def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
-    """A time between begin and end midway between two events, where the fewest elements stick and for the longest time."""
+    """A time between begin and end midway between two events: where switches are as a run starts them, the fewest elements stick, and for the longest time."""
     times = [begin, *(e.time for e in run.events if begin < e.time < end), end]
     if len(times) == 2:
         return begin
     holding = np.array([element.holds and not element.unilateral for element in run.program.system.elements])
+    initial = np.array([element.initial for element in run.program.system.elements])
     pieces = []
     for a, b in itertools.pairwise(times):
         if b - a > 1e-6 * (end - begin):
             mode = run.at((a + b) / 2).mode[0]
-            pieces.append((int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))
-    return min(pieces)[2]
+            turned = int(((mode != initial) & ~holding).sum())
+            pieces.append((turned, int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))
+    return min(pieces)[3]
 
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:

@@ -40,6 +40,11 @@ def reach(cycle: Cycle, points: int = 250) -> Branch:
     return follow(cycle, "pi.reference", (2.0, 20.0), points=points)
 
 
+def onwards(cycle: Cycle, points: int = 45) -> Branch:
+    """The same branch the other way, to slow set-points, where the bit sticks for most of the time."""
+    return follow(cycle, "pi.reference", (2.0, 20.0), points=points, towards=2.0, step=0.04)
+
+
 def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:
     """Multipliers of that cycle from central differences of runs over a period, the largest first, without the trivial one."""
     columns = []
@@ -58,21 +63,27 @@ def differences(cycle: Cycle, by: float = 1e-6) -> np.ndarray:
 
 def blocks() -> tuple[Branch, Branch]:
     """The branches of the blocks of Thomsen and Fidlin and of Veraszto and Stepan, as the belt changes its speed."""
-    smooth = limit_cycle(compose(oscillators.THOMSEN_FIDLIN), 300.0, parameters={"block.belt_speed": 0.36}, start={"block.position": 0.4})
-    sharp = limit_cycle(compose(oscillators.VERASZTO_STEPAN), 10.0, start={"block.position": 0.002})
+    smooth = limit_cycle(compose(oscillators.THOMSEN_FIDLIN), 300.0, parameters={"block.belt_speed": 0.31}, start={"block.position": 0.4})
+    sharp = limit_cycle(compose(oscillators.VERASZTO_STEPAN), 10.0, parameters={"block.belt_speed": 0.155}, start={"block.position": 0.002})
     return follow(smooth, "block.belt_speed", (0.3, 0.5), points=150), follow(sharp, "block.belt_speed", (0.15, 2.0), points=300)
 
 
-def draw(string: Branch, sliding: Branch, bistable: Branch) -> Any:
-    """The three bifurcation diagrams."""
+def draw(string: Branch, slow: Branch, sliding: Branch, bistable: Branch) -> Any:
+    """The three bifurcation diagrams; `slow` continues `string` to slow set-points."""
     import matplotlib.pyplot as plt
 
     figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6), layout="constrained")
+    slow.plot("bit.speed", ax=panels[0])
     string.plot("bit.speed", ax=panels[0])
     sliding.plot("block.speed", ax=panels[1])
     bistable.plot("block.speed", ax=panels[2])
+    lines, words = panels[0].get_legend_handles_labels()
+    once = dict(zip(words, lines, strict=True))
+    panels[0].legend(once.values(), once.keys(), frameon=False)
     panels[0].set(xlabel="set-point [rad/s]", ylabel="bit speed over a cycle, least and largest [rad/s]")
-    for panel, title in zip(panels, ("Drill string, stiff drive", "Block of Thomsen and Fidlin", "Block of Veraszto and Stepan"), strict=True):
+    for panel, title in zip(
+        panels, ("Drill string, stiff drive", "Block of Thomsen and Fidlin", "Block of Veraszto and Stepan"), strict=True
+    ):
         panel.set_title(title, loc="left", fontsize=9.0)
     for panel in panels[1:]:
         panel.set(xlabel="belt speed [m/s]", ylabel="block speed over a cycle, least and largest [m/s]")
@@ -100,21 +111,27 @@ def main() -> None:
         times.append(time.perf_counter() - began)
     rough = limit_cycle(settled, accuracy=1e-12)
     print(cycle)
-    print(f"period to {abs(rough.period - cycle.period):.0e} s of that at accuracy 1e-12; found in {1e3 * float(np.median(times)):.1f} ms (median of 20)")
+    print(
+        f"period to {abs(rough.period - cycle.period):.0e} s of that at accuracy 1e-12; found in {1e3 * float(np.median(times)):.1f} ms (median of 20)"
+    )
     print(f"multipliers differ from central differences by {np.abs(differences(cycle) - cycle.multipliers).max():.1e}")
     follow(cycle, "pi.reference", (2.0, 20.0), points=3)  # compiles
-    began = time.perf_counter()
+    began, worked = time.perf_counter(), time.process_time()
     branch = reach(cycle, points=100)
-    print(f"{len(branch.values)} points of its branch in {time.perf_counter() - began:.2f} s")
+    print(
+        f"{len(branch.values)} points of its branch in {time.perf_counter() - began:.2f} s ({time.process_time() - worked:.2f} s of processor time)"
+    )
     string = reach(cycle)
     print(string)
     fold, hopf = string.bifurcations
-    print(f"stick-slip lives up to {fold.value / RPM:.2f} rpm, {fold.value / hopf.value:.2f} times the Hopf speed of {hopf.value / RPM:.2f} rpm")
+    print(
+        f"stick-slip lives up to {fold.value / RPM:.2f} rpm, {fold.value / hopf.value:.2f} times the Hopf speed of {hopf.value / RPM:.2f} rpm"
+    )
     sliding, bistable = blocks()
     print(sliding)
     print(bistable)
     with plt.rc_context(plot.PAPER):
-        draw(string, sliding, bistable).savefig(folder / "cycles.png")
+        draw(string, onwards(cycle), sliding, bistable).savefig(folder / "cycles.png")
         print(folder / "cycles.png")
 
 

@@ -294,7 +294,9 @@ def test_a_driven_block_with_stops_has_the_multipliers_that_differences_show():
         for sign in (1.0, -1.0):
             x = cycle.start.copy()
             x[i] += sign * 1e-6
-            ends.append(simulate(plant, cycle.period, start={"block.position": x[0], "block.speed": x[1]}, inputs=force, accuracy=1e-13).states[-1])
+            ends.append(
+                simulate(plant, cycle.period, start={"block.position": x[0], "block.speed": x[1]}, inputs=force, accuracy=1e-13).states[-1]
+            )
         columns.append((ends[0] - ends[1]) / 2e-6)
     values = np.linalg.eigvals(np.array(columns).T)
     np.testing.assert_allclose(np.sort(np.abs(cycle.multipliers)), np.sort(np.abs(values)), atol=1e-5)

@@ -261,7 +261,9 @@ class Orbit:
         step = np.inf
         for iterations in itertools.count(1):
             if iterations > most:
-                raise CycleError(f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run)
+                raise CycleError(
+                    f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run
+                )
             matrix = (tangent[np.ix_(kept, kept)] - np.eye(count)) * (scale[None, :] / scale[:, None])
             if free:
                 matrix = np.block([[matrix, (self.slopes(run)[1][kept] * guess / scale)[:, None]], [towards[None, :], np.zeros((1, 1))]])
@@ -290,7 +292,9 @@ class Orbit:
             size = np.linalg.norm(residual(run))
         if run.mode.size and (run.mode[0] != run.mode[-1]).any():
             names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
-            raise CycleError(f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run)
+            raise CycleError(
+                f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run
+            )
         swing = np.ptp(run.states[:, kept], axis=0) / scale
         if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
             raise CycleError(

@@ -354,6 +354,26 @@ def test_a_ball_on_a_shaking_table_doubles_its_period_where_the_closed_form_says
     np.testing.assert_allclose(doubling.value, theory, rtol=1e-7)
 
 
+@dataclass(frozen=True)
+class Odometer(Component):
+    """The way w that the belt has slid under the block, and twice that: w' = v_belt - v, u' = 2 (v_belt - v)."""
+
+    belt_speed: float = quantity(0.2, "m/s", "speed of the belt")
+
+    def equations(self, signal):
+        way, double = state("odometer.way", "m"), state("odometer.double", "m")
+        slip = self.belt_speed - signal("block.speed", "m/s")
+        return Equations(flow={way: slip, double: 2 * slip})
+
+
+def test_what_only_adds_up_need_not_return():
+    alone = limit_cycle(compose(BlockOnBelt()), 60.0, start={"block.position": 1.2})
+    counted = limit_cycle(compose(BlockOnBelt(), Odometer()), 60.0, start={"block.position": 1.2})
+    np.testing.assert_allclose(counted.period, alone.period, rtol=1e-10)
+    assert counted.multipliers.size == 1
+    np.testing.assert_allclose(counted.run["odometer.way"][-1] - counted.run["odometer.way"][0], 0.2 * alone.period, rtol=1e-9)
+
+
 def test_what_is_no_cycle_is_said_to_be_none():
     plant = compose(BlockOnBelt(damping=1.0, friction=Coulomb(static=0.5, kinetic=0.5)))
     with pytest.raises(CycleError, match="rest"):

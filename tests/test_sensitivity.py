@@ -298,3 +298,12 @@ def test_wrong_arguments_are_named():
         sensitivity(simulate(rig, 1.0, controller=StiffPI(reference=5.0), sample_time=0.1), "bit.weight")
     with pytest.raises(SceneError, match="varies in time"):
         sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force")
+
+
+def test_derivatives_print_themselves_and_refuse_a_peak_at_the_end():
+    run = simulate(compose(BlockOnBelt()), 1.0, start={"block.position": 0.1, "block.speed": 0.2}, accuracy=1e-10)
+    exact = sensitivity(run, ("block.mass", "block.belt_speed"))
+    assert "with respect to block.mass, block.belt_speed" in str(exact)
+    assert exact.end("block.speed").tolist() == [0.0, 1.0]  # it still sticks
+    with pytest.raises(SceneError, match="largest at its end"):
+        exact.peak("block.position")

@@ -1,8 +1,8 @@
 """Cycles followed through a parameter, stable and unstable alike, with the points at which their kind changes.
 
 Pseudo-arclength continuation of the equations of `toolbox.cycle`: unknowns are the start state, the period of a free cycle and the parameter; the next point
-is predicted along the tangent and corrected in the plane across it, so that folds are passed like any other point. Test functions along the branch, located to
-1e-9 of the parameter by Brent's method:
+is predicted along the tangent and corrected in the plane across it, so that folds are passed like any other point. Along it are located, the first three by
+Brent's method to 1e-9:
 
     fold               the tangent has no part along the parameter (a multiplier passes 1)
     period doubling    det(M + I) = 0 (a multiplier passes -1)
@@ -10,6 +10,7 @@ is predicted along the tangent and corrected in the plane across it, so that fol
     grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
+Grazing is bisected to 1e-9 of the span where the branch goes on; at a corner it is the last cycle before it, some 1e-7 of the span away.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
@@ -26,10 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.cycle import Cycle, CycleError, Orbit, anchored, forcing_period, multipliers_of
+from toolbox.cycle import Cycle, CycleError, Orbit, anchored, forcing_period, multipliers_of, signature_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
-from toolbox.sensitivity import value_of, with_value
+from toolbox.sensitivity import unit_of, value_of, with_value
 from toolbox.trajectory import Trajectory
 
 
@@ -125,7 +126,8 @@ def follow(
     """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
 
     span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
-    start towards, by default the farther one. A branch ends early at a Hopf point and where no further cycle is found; `ended` says why.
+    start towards, by default the farther one. The frequency of a sine
+    takes the period with it; one written into a part does not. A branch ends early at a Hopf point and where no further cycle is found; `ended` says why.
 
     Raises SceneError for wrong arguments.
     """
@@ -140,14 +142,7 @@ def follow(
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
     goal = towards if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    system = cycle.run.program.system
-    unit = (
-        system.unit(parameter)
-        if parameter in system.inputs
-        else system.parameters[parameter].unit
-        if parameter in system.parameters
-        else "1"
-    )
+    unit = unit_of(cycle.run, parameter)
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
     while len(branch.values) < points:
@@ -349,20 +344,20 @@ class _Walk:
     def around(self) -> _Point | None:
         """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
         n, here, heading = self.kept.size, self.here, self.heading
-        mine = _signature(here.run)
+        mine = signature_of(here.run)
         probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
         for near, probe in itertools.product((1e-6, 1e-5, 1e-4, 1e-3), probes):
             try:
                 run, tangent, period = self._shot(here.u + near * probe)
             except (SimulationError, SceneError):
                 continue
-            if _signature(run) == mine:
+            if signature_of(run) == mine:
                 continue
             beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
             for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
                 self.heading = way
                 point = self._corrected(here.u + far * way, way, float(way @ here.u) + far, most=20)
-                if point is not None and not self._dead(point) and _signature(point.run) != mine:
+                if point is not None and not self._dead(point) and signature_of(point.run) != mine:
                     return point
         self.heading = heading
         return None
@@ -470,11 +465,6 @@ class _Walk:
             return None
 
 
-def _signature(run: Trajectory) -> tuple[tuple[str, str, str], ...]:
-    switches = [(e.element, e.before, e.after) for e in run.events]
-    return min((tuple(switches[i:] + switches[:i]) for i in range(len(switches))), default=())
-
-
 def _at(run: Trajectory, state: Any) -> Any:
     """What `Orbit.clean` needs of a run that starts at a sample of another."""
     return _Begin(run.program, state.mode, run.parameters, state.held)
@@ -486,6 +476,3 @@ class _Begin:
     mode: np.ndarray
     parameters: np.ndarray
     held: np.ndarray
-
-
-__all__ = ["Bifurcation", "Branch", "follow"]

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.elements import is_finite_number
-from toolbox.errors import GrazingError, SceneError, SimulationError
+from toolbox.errors import SceneError, SimulationError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
 from toolbox.sensitivity import check_smooth, parameter_column
@@ -66,8 +66,7 @@ class Cycle:
     @property
     def signature(self) -> tuple[tuple[str, str, str], ...]:
         """The switches of one period, in a form that does not depend on where it starts."""
-        switches = [(e.element, e.before, e.after) for e in self.run.events]
-        return min((tuple(switches[i:] + switches[:i]) for i in range(len(switches))), default=())
+        return signature_of(self.run)
 
     def extremes(self, signal: str) -> tuple[float, float]:
         """Smallest and largest value of a scalar signal over the period."""
@@ -133,7 +132,8 @@ def limit_cycle(
 ) -> Cycle:
     """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
-    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled.  period: of a driven
+    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
+    `scene.run(label)`.  period: of a driven
     machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which together with `start` needs no settling and
     finds unstable cycles as well; by default the time after which the run comes round.  accuracy: of the runs inside.
 
@@ -313,6 +313,12 @@ def multipliers_of(monodromy: np.ndarray, free: bool) -> np.ndarray:
     return values[np.argsort(-np.abs(values), kind="stable")]
 
 
+def signature_of(run: Trajectory) -> tuple[tuple[str, str, str], ...]:
+    """The switches of a run that comes round, beginning with the one that sorts first."""
+    switches = [(e.element, e.before, e.after) for e in run.events]
+    return min((tuple(switches[i:] + switches[:i]) for i in range(len(switches))), default=())
+
+
 def forcing_period(run: Run) -> float | None:
     """The period of the sines among the inputs, where they have one frequency and nothing else varies; else None."""
     shapes = [value for value in run.inputs.values() if isinstance(value, Shape)]
@@ -362,6 +368,3 @@ def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, f
     else:
         k = next(k for k in range(1, len(away)) if away[k] <= 3 * min(away) + 1e-4)
     return float(crossings[-1 - k]), float(crossings[-1] - crossings[-1 - k])
-
-
-__all__ = ["Cycle", "CycleError", "GrazingError", "limit_cycle"]

@@ -236,3 +236,14 @@ def value_of(run: Run, name: str) -> float:
     return float(
         run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset]
     )
+
+
+def unit_of(run: Trajectory, name: str) -> str:
+    """The unit of what `with_value` changes."""
+    system = run.program.system
+    if name in system.inputs:
+        return system.unit(name)
+    head, _, tail = name.rpartition(".")
+    if isinstance(run.run.inputs.get(head), Shape):
+        return {"frequency": "Hz", "phase": "rad"}.get(tail) or system.unit(head)
+    return system._parameter(name).unit

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
@@ -352,6 +353,29 @@ def test_a_ball_on_a_shaking_table_doubles_its_period_where_the_closed_form_says
     assert doubling.kind == "period doubling"
     theory = g / w**2 * math.hypot(math.pi * (1 - e) / (1 + e), 2 * (1 + e**2) / (1 + e) ** 2)
     np.testing.assert_allclose(doubling.value, theory, rtol=1e-7)
+
+
+def test_stick_slip_under_constant_friction_ends_where_the_damped_block_just_reaches_the_belt_again():
+    # m = k = 1, released at speed v_b with acceleration -(F_s - F_k); it slides as v = exp(-z t) (v_b cos w t + B sin w t), w^2 = 1 - z^2
+    static, kinetic, belt = 1.0, 0.4, 0.5
+
+    def regained(damping):
+        z = damping / 2
+        w = math.sqrt(1 - z**2)
+        b = (kinetic - static + z * belt) / w
+        # the second rest of the acceleration, v' = exp(-z t) ((w B - z v_b) cos w t - (w v_b + z B) sin w t), is the top
+        top = (math.atan2(w * b - z * belt, w * belt + z * b) % math.pi + math.pi) / w
+        return math.exp(-z * top) * (belt * math.cos(w * top) + b * math.sin(w * top)) - belt
+
+    theory = brentq(regained, 1e-3, 1.0)
+    plant = compose(BlockOnBelt(belt_speed=belt, damping=0.02, friction=Coulomb(static=static, kinetic=kinetic)))
+    branch = follow(limit_cycle(plant, 80.0, start={"block.speed": belt}), "block.damping", (0.0, 1.0), points=150)
+    (grazing,) = branch.bifurcations
+    assert grazing.kind == "grazing"
+    np.testing.assert_allclose(grazing.value, theory, rtol=1e-7)
+    assert grazing.cycle.stick_share("belt") > 0.1  # nothing shrinks: the cycle is gone at once, and the block comes to rest
+    assert branch.stable.all()
+    assert "none is found beyond" in branch.ended
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ Brent's method to 1e-9:
     grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
-Grazing is bisected to 1e-9 of the span where the branch goes on; at a corner it is the last cycle before it, some 1e-7 of the span away.
+Grazing is bisected to 1e-9 of the span where the branch goes on; at a corner, and where the branch just
+ends, it is extrapolated from the rates at which the last two cycles meet the event.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
@@ -126,8 +127,8 @@ def follow(
     """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
 
     span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
-    start towards, by default the farther one. The frequency of a sine
-    takes the period with it; one written into a part does not. A branch ends early at a Hopf point and where no further cycle is found; `ended` says why.
+    start towards, by default the farther one. The frequency of a sine takes the period with it; one written into a part does not. A branch ends early at a
+    Hopf point and where no further cycle is found; `ended` says why.
 
     Raises SceneError for wrong arguments.
     """
@@ -157,11 +158,16 @@ def follow(
                 branch.ended = "the cycle shrinks to a steady state"
                 break
             point = walk.around() if turned < 2 else None
+            touched = walk.touched()
             if point is None:
-                branch.ended = "no further cycle is found"
+                branch.ended = (
+                    "no further cycle is found" if touched is None else "the switches of the cycle touch zero, and none is found beyond"
+                )
+                if touched is not None:
+                    branch.bifurcations.append(Bifurcation("grazing", touched, branch.cycles[-1]))
                 break
             turned += 1
-            branch.bifurcations.append(Bifurcation("grazing", branch.values[-1], branch.cycles[-1]))
+            branch.bifurcations.append(Bifurcation("grazing", branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
             turned = 0
@@ -204,6 +210,7 @@ class _Point:
     value: float
     period: float
     direction: np.ndarray
+    approach: float
 
 
 class _Walk:
@@ -224,6 +231,7 @@ class _Walk:
         value = value_of(self.base, parameter)
         u = np.concatenate([cycle.start[self.kept], [] if self.forced else [cycle.period], [value]]) / self.scale
         self.heading = np.zeros(u.size)
+        self.before: _Point | None = None
         self._phase_at(cycle.run)
         found = self._corrected(u, None, None)
         if found is None:
@@ -302,7 +310,7 @@ class _Walk:
                 direction = np.linalg.svd(matrix)[2][-1]
                 if direction @ self.heading < 0:
                     direction = -direction
-                return _Point(u, run, tangent, iteration, float(u[-1] * self.scale[-1]), period, direction)
+                return _Point(u, run, tangent, iteration, float(u[-1] * self.scale[-1]), period, direction, self.orbit.approach)
             u, last = u + move, length
         return None
 
@@ -341,6 +349,16 @@ class _Walk:
         s = min(roots, key=lambda r: abs(r - 0.5), default=0.5)
         return float((a + s * (da + s * (c2 + s * c3))) * self.scale[-1])
 
+    def touched(self) -> float | None:
+        """The parameter at which the slowest event of the last two points becomes a touch; None where it is not about to.
+
+        The square of its rate is linear in the parameter there, as for a body thrown just high enough.
+        """
+        if self.before is None or not self.here.approach < min(0.05, self.before.approach):
+            return None
+        a, b = self.before, self.here
+        return b.value + (b.value - a.value) * b.approach**2 / (a.approach**2 - b.approach**2)
+
     def around(self) -> _Point | None:
         """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
         n, here, heading = self.kept.size, self.here, self.heading
@@ -364,6 +382,7 @@ class _Walk:
 
     def move_to(self, point: _Point) -> None:
         """Make a point the current one, with the start of its cycle moved midway between events again where it has come near one."""
+        self.before = self.here
         self.here, self.heading, self.like = point, point.direction, point.run
         self.rest = point.run.states[0].copy()
         self._phase_at(point.run)
@@ -387,7 +406,7 @@ class _Walk:
         self._phase_at(run)
         direction = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
         direction = direction * math.copysign(1.0, direction[-1]) * sign
-        self.here = _Point(moved, run, tangent, point.iterations, point.value, period, direction)
+        self.here = _Point(moved, run, tangent, point.iterations, point.value, period, direction, point.approach)
         self.heading = direction
 
     def cycle(self, point: _Point) -> Cycle:

@@ -132,10 +132,9 @@ def limit_cycle(
 ) -> Cycle:
     """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
-    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
-    `scene.run(label)`.  period: of a driven
-    machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which together with `start` needs no settling and
-    finds unstable cycles as well; by default the time after which the run comes round.  accuracy: of the runs inside.
+    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such
+    as `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a
+    guess, which together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round.  accuracy: of the runs inside.
 
     Raises CycleError where none is found, GrazingError where the cycle touches a switching surface, and SceneError for wrong arguments.
     """
@@ -174,7 +173,8 @@ def limit_cycle(
 class Orbit:
     """The equations of a cycle: arguments of its runs, compiled derivatives, and which states return.
 
-    columns: entries of the parameter vector that are directions behind the states;  scale: size of every state.
+    columns: entries of the parameter vector that are directions behind the states;  scale: size of every state;  approach: how fast the last run
+    met its slowest event, 0 at grazing.
     """
 
     run: Run
@@ -183,6 +183,7 @@ class Orbit:
     returning: np.ndarray
     forced: bool
     scale: np.ndarray
+    approach: float = np.inf
 
     @staticmethod
     def of(run: Trajectory, names: tuple[str, ...], accuracy: float) -> Orbit:
@@ -217,7 +218,9 @@ class Orbit:
         system = self.run.system
         start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
         run = again(self.run, start=start, duration=float(period), longest_step=period / 64)
-        return run, self.variation.along(run, np.eye(x.size)).end
+        tangent = self.variation.along(run, np.eye(x.size))
+        self.approach = tangent.approach
+        return run, tangent.end
 
     def slopes(self, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         """dx/dt at begin and end of a run."""

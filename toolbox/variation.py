@@ -35,12 +35,14 @@ GRAZING = 1e-7
 class Tangent:
     """Derivatives along a run.
 
-    nodes: at every node, shape (nodes, n, k), where they were asked for, else empty;  end: at the end, shape (n, k);  event_times: shape (events, k).
+    nodes: at every node, shape (nodes, n, k), where they were asked for, else empty;  end: at the end, shape (n, k);  event_times: shape (events, k);
+    approach: slowest rate at which a guard reached zero, in parts of its mean rate since the event before: 0 at grazing.
     """
 
     nodes: np.ndarray
     end: np.ndarray
     event_times: np.ndarray
+    approach: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -159,6 +161,7 @@ class Variation:
             kept[0] = tangent
         pairs = np.flatnonzero(np.diff(time) <= 0.0)
         place, dated = 0, []
+        approach = np.inf
         for k in [*pairs.tolist(), time.size - 1]:
             transport(
                 self.address,
@@ -180,9 +183,10 @@ class Variation:
                 kept,
             )
             if k < time.size - 1:
-                tangent, dt = self._event(nodes, k, place, tangent, own, p, modes)
+                tangent, dt, slowest = self._event(nodes, k, place, tangent, own, p, modes)
                 if keep:
                     kept[k + 1] = tangent
+                approach = min(approach, slowest)
                 if dt is not None:
                     dated.append((k, dt))
             place = k + 1
@@ -190,7 +194,7 @@ class Variation:
         times = np.zeros((event_time.size, tangent.shape[1]))
         for k, dt in dated:
             times[event_time == time[k]] = dt
-        return Tangent(kept, tangent, times)
+        return Tangent(kept, tangent, times, approach)
 
     def between(self, nodes: Trajectory, kept: np.ndarray, own: int, times: np.ndarray) -> np.ndarray:
         """Derivatives at any times within the run, each by one step from the node at or before it, shape (times, n, k)."""
@@ -234,20 +238,20 @@ class Variation:
 
     def _event(
         self, nodes: Trajectory, k: int, begin: int, tangent: np.ndarray, own: int, p: np.ndarray, modes: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Directions after what happens between nodes k and k + 1, and the derivatives of its time."""
+    ) -> tuple[np.ndarray, np.ndarray | None, float]:
+        """Directions after what happens between nodes k and k + 1, the derivatives of its time, and how fast the guard was."""
         n, kind = self.states, self.program.kind
         first_held = self.program.first_held
         t, before, after = nodes.time[k], nodes.mode[k], nodes.mode[k + 1]
         if nodes.held.shape[1] and (nodes.held[k] != nodes.held[k + 1]).any():
-            return tangent, None  # an input jumps at a given time, and states do not
+            return tangent, None, np.inf  # an input jumps at a given time, and states do not
         changed = before != after
         moved = np.abs(nodes.states[k + 1] - nodes.states[k]) > 1e-12 * np.abs(nodes.states).max(axis=0)
         event_time, element, _ = nodes._event_arrays
         here = {int(i) for i in element[event_time == t]}
         struck = [i for i in sorted(here) if kind[i] == RIGID and before[i] == 1 and (changed[i] or moved.any())]
         if not changed.any() and not struck:
-            return tangent, None  # a kink
+            return tangent, None, np.inf  # a kink
         x, p[first_held:] = nodes.states[k], nodes.held[k]
         flow, of_t, of_z = (np.array(v) for v in self.edge(t, x, p, modes[k]))
         flow, of_t = flow.ravel(), of_t.ravel()
@@ -261,10 +265,10 @@ class Variation:
             size = np.abs(of_z[:, :n]) @ np.abs(x) + np.abs(of_t * t) + 1e-300
             distance = np.abs(values[firing]) / size[firing]
             firing = [j for j, d in zip(firing, distance, strict=True) if d <= max(1e-9, 1.0001 * distance.min())]
-        dates = []
+        dates, slowest = [], np.inf
         for j in firing:
             rate = of_t[j] + of_z[j, :n] @ flow
-            self._check_grazing(nodes, j, rate, begin, k, p, modes)
+            slowest = min(slowest, self._approach(nodes, j, rate, begin, k, p, modes))
             guard = of_z[j, :n] @ tangent
             guard[own:] += of_z[j, n:]
             dates.append(-guard / rate)
@@ -281,9 +285,9 @@ class Variation:
             tangent = self._applied(jump[:, 1:], tangent + np.outer(flow, dt), own) + np.outer(jump[:, 0] - flow_after, dt)
         else:
             tangent = tangent + np.outer(flow - flow_after, dt)
-        return np.ascontiguousarray(tangent), dt
+        return np.ascontiguousarray(tangent), dt, slowest
 
-    def _check_grazing(self, nodes: Trajectory, j: int, rate: float, begin: int, k: int, p: np.ndarray, modes: np.ndarray) -> None:
+    def _approach(self, nodes: Trajectory, j: int, rate: float, begin: int, k: int, p: np.ndarray, modes: np.ndarray) -> float:
         rows = np.arange(begin, k + 1)[:: max(1, (k - begin) // 16)]
         values = np.array(self.guards(nodes.time[None, rows], nodes.states[rows].T, p, modes[rows].T))[j]
         mean = np.abs(values).max() / max(nodes.time[k] - nodes.time[begin], 1e-300)
@@ -292,6 +296,7 @@ class Variation:
             raise GrazingError(
                 f"At t = {nodes.time[k]:.9g} s the guard of `{name}` only touches zero (its rate is {abs(rate):.3g} where {mean:.3g} is usual): "
                 "the run grazes there and has no derivative.", nodes)  # fmt: skip
+        return abs(rate) / mean if mean > 0.0 else np.inf
 
     def _struck(self, nodes: Trajectory, k: int, struck: list[int], p: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """Derivative (n, 1 + n + parameters) of an impact with respect to time, states and parameters.

@@ -10,8 +10,8 @@ Brent's method to 1e-9:
     grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
-Grazing is bisected to 1e-9 of the span where the branch goes on; at a corner, and where the branch just
-ends, it is extrapolated from the rates at which the last two cycles meet the event.
+Grazing is bisected where the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates at which the last two cycles
+meet the event; either way to about 1e-7 of the span.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.

@@ -132,9 +132,10 @@ def limit_cycle(
 ) -> Cycle:
     """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
-    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such
-    as `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a
-    guess, which together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round.  accuracy: of the runs inside.
+    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
+    `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which
+    together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round.
+    accuracy: of the runs inside.
 
     Raises CycleError where none is found, GrazingError where the cycle touches a switching surface, and SceneError for wrong arguments.
     """

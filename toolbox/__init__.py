@@ -2,8 +2,10 @@
 
 from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
+from toolbox.continuation import Bifurcation, Branch, follow
+from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
-from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
+from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
@@ -11,17 +13,23 @@ from toolbox.measure import cycles, energy_audit, overshoot, settling, severity,
 from toolbox.observed import Observed, Observer
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
+from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
+    "Bifurcation",
+    "Branch",
     "BudgetError",
     "Component",
     "Controller",
+    "Cycle",
+    "CycleError",
     "DryFriction",
     "Equations",
     "Event",
     "FrictionLaw",
+    "GrazingError",
     "HybridSystem",
     "Hysteresis",
     "Observed",
@@ -30,6 +38,7 @@ __all__ = [
     "Sampled",
     "Scene",
     "SceneError",
+    "Sensitivity",
     "SimulationError",
     "Takeover",
     "Trajectory",
@@ -40,10 +49,13 @@ __all__ = [
     "cycles",
     "energy_audit",
     "equilibrium",
+    "follow",
+    "limit_cycle",
     "linearise",
     "overshoot",
     "quantity",
     "ramp",
+    "sensitivity",
     "settling",
     "severity",
     "simulate",

@@ -30,6 +30,10 @@ class BudgetError(SimulationError):
     """A run that used up its budget of steps."""
 
 
+class GrazingError(SimulationError):
+    """An event at which a run has no derivative: a guard that touches zero without crossing it, or two that reach zero at one instant."""
+
+
 def suggest(name: str, known: Iterable[str]) -> str:
     """The tail of an error message about an unknown name: the nearest known names."""
     known = sorted(known)

@@ -45,6 +45,7 @@ class Program:
     group_count: int
     outputs: dict[str, Any]
     expressions: tuple[ca.SX, ...]
+    form: Switching
 
 
 def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock) -> Program:
@@ -125,6 +126,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         group_count=len(known),
         outputs={},
         expressions=(p, u, form.force),
+        form=form,
     )
     system.kernels[key] = program
     return program

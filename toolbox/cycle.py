@@ -1,0 +1,374 @@
+"""Periodic motions of a machine that sticks and slips: the cycle itself, its period, and whether it attracts.
+
+A cycle is a start state x and a period T with x(T; x) = x, solved by Newton's method with the monodromy matrix M = dx(T)/dx, which the saltation matrices
+of `toolbox.variation` make exact. A free cycle fixes its phase by f(x_0) . (x - x_0) = 0; that of a driven machine has the phase and period of its forcing.
+The cycle starts where the fewest elements stick, midway between two events, so that no start lies on a switching surface. Each element that sticks somewhere
+makes M singular, which is a Floquet multiplier of exactly zero and no trouble: the equations hold M - I. States that only add up others, such as the angle of
+a free shaft, need not return and are left out.
+Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.elements import is_finite_number
+from toolbox.errors import SceneError, SimulationError
+from toolbox.hybrid import HybridSystem
+from toolbox.inputs import Shape, Table
+from toolbox.sensitivity import check_smooth, parameter_column
+from toolbox.simulate import Run, again, simulate
+from toolbox.trajectory import Trajectory
+
+CONVERGED = 1e-10
+"""Newton step, relative to the size of states and period, at which a cycle counts as found."""
+
+
+class CycleError(SimulationError):
+    """No periodic motion was found; `run` is the last one tried."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
+
+    run: one period of it, from 0 to `period` [s];  monodromy: dx(T)/dx(0) of the states that return, shape (n, n), in the order of `returning` (rows
+    of x);  multipliers: its eigenvalues, the largest first; for a free cycle without the one that is 1, which belongs to the phase;  forced: whether time
+    enters the equations;  step: the last Newton step, relative;  iterations: how many it took;  period_error: the last change of the period [s].
+    """
+
+    run: Trajectory
+    period: float
+    monodromy: np.ndarray
+    multipliers: np.ndarray
+    returning: np.ndarray
+    forced: bool
+    step: float
+    iterations: int
+    period_error: float
+
+    @property
+    def start(self) -> np.ndarray:
+        """States at time 0 of the cycle, shape (n_x,)."""
+        return self.run.states[0]
+
+    @property
+    def stable(self) -> bool:
+        """Whether all multipliers lie inside the unit circle: the cycle attracts what starts near it."""
+        return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0)
+
+    @property
+    def signature(self) -> tuple[tuple[str, str, str], ...]:
+        """The switches of one period, in a form that does not depend on where it starts."""
+        return signature_of(self.run)
+
+    def extremes(self, signal: str) -> tuple[float, float]:
+        """Smallest and largest value of a scalar signal over the period."""
+        found = []
+        for sign in (1.0, -1.0):
+            times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
+            for _ in range(3):  # each look is some twenty times closer than the one before
+                values = sign * self.run.at(times)[signal]
+                i = int(np.argmin(values))
+                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], 41)
+            found.append(sign * float(values.min()))
+        return found[0], found[1]
+
+    def amplitude(self, signal: str) -> float:
+        """Half of the difference between the largest and the smallest value of a scalar signal."""
+        low, high = self.extremes(signal)
+        return (high - low) / 2
+
+    def stick_share(self, element: str) -> float:
+        """Part of the period that an element sticks, from 0 to 1."""
+        return self.run.time_in(element, "stick") / self.period
+
+    def plot(self, x: str, y: str, ax: Any = None) -> Any:
+        """The closed orbit in a phase plane; see `toolbox.plot.phase_plane`."""
+        from toolbox.plot import phase_plane
+
+        return phase_plane(self.run, x, y, ax=ax)
+
+    def __str__(self) -> str:
+        shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
+        lines = [
+            f"{'Stable' if self.stable else 'Unstable'} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
+            f"found in {self.iterations} steps, the last of {self.step:.1e}",
+            f"  Floquet multipliers  {shown or 'none'}",
+        ]
+        system = self.run.program.system
+        for element in system.elements:
+            if "stick" in element.legend.values():
+                lines.append(f"  {element.name:<20} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+        for name, (row, size, unit) in system.states.items():
+            for i in range(size or 1):
+                if row + i in self.returning:
+                    label = name if size is None else f"{name}.{i}"
+                    low, high = self.extremes(label)
+                    lines.append(f"  {label:<20} {low:.6g} .. {high:.6g} {unit}")
+        return "\n".join(lines)
+
+
+def _complex(value: complex) -> str:
+    return f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} {'+' if value.imag > 0 else '-'} {abs(value.imag):.6g}i"
+
+
+def limit_cycle(
+    plant: HybridSystem | Trajectory,
+    settle: float | None = None,
+    *,
+    period: float | None = None,
+    start: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+    accuracy: float = 1e-11,
+) -> Cycle:
+    """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
+
+    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
+    `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which
+    together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round.
+    accuracy: of the runs inside.
+
+    Raises CycleError where none is found, GrazingError where the cycle touches a switching surface, and SceneError for wrong arguments.
+    """
+    if isinstance(plant, Trajectory):
+        if settle is not None or start or inputs or parameters or controller is not None:
+            raise SceneError("Argument `plant` must be a plant for the other arguments to apply, but it is a trajectory, which has them.")
+        run = plant
+    else:
+        length = period if settle is None else settle
+        if length is None:
+            raise SceneError("Argument `settle` must be given for a plant, in s, or a guess of the `period` with a `start` near the cycle.")
+        run = simulate(
+            plant,
+            length,
+            start=start,
+            inputs=inputs,
+            parameters=parameters,
+            controller=controller,
+            accuracy=1e-8,
+        )
+    if period is not None and not (is_finite_number(period) and period > 0):
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
+    orbit = Orbit.of(run, (), accuracy)
+    if orbit.forced:
+        given = forcing_period(orbit.run) if period is None else float(period)
+        if given is None:
+            raise SceneError("Argument `period` must be given for a driven machine whose inputs are not sines of one frequency.")
+        whole = np.floor(run.end / given * (1 + 1e-12)) * given
+        return orbit.solved(run.at(min(whole, run.end) if settle is not None or isinstance(plant, Trajectory) else 0.0).states[0], given)
+    begin, length = (0.0, float(period)) if period is not None and settle is None and run is not plant else _round(run, orbit, period)
+    anchor = anchored(run, begin, begin + length, orbit)
+    return orbit.solved(run.at(anchor).states[0], length)
+
+
+@dataclass
+class Orbit:
+    """The equations of a cycle: arguments of its runs, compiled derivatives, and which states return.
+
+    columns: entries of the parameter vector that are directions behind the states;  scale: size of every state;  approach: how fast the last run
+    met its slowest event, 0 at grazing.
+    """
+
+    run: Run
+    variation: Any
+    columns: tuple[int, ...]
+    returning: np.ndarray
+    forced: bool
+    scale: np.ndarray
+    approach: float = np.inf
+
+    @staticmethod
+    def of(run: Trajectory, names: tuple[str, ...], accuracy: float) -> Orbit:
+        """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
+        from toolbox.variation import variation_of
+
+        check_smooth(run)
+        for name, value in run.run.inputs.items():
+            if isinstance(value, Table) and np.ptp(value.values) > 0:
+                raise SceneError(
+                    f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table."
+                )
+        arguments = dataclasses.replace(run.run, accuracy=accuracy, output_times=None, duration=0.0)
+        columns = tuple(parameter_column(run, name) for name in names)
+        for name, column in zip(names, columns, strict=True):
+            if column is None:
+                raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
+        variation = variation_of(run.program, columns)  # type: ignore[arg-type]
+        returning = np.flatnonzero(~variation.drifting)
+        scale = np.abs(run.states).max(axis=0)
+        scale[scale == 0.0] = 1.0
+        orbit = Orbit(arguments, variation, columns, returning, variation.forced, scale)  # type: ignore[arg-type]
+        if accuracy < 1e-5 and run.program.pair.name != "dop853":  # a coarse run has another program
+            fine = again(arguments, duration=0.0)
+            orbit.variation = variation_of(fine.program, columns)  # type: ignore[arg-type]
+        return orbit
+
+    def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
+        """The run over a period from x, and derivatives of its end, shape (n_x, n_x + parameters)."""
+        if not np.isfinite(x).all() or not 0.0 < period < np.inf:
+            raise CycleError("The search for a cycle diverges.")
+        system = self.run.system
+        start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
+        run = again(self.run, start=start, duration=float(period), longest_step=period / 64)
+        tangent = self.variation.along(run, np.eye(x.size))
+        self.approach = tangent.approach
+        return run, tangent.end
+
+    def slopes(self, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+        """dx/dt at begin and end of a run."""
+        rows = []
+        for row in (0, -1):
+            p = run.parameters.copy()
+            p[run.program.first_held :] = run.held[row]
+            sides = np.empty(0)
+            if self.variation.sides.numel():
+                sides = np.sign(np.array(self.variation.kinks(run.time[row], run.states[row], p, run.mode[row])).ravel())
+            rows.append(np.array(self.variation.field(run.time[row], run.states[row], p, np.concatenate([run.mode[row], sides]))).ravel())
+        return rows[0], rows[1]
+
+    def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:
+        """A start whose sticking elements have no slip at all."""
+        from toolbox.loop import SWITCH
+
+        mode = like.mode[0].astype(float)
+        if not ((like.program.kind != SWITCH) & (mode == 0)).any():
+            return x
+        modes = np.concatenate([mode, np.ones(self.variation.sides.numel())])
+        p = like.parameters.copy()
+        p[like.program.first_held :] = like.held[0]
+        return np.array(self.variation.project(0.0, x, p, modes)).ravel()
+
+    def solved(self, x: np.ndarray, period: float, most: int = 25) -> Cycle:
+        """The cycle near a start and a period, by Newton's method."""
+        free, kept = not self.forced, self.returning
+        scale, count = self.scale[kept], kept.size
+        run, tangent = self.shot(x, period)
+        towards, _ = self.slopes(run)
+        reference, guess = run.states[0].copy(), period
+        towards = towards[kept] / scale
+        towards = towards / (np.linalg.norm(towards) or 1.0)
+
+        def residual(run: Trajectory) -> np.ndarray:
+            gap = (run.states[-1] - run.states[0])[kept] / scale
+            return np.append(gap, towards @ ((run.states[0] - reference)[kept] / scale)) if free else gap
+
+        size = np.linalg.norm(residual(run))
+        step = np.inf
+        for iterations in itertools.count(1):
+            if iterations > most:
+                raise CycleError(
+                    f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run
+                )
+            matrix = (tangent[np.ix_(kept, kept)] - np.eye(count)) * (scale[None, :] / scale[:, None])
+            if free:
+                matrix = np.block([[matrix, (self.slopes(run)[1][kept] * guess / scale)[:, None]], [towards[None, :], np.zeros((1, 1))]])
+            move = np.linalg.lstsq(matrix, -residual(run), rcond=1e-13)[0]
+            step = float(np.linalg.norm(move))
+            if step < CONVERGED:
+                break
+            share, tried = min(1.0, 0.5 / step), None
+            for attempt in range(8):
+                following = run.states[0].copy()
+                following[kept] += share * move[:count] * scale
+                longer = period + share * move[count] * guess if free else period
+                try:
+                    tried = self.shot(self.clean(following, run), longer)
+                    grown = np.linalg.norm(residual(tried[0]))
+                    if grown < 2 * size + 1e-9:
+                        break
+                except SimulationError as failed:
+                    if attempt == 7:
+                        raise failed
+                share /= 2
+            if tried is None:
+                raise CycleError("The search for a cycle found no step that can be simulated.", run)
+            run, tangent = tried
+            period = longer
+            size = np.linalg.norm(residual(run))
+        if run.mode.size and (run.mode[0] != run.mode[-1]).any():
+            names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
+            raise CycleError(
+                f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run
+            )
+        swing = np.ptp(run.states[:, kept], axis=0) / scale
+        if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
+            raise CycleError(
+                "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
+            )
+        monodromy = tangent[np.ix_(kept, kept)]
+        return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iterations,
+                     abs(move[count] * guess) if free else 0.0)  # fmt: skip
+
+
+def multipliers_of(monodromy: np.ndarray, free: bool) -> np.ndarray:
+    """Eigenvalues, the largest first; of a free cycle without the one nearest to 1."""
+    values = np.linalg.eigvals(monodromy).astype(complex)
+    if free and values.size:
+        values = np.delete(values, int(np.argmin(np.abs(values - 1.0))))
+    return values[np.argsort(-np.abs(values), kind="stable")]
+
+
+def signature_of(run: Trajectory) -> tuple[tuple[str, str, str], ...]:
+    """The switches of a run that comes round, beginning with the one that sorts first."""
+    switches = [(e.element, e.before, e.after) for e in run.events]
+    return min((tuple(switches[i:] + switches[:i]) for i in range(len(switches))), default=())
+
+
+def forcing_period(run: Run) -> float | None:
+    """The period of the sines among the inputs, where they have one frequency and nothing else varies; else None."""
+    shapes = [value for value in run.inputs.values() if isinstance(value, Shape)]
+    if not shapes or any(s.kind != "sine" for s in shapes) or len({s.coefficients[2] for s in shapes}) > 1 or not shapes[0].coefficients[2]:
+        return None
+    return 1.0 / abs(shapes[0].coefficients[2])
+
+
+def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
+    """A time between begin and end midway between two events: where switches are as a run starts them, the fewest elements stick, and for the longest time."""
+    times = [begin, *(e.time for e in run.events if begin < e.time < end), end]
+    if len(times) == 2:
+        return begin
+    holding = np.array([element.holds and not element.unilateral for element in run.program.system.elements])
+    initial = np.array([element.initial for element in run.program.system.elements])
+    pieces = []
+    for a, b in itertools.pairwise(times):
+        if b - a > 1e-6 * (end - begin):
+            mode = run.at((a + b) / 2).mode[0]
+            turned = int(((mode != initial) & ~holding).sum())
+            pieces.append((turned, int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))
+    return min(pieces)[3]
+
+
+def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:
+    """Begin and length of the last round that a settled run makes: between crossings of mid-level by the state that swings most."""
+    times = np.linspace(run.end / 3, run.end, 6000)
+    states = run.at(times).states[:, orbit.returning]
+    swing = np.ptp(states, axis=0)
+    size = np.abs(states).max(axis=0) + 1e-300
+    if not (swing > 1e-6 * size).any():
+        raise CycleError("The run comes to rest, so that there is no cycle at its end.", run)
+    best = int(np.argmax(np.where(size > 1e-9 * size.max(), swing / size, 0.0)))
+    y = states[:, best] - (states[:, best].max() + states[:, best].min()) / 2
+    up = np.flatnonzero((y[:-1] <= 0) & (y[1:] > 0))
+    if up.size < 2:
+        raise CycleError(
+            "The run must come round at least twice in its last two thirds for a cycle to be seen: it comes to rest, or must settle longer.",
+            run,
+        )
+    part = y[up] / (y[up] - y[up + 1])
+    crossings = times[up] + part * (times[1] - times[0])
+    points = run.at(crossings).states[:, orbit.returning] / np.where(swing > 0, swing, 1.0)
+    away = [np.inf, *(float(np.abs(points[-1] - points[-1 - k]).max()) for k in range(1, min(up.size, 25)))]
+    if guess is not None:
+        k = 1 + int(np.argmin([abs(crossings[-1] - crossings[-1 - k] - guess) for k in range(1, len(away))]))
+    else:
+        k = next(k for k in range(1, len(away)) if away[k] <= 3 * min(away) + 1e-4)
+    return float(crossings[-1 - k]), float(crossings[-1] - crossings[-1 - k])

@@ -1,0 +1,249 @@
+"""Exact derivatives of a run: of its states, signals, event times and measures, with respect to start states, parameters and inputs.
+
+Between events the variational equations are carried along by the very steps of the run; at events saltation matrices account for the change of the event's
+time (see `toolbox.variation`). Nothing is differenced, so one run gives as many derivatives as asked for, to the accuracy of the run itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.closed_loop import names
+from toolbox.errors import SceneError, suggest
+from toolbox.inputs import Shape
+from toolbox.simulate import Run, place_start
+from toolbox.trajectory import Trajectory
+
+COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
+"""Words by which the numbers of a shape are named: `block.load.amplitude`."""
+
+
+class Sensitivity:
+    """Derivatives of a run: `d["bit.speed"]` (nt, k), `d.end("bit.speed")` (k,), `d.event_times` (events, k), `d.time_in("bit", "stick")` (k,).
+
+    run: the trajectory;  to: the k names, in the order of the last axis;  time: times of the derivatives, those of the run [s]. Derivatives are at fixed
+    time: between an event and its image in a neighbouring run the two differ by a jump, which is in `event_times`.
+    """
+
+    def __init__(self, run: Trajectory, to: tuple[str, ...], order: np.ndarray, columns: tuple[int, ...], tangent: Any):
+        self.run, self.to, self.time = run, to, run.time
+        self._order, self._columns = order, columns
+        self._own = order.size - len(columns)
+        self._tangent = tangent
+        self.event_times: np.ndarray = tangent.event_times[:, order]
+
+    @cached_property
+    def states(self) -> np.ndarray:
+        """Derivatives of all states at `time`, shape (nt, n, k)."""
+        return self._at_times()[:, :, self._order]
+
+    def _at_times(self) -> np.ndarray:
+        nodes = self.run.nodes
+        if nodes is self.run:
+            return self._tangent.nodes
+        from toolbox.variation import variation_of
+
+        variation = variation_of(nodes.program, self._columns)
+        return variation.between(nodes, self._tangent.nodes, self._own, self.run.time)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Derivatives of a signal, shape (nt, k), or (nt, size, k) of a vector signal; raises SceneError for an unknown name."""
+        values = self._of(name, self._at_times(), self.run)
+        return values[:, 0] if values.shape[1] == 1 else values
+
+    def end(self, name: str) -> np.ndarray:
+        """Derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
+        values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
+        return values[0] if values.shape[0] == 1 else values
+
+    def _of(self, name: str, tangent: np.ndarray, samples: Any) -> np.ndarray:
+        program = self.run.program
+        key = ("slope of", name, self._columns)
+        function = program.outputs.get(key)
+        if function is None:
+            system, (p, u, force) = program.system, program.expressions
+            rows = system.rows(name)
+            expression = system.x[rows[0] : rows[0] + (rows[1] or 1)] if rows is not None else system.expression(name)
+            expression = ca.substitute(ca.substitute(expression, system.F, force), system.u, u) if rows is None else expression
+            chosen = ca.vertcat(system.x, *[p[c] for c in self._columns])
+            slope = ca.densify(ca.jacobian(expression, chosen))
+            function = program.outputs[key] = ca.Function("slope", [system.t, system.x, p, system.m], [slope])
+        p = np.repeat(self.run.parameters[:, None], samples.time.size, axis=1)
+        p[program.first_held :] = samples.held.T
+        n, count = tangent.shape[1], samples.time.size
+        slope = np.array(function(samples.time[None], samples.states.T, p, samples.mode.T.astype(float)))
+        slope = slope.reshape(slope.shape[0], count, -1).transpose(1, 0, 2)
+        values = slope[:, :, :n] @ tangent
+        values[:, :, self._own :] += slope[:, :, n:]
+        return values[:, :, self._order]
+
+    def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
+        """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
+        self.run.time_in(element, mode, after)
+        total = np.zeros(len(self.to))
+        for event, row in zip(self.run.events, self.event_times, strict=True):
+            if event.element == element and event.time > after:
+                total += row * ((event.before == mode) - (event.after == mode) * 1.0)
+        return total
+
+    def peak(self, name: str, after: float = 0.0) -> np.ndarray:
+        """Derivatives of the largest value of a scalar signal after a time [s], shape (k,): those at the peak, whose own shift counts for nothing.
+
+        Raises SceneError where the largest value stands at the ends, where it is no peak.
+        """
+        from scipy.optimize import minimize_scalar
+
+        from toolbox.variation import variation_of
+
+        nodes = self.run.nodes
+        inside = np.flatnonzero(nodes.time >= after)
+        values = nodes[name][inside]
+        place = int(inside[int(np.argmax(values))])
+        low, high = nodes.time[max(place - 1, inside[0])], nodes.time[min(place + 1, nodes.time.size - 1)]
+        found = minimize_scalar(
+            lambda t: -float(nodes.at(float(t))[name]), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * (high - low)}
+        )
+        t = float(found.x)
+        if min(t - max(after, nodes.time[0]), nodes.end - t) < 1e-6 * (high - low):
+            raise SceneError(f"Argument `name` must be a signal with a peak inside the run, but `{name}` is largest at its end.")
+        variation = variation_of(nodes.program, self._columns)
+        tangent = variation.between(nodes, self._tangent.nodes, self._own, np.array([t]))
+        return self._of(name, tangent, nodes.at([t]))[0, 0]
+
+    def __str__(self) -> str:
+        lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
+        for name in self.run.names:
+            rows = np.atleast_2d(self.end(name))
+            lines += [f"  {name:<24} " + "  ".join(f"{value:12.5g}" for value in row) for row in rows]
+        return "\n".join(lines)
+
+
+def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
+    """Derivatives of a run with respect to the names in `to`, through every stick, slip, impact and switch.
+
+    to: parameters of the plant or of a continuous controller (`block.mass`, `chain.stiffness.0`), constant inputs (`top.torque`), numbers of a sine
+    (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`), start values of states (`chain.speed.1`, or `bit.speed`, a signal that is a state). A name
+    given as an input is that input.
+
+    Raises SceneError for unknown names and sampled controllers, and GrazingError where the run has no derivative.
+    """
+    if not isinstance(run, Trajectory):
+        raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
+    check_smooth(run)
+    from toolbox.variation import variation_of
+
+    wanted = names(to)
+    if not wanted:
+        raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")
+    starts, columns, order = [], [], []
+    for name in wanted:
+        column = parameter_column(run, name)
+        if column is None:
+            starts.append(_direction(run, name))
+            order.append(("start", len(starts) - 1))
+        else:
+            columns.append(column)
+            order.append(("parameter", len(columns) - 1))
+    own = len(starts)
+    n = run.program.system.x.numel()
+    variation = variation_of(run.program, tuple(columns))
+    tangent = variation.along(run, np.array(starts).T.reshape(n, own), keep=True)
+    return Sensitivity(run, wanted, np.array([i if kind == "start" else own + i for kind, i in order]), tuple(columns), tangent)
+
+
+def check_smooth(run: Trajectory) -> None:
+    """Raise SceneError for a run whose sampled laws have a memory that the record does not hold."""
+    if run.program.system.updates:
+        raise SceneError("Argument `run` must be without sampled controllers: leave out `sample_time`, so that the law acts continuously.")
+
+
+def parameter_column(run: Trajectory, name: str) -> int | None:
+    """Place of a parameter, or of a constant of an input, in the parameter vector of a run; None for a state."""
+    arguments, program = run.run, run.program
+    if not isinstance(name, str):
+        raise SceneError(f"Argument `to` must hold names, but one is {name!r}.")
+    value = arguments.inputs.get(name)
+    if isinstance(value, float):
+        return program.coefficient_slot[name]
+    if value is not None:
+        raise SceneError(f"Argument `{name}` must be a constant input to have a derivative, but it varies in time.")
+    head, _, tail = name.rpartition(".")
+    shape = arguments.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        return program.coefficient_slot[head] + COEFFICIENTS[shape.kind].index(tail)
+    system = program.system
+    try:
+        entry = system._parameter(name)
+    except SceneError:
+        if system.has_signal(name):
+            return None
+        known = [*system.parameters, *system.states, *(n for n, v in arguments.inputs.items() if isinstance(v, float))]
+        raise SceneError(f"There is no parameter, constant input or state `{name}`: {suggest(name, known)}") from None
+    if entry.size is not None:
+        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {entry.size}.")
+    return entry.offset
+
+
+def _direction(run: Trajectory, name: str) -> np.ndarray:
+    direction = np.zeros(run.program.system.x.numel())
+    place_start(run.program.system, direction, name, 1.0)
+    if direction.sum() != 1.0:
+        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {direction.sum():g}.")
+    return direction
+
+
+def with_value(run: Run, name: str, value: float) -> Run:
+    """The arguments of a run with one parameter, constant input or number of a sine changed; raises SceneError where it breaks a bound."""
+    if name in run.inputs:
+        bounds = run.system.parameters.get(name)
+        if bounds is not None:
+            bounds.check(value)
+        return dataclasses.replace(run, inputs={**run.inputs, name: float(value)})
+    head, _, tail = name.rpartition(".")
+    shape = run.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        numbers = list(shape.coefficients)
+        numbers[COEFFICIENTS[shape.kind].index(tail)] = float(value)
+        return dataclasses.replace(run, inputs={**run.inputs, head: Shape(shape.kind, tuple(numbers))})
+    system = copy.copy(run.system)
+    entry = system._parameter(name)
+    entry.check(value)
+    system.values = system.values.copy()
+    system.values[entry.offset] = value
+    plant = (
+        run.plant.with_parameters({name: value})
+        if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters
+        else run.plant
+    )
+    return dataclasses.replace(run, system=system, plant=plant)
+
+
+def value_of(run: Run, name: str) -> float:
+    """The number that `with_value` changes."""
+    if name in run.inputs:
+        return float(run.inputs[name])
+    head, _, tail = name.rpartition(".")
+    shape = run.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        return shape.coefficients[COEFFICIENTS[shape.kind].index(tail)]
+    return float(
+        run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset]
+    )
+
+
+def unit_of(run: Trajectory, name: str) -> str:
+    """The unit of what `with_value` changes."""
+    system = run.program.system
+    if name in system.inputs:
+        return system.unit(name)
+    head, _, tail = name.rpartition(".")
+    if isinstance(run.run.inputs.get(head), Shape):
+        return {"frequency": "Hz", "phase": "rad"}.get(tail) or system.unit(head)
+    return system._parameter(name).unit

@@ -14,7 +14,6 @@ Grazing is bisected where the branch goes on; at a corner, and where the branch 
 meet the event; either way to about 1e-7 of the span.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
-Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ of `toolbox.variation` make exact. A free cycle fixes its phase by f(x_0) . (x -
 The cycle starts where the fewest elements stick, midway between two events, so that no start lies on a switching surface. Each element that sticks somewhere
 makes M singular, which is a Floquet multiplier of exactly zero and no trouble: the equations hold M - I. States that only add up others, such as the angle of
 a free shaft, need not return and are left out.
-Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
 """
 
 from __future__ import annotations

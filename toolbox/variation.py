@@ -7,7 +7,6 @@
 S holds one column per direction: start states first, then parameters. At release from stick the field jumps where static friction exceeds kinetic; at
 entry into stick the slip is zero on both sides, so that S loses the direction that stick forgets; a kink changes nothing, because the field is
 continuous there. Kinks inside fabs, fmin and fmax are written with their side as a number: a stage that ends on a kink must not see the slope behind it.
-Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004.
 """
 
 from __future__ import annotations

@@ -307,3 +307,11 @@ def test_derivatives_print_themselves_and_refuse_a_peak_at_the_end():
     assert exact.end("block.speed").tolist() == [0.0, 1.0]  # it still sticks
     with pytest.raises(SceneError, match="largest at its end"):
         exact.peak("block.position")
+
+
+def test_a_run_that_stepped_implicitly_is_differentiated_along_explicit_steps():
+    plant = compose(BlockOnBelt())
+    stiff, explicit = (simulate(plant, 5.0, method=method, accuracy=1e-9) for method in ("stiff", "explicit"))
+    np.testing.assert_allclose(
+        sensitivity(stiff, "block.stiffness").end("block.position"), sensitivity(explicit, "block.stiffness").end("block.position"), rtol=1e-9
+    )

@@ -196,20 +196,17 @@ class Orbit:
                 raise SceneError(
                     f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table."
                 )
-        arguments = dataclasses.replace(run.run, accuracy=accuracy, output_times=None, duration=0.0)
+        arguments = dataclasses.replace(run.run, accuracy=accuracy, method="explicit", output_times=None, duration=0.0)
         columns = tuple(parameter_column(run, name) for name in names)
         for name, column in zip(names, columns, strict=True):
             if column is None:
                 raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
-        variation = variation_of(run.program, columns)  # type: ignore[arg-type]
+        # a coarse run, or a stiff one, has another program
+        variation = variation_of(again(arguments).program, columns)  # type: ignore[arg-type]
         returning = np.flatnonzero(~variation.drifting)
         scale = np.abs(run.states).max(axis=0)
         scale[scale == 0.0] = 1.0
-        orbit = Orbit(arguments, variation, columns, returning, variation.forced, scale)  # type: ignore[arg-type]
-        if accuracy < 1e-5 and run.program.pair.name != "dop853":  # a coarse run has another program
-            fine = again(arguments, duration=0.0)
-            orbit.variation = variation_of(fine.program, columns)  # type: ignore[arg-type]
-        return orbit
+        return Orbit(arguments, variation, columns, returning, variation.forced, scale)  # type: ignore[arg-type]
 
     def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
         """The run over a period from x, and derivatives of its end, shape (n_x, n_x + parameters)."""

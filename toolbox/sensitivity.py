@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.closed_loop import names
 from toolbox.errors import SceneError, suggest
 from toolbox.inputs import Shape
-from toolbox.simulate import Run, place_start
+from toolbox.simulate import Run, again, place_start
 from toolbox.trajectory import Trajectory
 
 COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
@@ -139,6 +139,8 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     check_smooth(run)
     from toolbox.variation import variation_of
 
+    if run.run.method == "stiff":  # derivatives follow explicit steps, stage by stage
+        run = again(run.run, method="explicit")
     wanted = names(to)
     if not wanted:
         raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")

@@ -24,6 +24,7 @@ from toolbox.errors import GrazingError
 from toolbox.kernel import _plain
 from toolbox.loop import FRICTION, RIGID, SWITCH, _call
 from toolbox.program import Program
+from toolbox.runge_kutta import Pair
 from toolbox.trajectory import Trajectory
 
 GRAZING = 1e-7
@@ -121,6 +122,7 @@ class Variation:
         text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
         self.address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair
+        assert isinstance(pair, Pair)  # runs that step implicitly are made again
         self.a = np.array([[*row, *[0.0] * (len(pair.b) - len(row))] for row in pair.a])
         self.b, self.c = np.array(pair.b), np.array(pair.c)
         arguments_of = [t, x, p, modes]

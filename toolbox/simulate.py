@@ -140,8 +140,11 @@ def _closed(
         if sampled is not None:
             sampled.check()
         if isinstance(law, Controller):
-            law = law.design(declared)
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
+            checked(law)
+            law = law.design(declared)
+        if isinstance(law, Controller):
+            structure_of(law)
             checked(law)
             parts.append(law if sampled is None else Held(law, float(sampled.period)))
         elif callable(law) and not isinstance(law, type):
@@ -253,7 +256,9 @@ def _run(run: Run) -> Trajectory:
         while True:
             status = loop.advance(work)
             if status == loop.DONE:
-                return _sound(_trajectory(loop, run, program, work, began, answers), program)
+                done = _trajectory(loop, run, program, work, began, answers)
+                done.laws = tuple(laws)
+                return _sound(done, program)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL)
             elif status == loop.SAMPLE_DUE:
@@ -271,6 +276,8 @@ def _run(run: Run) -> Trajectory:
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
                 error.run = _trajectory(loop, run, program, work, began, answers)  # type: ignore[attr-defined]
+        if getattr(error, "run", None) is not None:
+            error.run.laws = tuple(laws)  # type: ignore[attr-defined]
         raise
     finally:
         if bar is not None:

@@ -1,0 +1,81 @@
+"""The linear models that laws and observers are designed on: the string without its rock, and around sliding at a set-point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox import HybridSystem, SceneError, linearise
+
+
+@dataclass(frozen=True)
+class StringModel:
+    """x' = A x + B u - E T: a string under the top torque u and the torque T on its bit, which is left free.
+
+    states: names of the entries of x;  top, bit: rows of the speeds;  load: row c with c x the torque of the string on the top drive.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    E: np.ndarray
+    states: tuple[str, ...]
+    units: tuple[str, ...]
+    top: np.ndarray
+    bit: np.ndarray
+    load: np.ndarray
+
+
+def string_model(plant: HybridSystem) -> StringModel:
+    """The matrices of a plant with `top.torque`, `top.speed`, `top.load`, `bit.speed` and the contact `bit`, whose own law is left out.
+
+    Other friction along the string is left out as well. Raises SceneError for a plant without these, and for one that is not linear.
+    """
+    for name in ("top.torque", "top.speed", "top.load", "bit.speed", "bit.force"):
+        if not plant.has_signal(name):
+            raise SceneError(f"The law is designed on a drill string with a rock, but the plant has no `{name}`.")
+    contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
+    outputs = ca.vertcat(*[plant.expression(name) for name in ("top.speed", "bit.speed", "top.load")])
+    torque = plant.inputs["top.torque"].symbol
+    slopes = [
+        ca.jacobian(plant.flow, plant.x),
+        ca.jacobian(plant.flow, torque),
+        ca.jacobian(plant.flow, plant.F[contact]),
+        ca.jacobian(outputs, plant.x),
+    ]
+    if ca.depends_on(ca.vertcat(*[ca.vec(slope) for slope in slopes]), ca.vertcat(plant.x, plant.u, plant.F, plant.t)):
+        raise SceneError("The law is designed on a linear string, but the equations of this plant are not linear in its states.")
+    names = [(name if size is None else f"{name}.{i}", unit) for name, (_, size, unit) in plant.states.items() for i in range(size or 1)]
+    A, B, E, C = (np.array(ca.DM(matrix)) for matrix in ca.Function("slopes", [plant.p], [ca.densify(s) for s in slopes])(plant.values))
+    return StringModel(A, B.ravel(), E.ravel(), tuple(name for name, _ in names), tuple(unit for _, unit in names), *C)
+
+
+def rock_slope(plant: HybridSystem, speed: float) -> tuple[float, float]:
+    """Torque [N m] of the rock at a bit speed [rad/s] > 0 on the declared plant, and its slope [N m s/rad]."""
+    rock = next((element for element in plant.elements if element.name == "bit"), None)
+    if rock is None:
+        raise SceneError("The law is designed on a drill string with a rock, but the plant has no contact `bit`.")
+    place = ca.jacobian(rock.slip, plant.x)
+    inputs = plant.input_defaults(plant.values)
+    torque = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, ca.jacobian(rock.kinetic, plant.x)])
+    row = np.array(ca.DM(place)).ravel()
+    value, slope = torque(speed * row, inputs, plant.values, np.ones(len(plant.elements)), 0.0)
+    return float(value), float(np.array(slope).ravel() @ row)
+
+
+def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.ndarray, float, np.ndarray]:
+    """(model, x, u, A) while the whole string turns at `speed` [rad/s] > 0: the states x, the torque u [N m], and A with the rock's slope in it.
+
+    A is that of `toolbox.linearise` with the contact `bit` in slip+. Raises SceneError as `string_model` does.
+    """
+    model = string_model(plant)
+    torque, _ = rock_slope(plant, speed)
+    n = model.A.shape[0]
+    # A x + B u = E T with top speed = speed
+    matrix = np.vstack([np.column_stack([model.A, model.B]), np.append(model.top, 0.0)])
+    solution = np.linalg.lstsq(matrix, np.append(model.E * torque, speed), rcond=1e-13)[0]
+    x, u = solution[:n], float(solution[n])
+    at = dict(zip(model.states, x, strict=True)) | {"top.torque": u}
+    around = linearise(plant, at=at, mode={"bit": "slip+"}, inputs="top.torque", outputs="top.speed")
+    return model, x, u, np.array(around.A)

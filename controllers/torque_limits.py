@@ -1,0 +1,64 @@
+"""What a law knows of the limits of the drive that carries out its command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from toolbox import Controller, SceneError, quantity, state
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimits(Controller):
+    """A law that commands no torque and no rate of torque beyond what the drive can do; None is no limit.
+
+        u = clip(wanted, lowest_torque, highest_torque),   sampled also |u_k - u_(k-1)| <= torque_rate period
+
+    `limited` gives the command; a law with an integral feeds command - wanted back to it, so that it does not wind up (back-calculation: K. J.
+    Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.5). A rate can be kept by sampled laws only.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+
+    lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive")
+    highest_torque: float | None = quantity(None, "N m", "highest torque of the drive")
+    torque_rate: float | None = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
+
+    def check(self):
+        if self.lowest_torque is not None and self.highest_torque is not None and self.lowest_torque >= self.highest_torque:
+            raise SceneError(
+                f"Argument `highest_torque` must be > {self.lowest_torque:g} N m, the lowest, but it is {self.highest_torque!r}."
+            )
+
+    @property
+    def limits_known(self) -> bool:
+        """Whether the law knows any limit."""
+        return any(limit is not None for limit in self.limits.values())
+
+    @property
+    def limits(self) -> dict[str, float | None]:
+        """The limits by name, for a law that designs another one."""
+        return {"lowest_torque": self.lowest_torque, "highest_torque": self.highest_torque, "torque_rate": self.torque_rate}
+
+    def clipped(self, wanted: Any) -> Any:
+        """The torque wanted, cut to what the drive can give."""
+        if self.lowest_torque is not None:
+            wanted = ca.fmax(wanted, self.lowest_torque)
+        if self.highest_torque is not None:
+            wanted = ca.fmin(wanted, self.highest_torque)
+        return wanted
+
+    def limited(self, wanted: Any, period: Any = None) -> tuple[Any, dict[Any, Any]]:
+        """The command, and the memory that a rate limit needs; without a period (continuous) a rate limit is an error."""
+        command = self.clipped(wanted)
+        if self.torque_rate is None:
+            return command, {}
+        if period is None:
+            raise SceneError("A rate limit acts on samples: give `sample_time`, or leave out `torque_rate`.")
+        last = state(f"{type(self).__name__.lower()}.last_torque", "N m")
+        step = self.torque_rate * period
+        command = ca.fmin(ca.fmax(command, last - step), last + step)
+        return command, {last: command}

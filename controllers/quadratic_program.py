@@ -149,7 +149,8 @@ class _Plugin:
         given["g"][:] = g
         given["lbx"][:], given["ubx"][:], given["lba"][:], given["uba"][:] = low[:n], high[:n], low[n:], high[n:]
         if self.fresh:
-            for name, value in self.function(**given).items():
+            matrices = {"h": given["h"].reshape(n, n), "a": given["a"].reshape(n, -1).T}
+            for name, value in self.function(**given | matrices).items():
                 found[name][:] = np.array(value).ravel()
         else:
             self.trigger()

@@ -1,0 +1,213 @@
+"""Nonlinear model predictive control of the top drive, on the set-valued model of the rock.
+
+Why not tanh: a prediction with a regularised law whose peak lies below the break-away torque believes in a release that does not come, parks the string
+just below it, and its solver reports success for ever. Here the prediction either keeps the exact modes, with release and re-sticking where the
+model has them, or regularises with the peak of the set-valued law. In both, a rock that holds more than the model allows raises the estimate of its
+strength, and while the bit is predicted to be stuck the plan winds up the string at the set-point instead of resting at the steady torque.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
+from controllers.quadratic_program import QuadraticProgram
+from controllers.string_model import drilling_point, string_model
+from toolbox import HybridSystem, SceneError, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearMPC(Predictive):
+    """`Predictive` on the hybrid model: in each sample the plan of the sample before, or that of a soft drive where it is better, is rolled out with its
+    exact modes, linearised along them and improved by one quadratic program (real-time iteration), or by up to `iterations`.
+
+    width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
+    `matched` is False, which is the textbook's tanh and a trap.  adapt: whether strength of the rock (a factor on its torque) is estimated: in sliding from the
+    torque that the filter sees, in the time `strength_time`; at rest from the torque it has held, `margin` more than that. The bit is at rest below
+    `rest_speed`. A step of the plan is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
+    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736, doi:10.1137/S0363012902400713.
+    """
+
+    width: float | None = quantity(None, "rad/s", "width of regularised friction", above=0)
+    matched: bool = True
+    adapt: bool = True
+    iterations: int = 1
+    steps: int = 4
+    rest_speed: float = quantity(0.2, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
+    strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+
+    def check(self):
+        super().check()
+        for name in ("iterations", "steps"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise SceneError(f"Argument `{name}` must be an integer >= 1, but it is {value!r}.")
+        if not self.soft:
+            raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
+
+    def design(self, plant: HybridSystem) -> PlannedNonlinear:
+        """The callable law for the plant."""
+        return PlannedNonlinear(self, plant)
+
+
+class PlannedNonlinear(PredictiveLaw):
+    """A designed `NonlinearMPC`; `torques` and `states` are the plan of the last sample, `strength` the estimated factor on the rock's torque."""
+
+    def __init__(self, law: NonlinearMPC, plant: HybridSystem):
+        from toolbox.rollout import Rollout, regularised
+
+        model, _, _, A = drilling_point(plant, law.reference)
+        super().__init__(law, plant, model, string_model(plant).A)
+        self.settings = law
+        n, N = A.shape[0], law.horizon
+        step, drive = held(A, model.B[:, None], law.period)
+        P, self.gain, _ = riccati(step, drive[:, 0], law, model)
+        self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
+        values, vectors = np.linalg.eigh(P)
+        self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+        self.speeds, self.torques_of_rock = _rock(plant)
+        free = string_model(plant).A
+        self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
+        self.place = int(np.flatnonzero(model.bit)[0])
+        steps = law.steps
+        if law.width is not None:
+            # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
+            steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)
+            steps = max(steps, int(np.ceil(law.period * steepest / 2.0)))
+        self.rollout = Rollout(plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched))
+        self.contact = [element.name for element in plant.elements].index("bit")
+        limits = [(model.top, -np.inf, law.highest_speed)] if law.highest_speed is not None else []
+        limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
+        count = len(limits)
+        self.limit_rows = np.array([row for row, _, _ in limits]).reshape(count, n)
+        self.limit_low, self.limit_high = (np.array([limit[i] for limit in limits], float) for i in (1, 2))
+        width, many = N + count, N + 2 * count * N
+        self.H, self.rows = np.zeros((width, width)), np.zeros((many, width))
+        self.rows[:N, :N] = np.eye(N) - np.eye(N, k=-1)
+        for i in range(count):
+            self.H[N + i, N + i] = law.priority
+            self.rows[N + 2 * i * N : N + (2 * i + 1) * N, N + i] = -1.0
+            self.rows[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
+        self.g, self.low, self.high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
+        self.g[N:], self.low[N:width] = law.priority, 0.0
+        if not np.isfinite(self.rate):
+            self.rows = self.rows.copy()
+        self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
+        self.strength, self.resting = 1.0, True
+        self.torques = np.zeros((N, 1))
+        self.states = np.zeros((N + 1, n))
+        self.modes = np.zeros((N + 1, self.rollout.contacts))
+
+    def plan(self, z: np.ndarray) -> tuple[float | None, str]:
+        from controllers.condensing import condense, policy
+        from toolbox.rollout_loop import advance
+
+        law, N, unit = self.settings, self.law.horizon, self.law.torque_size
+        x, load = z[:-1].copy(), float(z[-1])
+        self.resting = resting = abs(x[self.place]) < law.rest_speed
+        if law.adapt:
+            self._learn(x[self.place], load, resting)
+        if resting and law.width is None:
+            x[self.place] = 0.0
+        wish = self.target @ (law.reference, self.strength * self._rock_torque(law.reference))
+        x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
+        around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
+        shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
+        if self.samples:
+            U, value, X, M = self._valued(x, shifted, around)
+        else:
+            U, value, X, M = shifted, np.inf, None, None
+        # the plan of a soft drive from the torque that is
+        roll = self.rollout
+        P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
+        P_X[0], P_M[0] = x, roll.modes(x)
+        drive = self.drive
+        policy(advance, roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U, self.top,
+               law.reference, self.last, drive.proportional, drive.integral, self.lowest, self.highest, self.rate)  # fmt: skip
+        other = self._cost(P_X, P_U, P_M, around)
+        if other < value:
+            U, value, X, M = P_U, other, P_X, P_M
+        for _ in range(law.iterations):
+            X, A, B, M = roll.advance(x, U)
+            free = self._free(X, M)
+            condense(X, A, B, U, free, *around, self.rate, self.H, self.g, self.rows, self.low, self.high)
+            self.low[:N], self.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
+            self.program.update(self.H, self.rows)
+            answer = self.program.solve(self.g, self.low, self.high)
+            self.record.answer = answer
+            self.record.programs += 1
+            if not answer.sound:
+                return None, answer.reason
+            change = answer.z[:N, None] * unit
+            factor = 1.0
+            while factor > 0.05:
+                trial = self._valued(x, U + factor * change, around)
+                if trial[1] < value:
+                    break
+                factor *= 0.5
+            else:
+                break
+            settled = float(np.abs(trial[0] - U).max()) < 1e-6 * unit
+            U, value, X, M = trial
+            if settled:
+                break
+        self.torques, self.states, self.modes = U, X, M
+        return float(U[0, 0]), ""
+
+    def _valued(self, x: np.ndarray, U: np.ndarray, around: tuple[Any, ...]) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        X, M = self.rollout.states(x, U)
+        return U, self._cost(X, U, M, around), X, M
+
+    def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, around: tuple[Any, ...]) -> float:
+        from controllers.condensing import cost
+
+        value = cost(X, U, self._free(X, M), *around, self.law.priority)
+        return value if np.isfinite(value) else np.inf
+
+    def _free(self, X: np.ndarray, M: np.ndarray) -> np.ndarray:
+        """What each stage weighs (see `controllers.condensing`): a bit at rest is wound up first, and what follows its release comes later."""
+        if self.settings.width is None:
+            turns = M[1:, self.contact] != 0.0
+        elif self.settings.matched:
+            turns = np.abs(X[1:, self.place]) > self.settings.rest_speed
+        else:
+            return np.ones(X.shape[0] - 1, np.int64)
+        free = turns.astype(np.int64)
+        if self.resting:
+            free[np.cumsum(free) > 0] = -1
+        return free
+
+    def _rock_torque(self, speed: float) -> float:
+        return float(np.interp(abs(speed), self.speeds, self.torques_of_rock))
+
+    def _learn(self, speed: float, load: float, resting: bool) -> None:
+        """The strength of the rock from its estimated torque."""
+        law = self.settings
+        if resting:
+            self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
+        else:
+            seen = np.sign(speed) * load / self._rock_torque(speed)
+            self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
+        self.strength = float(np.clip(self.strength, 0.2, 5.0))
+        self.rollout.scale[self.contact] = self.strength
+
+
+_NONE = np.empty((0, 0, 0))
+
+
+def _rock(plant: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds [rad/s] from 0, and the torque of the declared rock there; at 0 its bound."""
+    rock = next(element for element in plant.elements if element.name == "bit")
+    speeds = np.append(0.0, np.geomspace(1e-3, 100.0, 2000))
+    row = np.array(ca.DM(ca.jacobian(rock.slip, plant.x))).ravel()
+    function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, rock.static])
+    inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
+    kinetic, static = function(row[:, None] * speeds[None, :], inputs, plant.values, modes, 0.0)
+    torque = np.array(kinetic).ravel()
+    torque[0] = float(np.array(static).ravel()[0])
+    return speeds, torque

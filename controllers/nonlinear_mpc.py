@@ -39,6 +39,7 @@ class NonlinearMPC(Predictive):
     steps: int = 4
     rest_speed: float = quantity(0.2, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
     margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
     def check(self):
@@ -81,7 +82,8 @@ class PlannedNonlinear(PredictiveLaw):
             steps = max(steps, int(np.ceil(law.period * steepest / 2.0)))
         self.rollout = Rollout(plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched))
         self.contact = [element.name for element in plant.elements].index("bit")
-        limits = [(model.top, -np.inf, law.highest_speed)] if law.highest_speed is not None else []
+        limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
+        limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
         count = len(limits)
         self.limit_rows = np.array([row for row, _, _ in limits]).reshape(count, n)
@@ -104,7 +106,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.modes = np.zeros((N + 1, self.rollout.contacts))
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        from controllers.condensing import condense, policy
+        from controllers.condensing import condense, regulated, wound_up
         from toolbox.rollout_loop import advance
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
@@ -122,20 +124,23 @@ class PlannedNonlinear(PredictiveLaw):
             U, value, X, M = self._valued(x, shifted, around)
         else:
             U, value, X, M = shifted, np.inf, None, None
-        # the plan of a soft drive from the torque that is
+        # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
         roll = self.rollout
         P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
         P_X[0], P_M[0] = x, roll.modes(x)
-        drive = self.drive
-        policy(advance, roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U, self.top,
-               law.reference, self.last, drive.proportional, drive.integral, self.lowest, self.highest, self.rate)  # fmt: skip
+        call = (advance, roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
+        limits = (self.lowest, self.highest, self.rate)
+        if resting:
+            wound_up(*call, self.top, law.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
+        else:
+            regulated(*call, x_s, u_s, self.gain, self.last, *limits)
         other = self._cost(P_X, P_U, P_M, around)
         if other < value:
             U, value, X, M = P_U, other, P_X, P_M
         for _ in range(law.iterations):
             X, A, B, M = roll.advance(x, U)
             free = self._free(X, M)
-            condense(X, A, B, U, free, *around, self.rate, self.H, self.g, self.rows, self.low, self.high)
+            condense(X, A, B, U, free, *around, self._first(X), self.rate, self.H, self.g, self.rows, self.low, self.high)
             self.low[:N], self.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
             self.program.update(self.H, self.rows)
             answer = self.program.solve(self.g, self.low, self.high)
@@ -166,20 +171,27 @@ class PlannedNonlinear(PredictiveLaw):
     def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, around: tuple[Any, ...]) -> float:
         from controllers.condensing import cost
 
-        value = cost(X, U, self._free(X, M), *around, self.law.priority)
+        value = cost(X, U, self._free(X, M), *around, self._first(X), self.law.priority)
         return value if np.isfinite(value) else np.inf
+
+    def _first(self, X: np.ndarray) -> np.ndarray:
+        """The stage from which each limit holds: for the bit, the first one that is fast enough, where a bit turns now."""
+        first = np.zeros(self.limit_rows.shape[0], np.int64)
+        fast = X[1:, self.place] >= self.settings.slowest * self.settings.reference
+        first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
+        return first
 
     def _free(self, X: np.ndarray, M: np.ndarray) -> np.ndarray:
         """What each stage weighs (see `controllers.condensing`): a bit at rest is wound up first, and what follows its release comes later."""
-        if self.settings.width is None:
-            turns = M[1:, self.contact] != 0.0
-        elif self.settings.matched:
-            turns = np.abs(X[1:, self.place]) > self.settings.rest_speed
-        else:
-            return np.ones(X.shape[0] - 1, np.int64)
-        free = turns.astype(np.int64)
+        free = np.ones(X.shape[0] - 1, np.int64)
+        if not self.settings.matched:
+            return free
+        turns = M[1:, self.contact] != 0.0 if self.settings.width is None else np.abs(X[1:, self.place]) > self.settings.rest_speed
         if self.resting:
-            free[np.cumsum(free) > 0] = -1
+            free[:] = 0
+            free[np.cumsum(turns) > 0] = -1
+        else:
+            free[~turns] = 2
         return free
 
     def _rock_torque(self, speed: float) -> float:

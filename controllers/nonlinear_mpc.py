@@ -28,7 +28,7 @@ class NonlinearMPC(Predictive):
     width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
     `matched` is False, which is the textbook's tanh and a trap.  adapt: whether strength of the rock (a factor on its torque) is estimated: in sliding from the
     torque that the filter sees, in the time `strength_time`; at rest from the torque it has held, `margin` more than that. The bit is at rest below
-    `rest_speed`. A step of the plan is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
+    `rest_speed`, and slides for sure above twice that. A step of the plan is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
     Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736, doi:10.1137/S0363012902400713.
     """
 
@@ -37,7 +37,7 @@ class NonlinearMPC(Predictive):
     adapt: bool = True
     iterations: int = 1
     steps: int = 4
-    rest_speed: float = quantity(0.2, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
+    rest_speed: float = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
     slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
     margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
@@ -57,7 +57,7 @@ class NonlinearMPC(Predictive):
 
 
 class PlannedNonlinear(PredictiveLaw):
-    """A designed `NonlinearMPC`; `torques` and `states` are the plan of the last sample, `strength` the estimated factor on the rock's torque."""
+    """A designed `NonlinearMPC`; `torques`, `states`, `modes` are the plan of the last sample, `value` its cost, `strength` the factor on the rock's torque."""
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from toolbox.rollout import Rollout, regularised
@@ -97,10 +97,8 @@ class PlannedNonlinear(PredictiveLaw):
             self.rows[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
         self.g, self.low, self.high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
         self.g[N:], self.low[N:width] = law.priority, 0.0
-        if not np.isfinite(self.rate):
-            self.rows = self.rows.copy()
         self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
-        self.strength, self.resting = 1.0, True
+        self.strength, self.resting, self.value = 1.0, True, np.inf
         self.torques = np.zeros((N, 1))
         self.states = np.zeros((N + 1, n))
         self.modes = np.zeros((N + 1, self.rollout.contacts))
@@ -161,7 +159,7 @@ class PlannedNonlinear(PredictiveLaw):
             U, value, X, M = trial
             if settled:
                 break
-        self.torques, self.states, self.modes = U, X, M
+        self.torques, self.states, self.modes, self.value = U, X, M, value
         return float(U[0, 0]), ""
 
     def _valued(self, x: np.ndarray, U: np.ndarray, around: tuple[Any, ...]) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
@@ -202,7 +200,7 @@ class PlannedNonlinear(PredictiveLaw):
         law = self.settings
         if resting:
             self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
-        else:
+        elif abs(speed) > 2.0 * law.rest_speed:
             seen = np.sign(speed) * load / self._rock_torque(speed)
             self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
         self.strength = float(np.clip(self.strength, 0.2, 5.0))

@@ -62,6 +62,8 @@ def lacking(law: Any, width: float) -> Any:
     grid = np.linspace(1e-3, 30.0, 30_000) * width
     plain, extra, bound = (np.array(value).ravel() for value in base(grid))
     low, high = 0.0, float(bound[0])
+    while (plain + high * extra).max() < bound[0]:
+        high *= 2.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if (plain + middle * extra).max() < bound[0] else (low, middle)

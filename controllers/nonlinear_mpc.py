@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
+from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import drilling_point, string_model
 from toolbox import HybridSystem, SceneError, quantity
@@ -98,10 +98,18 @@ class PlannedNonlinear(PredictiveLaw):
         self.g, self.low, self.high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
         self.g[N:], self.low[N:width] = law.priority, 0.0
         self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
+        self._clear()
+        self.plan(np.zeros(n + 1))  # loads what is compiled, which no sample should wait for
+        self._clear()
+
+    def _clear(self) -> None:
+        """The memory of a law that has not seen a sample."""
+        N, n = self.law.horizon, self.top.size
         self.strength, self.resting, self.value = 1.0, True, np.inf
-        self.torques = np.zeros((N, 1))
-        self.states = np.zeros((N + 1, n))
-        self.modes = np.zeros((N + 1, self.rollout.contacts))
+        self.rollout.scale[:] = 1.0
+        self.torques, self.states, self.modes = np.zeros((N, 1)), np.zeros((N + 1, n)), np.zeros((N + 1, self.rollout.contacts))
+        self.record = Record()
+        self.drive.rest()
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         from controllers.condensing import condense, regulated, wound_up

@@ -14,6 +14,7 @@ from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model
 from controllers.torque_limits import TorqueLimits
 from toolbox import HybridSystem, SceneError, quantity
+from toolbox.parts import check_fields
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +139,7 @@ class PredictiveLaw:
     drives = ("top.torque",)
 
     def __init__(self, law: Predictive, plant: HybridSystem, model: StringModel, A: np.ndarray):
+        check_fields(law)
         self.law, self.measures = law, law.sensors
         self.model = model
         self.filter = DisturbanceFilter(A, model.B, model.E, sensor_rows(plant, law.sensors), law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)  # fmt: skip

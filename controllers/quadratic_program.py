@@ -5,7 +5,7 @@
 An answer counts only if it passes its own Karush-Kuhn-Tucker conditions here, whatever the solver says of it: a solver may report success with violated
 bounds, most of all when it is started warm.
 
-Which solver: daqp and qpoases (active sets) are fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order)
+Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order)
 is good in the median and bad in the tail where many limits are active; qrqp often fails on these programs, which the check notices. `studies/mpc_speed.py`
 measures it.
 """
@@ -20,7 +20,7 @@ import numpy as np
 
 from toolbox import SceneError
 
-SOLVERS = ("daqp", "qpoases", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
+SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, the others as they ship with casadi."""
 
 
@@ -28,8 +28,8 @@ SOLVERS = ("daqp", "qpoases", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 class Residuals:
     """How far an answer is from optimal, each relative to the size of what it compares.
 
-    stationarity: |H z + g + y_z + A' y_A|;  violation: how far outside its bounds (z, A z) is;  complementarity: the largest multiplier that stands on an inactive
-    bound, times its distance. All are 0 at the optimum, and inf where the answer is not finite.
+    stationarity: |H z + g + y_z + A' y_A|;  violation: how far outside its bounds (z, A z) is;  complementarity: the largest multiplier times its distance
+    from its bound. All are 0 at the optimum, and inf where the answer is not finite.
     """
 
     stationarity: float
@@ -56,7 +56,9 @@ def residuals(
     below, above = value - low, high - value
     outside = np.maximum(-np.minimum(below, above), 0.0)
     distance = np.where(y > 0.0, above, below)
-    standing = np.minimum(np.abs(y) / size, np.abs(distance) / reach)
+    standing = np.abs(y) / size
+    near = np.isfinite(distance)
+    standing[near] *= np.abs(distance[near]) / reach[near]
     return Residuals(float(np.abs(curved + g + pushed).max() / size), float((outside / reach).max()), float(standing.max()))
 
 
@@ -84,22 +86,26 @@ class QuadraticProgram:
         self.solver, self.warm = solver, warm
         self.tolerance = tolerance or (1e-3 if solver in ("osqp", "proxqp") else 1e-6)
         self.H, self.A = np.array(H, float), np.array(A, float).reshape(-1, H.shape[0])
-        self._call: Any = None
+        self._start()
+
+    def _start(self) -> None:
+        self._call: Any = (_Osqp if self.solver == "osqp" else _Plugin)(self.solver, self.H, self.A)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A program travels without its solver, and starts cold."""
-        return self.__dict__ | {"_call": None, "H": self.H.copy(), "A": self.A.copy()}
+        """A program travels without its solver, which starts again, cold."""
+        return {name: value.copy() if isinstance(value, np.ndarray) else value for name, value in self.__dict__.items() if name != "_call"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._start()
 
     def update(self, H: np.ndarray, A: np.ndarray) -> None:
         """Other matrices of the same shape, in place."""
         self.H[:], self.A[:] = H, A
-        if self._call is not None:
-            self._call.matrices(self.H, self.A)
+        self._call.matrices(self.H, self.A)
 
     def solve(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> Answer:
         """The answer for these vectors; it does not raise where there is none."""
-        if self._call is None:
-            self._call = (_Osqp if self.solver == "osqp" else _Plugin)(self.solver, self.H, self.A)
         if not (np.isfinite(g).all() and not np.isnan(low).any() and not np.isnan(high).any()):
             nothing = np.full(g.size + self.A.shape[0], np.nan)
             return Answer(nothing[: g.size], nothing, False, "the problem is not finite", Residuals(np.inf, np.inf, np.inf))
@@ -124,7 +130,7 @@ class _Plugin:
         n, m = H.shape[0], A.shape[0]
         quiet = {"print_iter": False, "print_header": False, "print_info": False}
         options: dict[str, Any] = {"error_on_fail": False, "print_time": False}
-        options |= {"qrqp": quiet, "qpoases": {"printLevel": "none"}, "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}}}.get(solver, {})
+        options |= {"qrqp": quiet | {"max_iter": 200}, "daqp": {"daqp": {"iter_limit": 400}}, "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}}}.get(solver, {})
         self.function = ca.conic("program", solver, {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}, options)
         self.buffer, self.trigger = self.function.buffer()
         self.given = {name: np.zeros(self.function.numel_in(name)) for name in self.function.name_in()}
@@ -170,7 +176,7 @@ class _Osqp:
         self.upper = np.triu(np.ones_like(H)).T.astype(bool)  # transposed: scipy stores columns
         P, rows = self._sparse(H, A)
         many = rows.shape[0]
-        self.program.setup(P, np.zeros(self.n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-5, eps_rel=1e-5, polishing=True)  # fmt: skip
+        self.program.setup(P, np.zeros(self.n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-5, eps_rel=1e-5)  # fmt: skip
 
     def _sparse(self, H: np.ndarray, A: np.ndarray) -> tuple[Any, Any]:
         from scipy.sparse import csc_matrix
@@ -190,5 +196,5 @@ class _Osqp:
 
     def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         self.program.update(q=g, l=np.maximum(low, -1e30), u=np.minimum(high, 1e30))
-        result = self.program.solve()
+        result = self.program.solve(raise_error=False)
         return np.asarray(result.x, float), np.asarray(result.y, float)

@@ -140,11 +140,9 @@ def _closed(
         if sampled is not None:
             sampled.check()
         if isinstance(law, Controller):
-            structure_of(law)  # the kinds of its fields, before `checked` compares their values
-            checked(law)
             law = law.design(declared)
         if isinstance(law, Controller):
-            structure_of(law)
+            structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
             parts.append(law if sampled is None else Held(law, float(sampled.period)))
         elif callable(law) and not isinstance(law, type):

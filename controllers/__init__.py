@@ -1,9 +1,35 @@
-"""Control laws, one per file. Drill string laws drive `top.torque` [N m] and measure `top.speed` [rad/s] unless they say otherwise."""
+"""Control laws, one per file, and observers."""
 
+from controllers import impedance, observers
+from controllers.active_damping import ActiveDamping
+from controllers.h_infinity import HInfinity
+from controllers.implicit_sliding_mode import ImplicitSlidingMode
 from controllers.linear_mpc import LinearMPC
+from controllers.lqg import LQG
+from controllers.lqr import LQR
 from controllers.nonlinear_mpc import NonlinearMPC
 from controllers.pi import PI, StiffPI
 from controllers.sliding_mode import IdealSlidingMode, SlidingMode
 from controllers.soft_torque import SoftTorque
+from controllers.super_twisting import ImpedanceSuperTwisting, SuperTwisting
+from controllers.z_torque import ZTorque
 
-__all__ = ["PI", "IdealSlidingMode", "LinearMPC", "NonlinearMPC", "SlidingMode", "SoftTorque", "StiffPI"]
+__all__ = [
+    "LQG",
+    "LQR",
+    "PI",
+    "ActiveDamping",
+    "HInfinity",
+    "IdealSlidingMode",
+    "ImpedanceSuperTwisting",
+    "ImplicitSlidingMode",
+    "LinearMPC",
+    "NonlinearMPC",
+    "SlidingMode",
+    "SoftTorque",
+    "StiffPI",
+    "SuperTwisting",
+    "ZTorque",
+    "impedance",
+    "observers",
+]

@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from toolbox.rollout_loop import advance
+
 
 @njit(cache=True, nogil=True)
 def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, priority):  # pragma: no cover - compiled
@@ -124,7 +126,7 @@ def condense(X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limit
 
 
 @njit(cache=True, nogil=True)
-def wound_up(call, addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate):  # pragma: no cover - compiled
+def wound_up(addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate):  # pragma: no cover - compiled
     """Fill X, M and U with the motion under a PI drive on the speed `row` x, started from the last torque."""
     offset = last - proportional * (reference - row @ X[0])
     before = last
@@ -135,12 +137,12 @@ def wound_up(call, addresses, interval, steps, inputs, columns, p, X, M, none, U
         command = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         offset += command - wanted  # what is cut does not wind up
         U[k, 0] = command
-        call(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
         before = command
 
 
 @njit(cache=True, nogil=True)
-def regulated(call, addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate):  # pragma: no cover - compiled
+def regulated(addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate):  # pragma: no cover - compiled
     """Fill X, M and U with the motion under u_k = u_(k-1) - gain (x - x_s, u_(k-1) - u_s), cut to its limits."""
     n, before = X.shape[1], last
     for k in range(U.shape[0]):
@@ -149,4 +151,4 @@ def regulated(call, addresses, interval, steps, inputs, columns, p, X, M, none, 
             wanted -= gain[a] * (X[k, a] - x_s[a])
         before = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         U[k, 0] = before
-        call(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])

@@ -8,7 +8,7 @@ import numpy as np
 
 from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
-from controllers.string_model import drilling_point
+from controllers.string_model import drilling_point, without_actuators
 from toolbox import HybridSystem
 
 
@@ -26,7 +26,7 @@ class LinearMPC(Predictive):
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
         """The callable law for the plant."""
-        return PlannedLinear(self, plant)
+        return PlannedLinear(self, without_actuators(plant))
 
 
 class PlannedLinear(PredictiveLaw):

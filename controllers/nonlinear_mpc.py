@@ -16,7 +16,7 @@ import numpy as np
 
 from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
-from controllers.string_model import drilling_point, string_model
+from controllers.string_model import drilling_point, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
 
 
@@ -53,7 +53,7 @@ class NonlinearMPC(Predictive):
 
     def design(self, plant: HybridSystem) -> PlannedNonlinear:
         """The callable law for the plant."""
-        return PlannedNonlinear(self, plant)
+        return PlannedNonlinear(self, without_actuators(plant))
 
 
 class PlannedNonlinear(PredictiveLaw):
@@ -99,7 +99,8 @@ class PlannedNonlinear(PredictiveLaw):
         self.g[N:], self.low[N:width] = law.priority, 0.0
         self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
         self._clear()
-        self.plan(np.zeros(n + 1))  # loads what is compiled, which no sample should wait for
+        for speed in (0.0, law.reference):  # loads what is compiled, which no sample should wait for
+            self.plan(speed * np.append(model.bit, 0.0))
         self._clear()
 
     def _clear(self) -> None:
@@ -113,7 +114,6 @@ class PlannedNonlinear(PredictiveLaw):
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         from controllers.condensing import condense, regulated, wound_up
-        from toolbox.rollout_loop import advance
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
         x, load = z[:-1].copy(), float(z[-1])
@@ -134,7 +134,7 @@ class PlannedNonlinear(PredictiveLaw):
         roll = self.rollout
         P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
         P_X[0], P_M[0] = x, roll.modes(x)
-        call = (advance, roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
+        call = (roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
         limits = (self.lowest, self.highest, self.rate)
         if resting:
             wound_up(*call, self.top, law.reference, self.last, self.drive.proportional, self.drive.integral, *limits)

@@ -3,40 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from toolbox import Controller, Equations, Update, quantity, state
+from controllers.torque_limits import TorqueLimits
+from toolbox import Equations, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
-class PI(Controller):
+class PI(TorqueLimits):
     """PI speed control: u = proportional e + integral int e dt, e = reference - top speed.
 
     Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the stand-in of
-    the signal `top.reference` [rad/s].
+    the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
+    (command - wanted) / proportional.
     """
-
-    measures = ("top.speed",)
-    drives = ("top.torque",)
 
     proportional: float = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
     integral: float = quantity(1500.0, "N m/rad", "integral gain", at_least=0)
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
 
+    @classmethod
+    def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
+        """Gains that give an inertia J [kg m2] alone the poles of s^2 + 2 damping om s + om^2, om = `frequency` [rad/s].
+
+        proportional = 2 damping om J, integral = om^2 J, less whatever drag the drive has (textbook: K. J. Åström, T. Hägglund, Advanced PID Control,
+        ISA 2006).
+        """
+        return cls(proportional=2.0 * damping * frequency * inertia, integral=frequency**2 * inertia, **others)
+
+    def check(self):
+        super().check()
+        if self.limits_known and not self.proportional > 0:
+            raise SceneError(f"Argument `proportional` must be > 0 N m s/rad with torque limits, but it is {self.proportional!r}.")
+
     def continuous(self, signal):
         angle = state("pi.angle", "rad")
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
-        return Equations(
-            flow={angle: error},
-            gives={"top.torque": (self.proportional * error + self.integral * angle, "N m")},
-        )
+        wanted = self.proportional * error + self.integral * angle
+        command, _ = self.limited(wanted)
+        return Equations(flow={angle: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
         angle = state("pi.angle", "rad")
         error = signal("top.reference", "rad/s", default=self.reference) - signal("top.speed", "rad/s")
-        return Update(
-            memory={angle: angle + period * error},
-            outputs={"top.torque": (self.proportional * error + self.integral * angle, "N m")},
-        )
+        wanted = self.proportional * error + self.integral * angle
+        command, memory = self.limited(wanted, period)
+        rate = self._rate(error, wanted, command)
+        return Update(memory={angle: angle + period * rate, **memory}, outputs={"top.torque": (command, "N m")})
+
+    def _rate(self, error, wanted, command):
+        return error if command is wanted else error + (command - wanted) / self.proportional
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.disturbance_filter import DisturbanceFilter, held
 from controllers.quadratic_program import SOLVERS, Answer
-from controllers.string_model import StringModel, string_model
+from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
 from toolbox import HybridSystem, SceneError, quantity
 from toolbox.parts import check_fields
@@ -236,4 +236,4 @@ def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -
     return found[:n], float(found[n])
 
 
-__all__ = ["Predictive", "PredictiveLaw", "Record", "held", "riccati", "sensor_rows", "steady", "string_model", "twist_row"]
+__all__ = ["Predictive", "PredictiveLaw", "Record", "held", "riccati", "sensor_rows", "steady", "string_model", "twist_row", "without_actuators"]

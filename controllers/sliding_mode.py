@@ -8,32 +8,42 @@ Navarro-Lopez, D. Cortes, IEEE Int. Conf. Control Applications 2007 (sliding-mod
 
 Why an ideal form: a boundary layer trades the chatter of sgn for a small offset, and sampling brings the chatter back; the ideal form, a set-valued
 relay with true sliding, is the limit both are measured against.
+
+What the surface means: int (w_r - w_b) dt is the twist of a two-inertia string, so that on s = 0 the drive gives way by lam / k times the torque of the string:
+it shows the impedance k / lam, and one number sets both this and the rate lam at which the set-point is won back. `ImpedanceSuperTwisting` parts the two.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, Equations, Relay, SceneError, Update, quantity, state
+from controllers.torque_limits import TorqueLimits
+from toolbox import Equations, Relay, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
-class SlidingSurface(Controller):
+class SlidingSurface(TorqueLimits):
     """What both forms share: the surface, the equivalent control and the numbers in them; use one of the two below.
 
-    `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given.
+    `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given. Where torque limits are
+    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given.
     """
 
-    measures = ("top.speed", "bit.speed", "top.load")
-    drives = ("top.torque",)
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed")
     surface: float = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
     reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
     inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
     drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
+
+    def check(self):
+        super().check()
+        if self.limits_known and not self.surface > 0:
+            raise SceneError(f"Argument `surface` must be > 0 1/s with torque limits, but it is {self.surface!r}.")
 
     def design(self, plant):
         """The law with inertia and drag of the top drive read from the plant where they are not given."""
@@ -52,6 +62,10 @@ class SlidingSurface(Controller):
         equivalent = self.drag * top + load - self.inertia * self.surface * rate
         return rate, error + self.surface * angle, equivalent
 
+    def taken_up(self, rate, wanted, command):
+        """Rate of the integral with what the drive cannot give."""
+        return rate if command is wanted else rate + (wanted - command) / (self.inertia * self.surface)
+
 
 @dataclass(frozen=True)
 class SlidingMode(SlidingSurface):
@@ -61,29 +75,31 @@ class SlidingMode(SlidingSurface):
 
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")
-        rate, s, equivalent = self.terms(signal, angle)
-        saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
+        rate, s, wanted = self._wanted(signal, angle)
+        command, _ = self.limited(wanted)
         return Equations(
-            flow={angle: rate},
-            gives={
-                "top.torque": (equivalent - self.inertia * self.reaching * saturated, "N m"),
-                "slidingmode.surface": (s, "rad/s"),
-            },
+            flow={angle: self.taken_up(rate, wanted, command)},
+            gives={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
 
     def sampled(self, signal, period):
         angle = state("slidingmode.angle", "rad")
+        rate, s, wanted = self._wanted(signal, angle)
+        command, memory = self.limited(wanted, period)
+        return Update(
+            memory={angle: angle + period * self.taken_up(rate, wanted, command), **memory},
+            outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
+        )
+
+    def _wanted(self, signal, angle):
         rate, s, equivalent = self.terms(signal, angle)
         saturated = ca.fmin(ca.fmax(s / self.width, -1), 1)
-        return Update(
-            memory={angle: angle + period * rate},
-            outputs={"top.torque": (equivalent - self.inertia * self.reaching * saturated, "N m")},
-        )
+        return rate, s, equivalent - self.inertia * self.reaching * saturated
 
 
 @dataclass(frozen=True)
 class IdealSlidingMode(SlidingSurface):
-    """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only.
+    """The set-valued form: a relay on the surface with true sliding, s = 0 to round-off and no chatter. Continuous only, without torque limits.
 
     Its contact is `slidingmode`; while it "sticks" the surface is reached and its force is what the equivalent control lacks.
     """
@@ -91,6 +107,8 @@ class IdealSlidingMode(SlidingSurface):
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")
         rate, s, equivalent = self.terms(signal, angle)
+        if self.limits_known:
+            raise SceneError("IdealSlidingMode acts without torque limits: leave them out, or use SlidingMode.")
         relay = Relay("slidingmode", s, self.inertia * self.reaching, surface_unit="rad/s", force_unit="N m")
         return Equations(
             flow={angle: rate},

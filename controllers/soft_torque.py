@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from controllers.pi import PI
-from toolbox import Controller, SceneError, quantity
+from controllers.torque_limits import TorqueLimits
+from toolbox import SceneError, quantity
 
 
 @dataclass(frozen=True)
-class SoftTorque(Controller):
+class SoftTorque(TorqueLimits):
     """Impedance matching for a lumped string: proportional = sqrt(k J_b), integral = (k / J_b) J_r.
 
     `design` reads `chain.inertia` and `chain.stiffness` of the plant: k is the stiffness of all springs in series, J_b the inertia below the
@@ -20,11 +22,18 @@ class SoftTorque(Controller):
     R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
     """
 
-    measures = ("top.speed",)
-    drives = ("top.torque",)
-
     reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
     detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
+
+    @staticmethod
+    def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
+        """The PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
+
+        zeta [N m s/rad] is the wave impedance of the pipe (`controllers.impedance.pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the
+        lowest frequency of the string: there the integral cancels the inertia and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source:
+        U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+        """
+        return PI(proportional=4.0 * string_impedance, integral=(2.0 * np.pi * frequency) ** 2 * inertia, reference=reference, **limits)
 
     def design(self, plant):
         try:
@@ -37,4 +46,5 @@ class SoftTorque(Controller):
             proportional=float(np.sqrt(series * below)) / self.detuning,
             integral=series / below * float(inertia[0]) / self.detuning,
             reference=self.reference,
+            **self.limits,
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from toolbox import HybridSystem, SceneError, linearise
+from toolbox import HybridSystem, SceneError, compose, linearise
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,10 @@ class StringModel:
 def string_model(plant: HybridSystem) -> StringModel:
     """The matrices of a plant with `top.torque`, `top.speed`, `top.load`, `bit.speed` and the contact `bit`, whose own law is left out.
 
-    Other friction along the string is left out as well. Raises SceneError for a plant without these, and for one that is not linear.
+    Other friction along the string is left out as well, and so are actuators that stand between laws and string (parts with `routes`). Raises SceneError
+    for a plant without these signals, and for one that is not linear.
     """
+    plant = without_actuators(plant)
     for name in ("top.torque", "top.speed", "top.load", "bit.speed", "bit.force"):
         if not plant.has_signal(name):
             raise SceneError(f"The law is designed on a drill string with a rock, but the plant has no `{name}`.")
@@ -69,6 +71,7 @@ def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.n
 
     A is that of `toolbox.linearise` with the contact `bit` in slip+. Raises SceneError as `string_model` does.
     """
+    plant = without_actuators(plant)
     model = string_model(plant)
     torque, _ = rock_slope(plant, speed)
     n = model.A.shape[0]
@@ -79,3 +82,9 @@ def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.n
     at = dict(zip(model.states, x, strict=True)) | {"top.torque": u}
     around = linearise(plant, at=at, mode={"bit": "slip+"}, inputs="top.torque", outputs="top.speed")
     return model, x, u, np.array(around.A)
+
+
+def without_actuators(plant: HybridSystem) -> HybridSystem:
+    """The plant as a law on `top.torque` and `top.speed` sees it, without the parts that stand between."""
+    parts = [part for part in plant.parts if not part.routes]
+    return plant if len(parts) == len(plant.parts) else compose(*parts)

@@ -1,35 +1,84 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
 from models import oscillators, wells
+from models.axial import AxialChain
+from models.bar import OscillatorOnBar
 from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
+from models.bit_rock import BitRock
+from models.bristle_contact import BristleContact, parabolic_shares
 from models.bristles import Dahl, Dankowicz, LuGre
 from models.damper import FrictionDamper
 from models.disc_brake import DiscBrake
-from models.disks import TwoDisks
+from models.disk_stack import DiskStack
+from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius
 from models.dither import averaged_friction
-from models.drill_string import BitRock, TorsionalChain
-from models.friction import Coulomb, CubicStribeck, Exponential, Hyperbolic
+from models.drag_bit import DragBit
+from models.drill_string import TorsionalChain
+from models.elastic_rock import ElasticRock
+from models.flow_line import FlowLine, OutletRCR
+from models.friction import Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition
+from models.gears import GearNetwork
+from models.hand_arm import HandArm
+from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
+from models.sections import Section, read_sections
+from models.shaft import shaft_frequencies
+from models.sliders import InclinedSlider, PlateContact, Slider
+from models.smooth_bit_rock import SmoothBitRock
 from models.squeal import SquealingPad
+from models.survey import Survey, read_survey
+from models.tabulated_string import DrillString
+from models.top_drive import TopDrive
+from models.torsional_pendulum import TorsionalPendulum
 
 __all__ = [
     "Absorber",
+    "AxialChain",
     "BitRock",
     "Block",
     "BlockOnBelt",
     "BlocksOnBelt",
+    "BristleContact",
     "Coulomb",
     "CubicStribeck",
     "Dahl",
     "Dankowicz",
     "DiscBrake",
+    "DiskStack",
+    "DragBit",
+    "DrillString",
+    "Drop",
+    "ElasticRock",
     "Exponential",
+    "FlowLine",
     "FrictionDamper",
+    "GearNetwork",
+    "HandArm",
     "Hyperbolic",
+    "HystereticBitRock",
+    "InclinedSlider",
     "LuGre",
+    "OscillatorOnBar",
+    "OutletRCR",
+    "PlateContact",
+    "PressedDisks",
+    "Section",
+    "Slider",
+    "SmoothBitRock",
+    "SmoothHystereticBitRock",
     "SquealingPad",
+    "Survey",
+    "TopDrive",
     "TorsionalChain",
+    "TorsionalPendulum",
+    "Transition",
     "TwoDisks",
     "averaged_friction",
     "oscillators",
+    "parabolic_shares",
+    "read_sections",
+    "read_survey",
+    "shaft_frequencies",
+    "uniform_pressure_radius",
+    "uniform_wear_radius",
     "wells",
 ]

@@ -56,6 +56,54 @@ class Exponential(FrictionLaw):
 
 
 @dataclass(frozen=True)
+class Transition(FrictionLaw):
+    """Friction that falls about one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / speed)^4).
+
+    A smooth stand-in for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
+    1.37 times `speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
+    """
+
+    static: float = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
+    kinetic: float = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
+    speed: float = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+
+    def sliding(self, speed):
+        square = (speed / self.speed) ** 2
+        return self.kinetic + (self.static - self.kinetic) * ca.exp(-(square**2))
+
+    def breakaway(self):
+        return self.static
+
+    def check(self):
+        _static_first(self.static, self.kinetic)
+
+
+@dataclass(frozen=True)
+class Drop(FrictionLaw):
+    """Friction that drops at one slip speed: mu = static up to it, kinetic beyond.
+
+    The drop is a break of the law, located as an event; `Transition` is its smooth counterpart. Source: U. J. F. Aarsnes, R. J. Shor (2018),
+    with static 0.3, kinetic 0.65 of it and 1.5 rad/s.
+    """
+
+    static: float = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
+    kinetic: float = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
+    speed: float = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+
+    def sliding(self, speed, beyond):
+        return self.static - (self.static - self.kinetic) * beyond
+
+    def breakaway(self):
+        return self.static
+
+    def breaks(self):
+        return (self.speed,)
+
+    def check(self):
+        _static_first(self.static, self.kinetic)
+
+
+@dataclass(frozen=True)
 class Hyperbolic(FrictionLaw):
     """Friction that falls as a hyperbola: F(v) = static / (1 + decay |v|).
 

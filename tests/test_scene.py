@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from controllers import SlidingMode, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import SceneError, compose, simulate, sine
 from toolbox.scene import Case, Scene, Waveform
+
+SCENES = Path(__file__).parents[1] / "studies" / "scenes"
 
 RIG = """
 title = "rig"
@@ -134,7 +137,7 @@ def test_a_scene_simulates_what_the_same_arguments_simulate(written):
     assert np.array_equal(run["bit.speed"], expected["bit.speed"])
 
 
-@pytest.mark.parametrize("name", ["navarro_lopez_4", "jansen_2", "block_on_belt"])
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.toml")))
 def test_saving_and_loading_gives_an_equal_scene(root, tmp_path, name):
     scene = Scene.load(root / "studies" / "scenes" / f"{name}.toml")
     assert Scene.load(scene.save(tmp_path / "again.toml")) == scene
@@ -350,3 +353,39 @@ def test_a_file_that_begins_with_a_byte_order_mark_is_read(tmp_path):
 def test_an_unknown_label_is_answered_with_the_nearest(written):
     with pytest.raises(SceneError, match="did you mean `open loop`"):
         Scene.load(written(RIG)).run("open lop")
+
+
+# --- sensors
+
+SENSORS = 'delay = "3 ms"\nnoise = { "top.speed" = "0.1 rpm" }\nresolution = { "top.speed" = 0.002 }\nseed = 7\n'
+
+
+def test_the_sensors_of_a_sampled_law_are_read_run_and_saved(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(RIG.replace('delay = "3 ms"\n', SENSORS).replace('"2 min"', '"2 s"').replace('after = "60 s"', 'after = "1 s"'))
+    scene = Scene.load(path)
+    case = scene.case("stiff PI, 100 Hz")
+    assert (case.noise["top.speed"], case.resolution["top.speed"], case.seed) == (pytest.approx(0.1 * 2 * math.pi / 60), 0.002, 7)
+    assert Scene.load(scene.save(tmp_path / "again.toml")).case(case.label) == case
+    noisy, silent = scene.run(case.label), replace(scene, cases=(replace(case, noise={}, resolution={}),)).run(case.label)
+    assert np.abs(noisy.at(1.9)["top.speed"] - silent.at(1.9)["top.speed"]) > 1e-6
+    np.testing.assert_array_equal(noisy["top.speed"], scene.run(case.label)["top.speed"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('delay = "3 ms"\n', 'noise = { "top.sped" = 0.1 }\n', "top.sped"),
+        ('delay = "3 ms"\n', 'noise = { "bit.speed" = 0.1 }\n', "bit.speed"),
+        ('delay = "3 ms"\n', 'noise = { "top.speed" = "3 m" }\n', "noise.top.speed"),
+        ('delay = "3 ms"\n', "resolution = 0.1\n", "resolution"),
+        ('delay = "3 ms"\n', "seed = -1\n", "seed"),
+        ('sample_time = "10 ms"\ndelay = "3 ms"\n', 'noise = { "top.speed" = 0.1 }\n', "`noise` of `stiff PI, 100 Hz` must come with `sample_time`"),
+    ],
+    ids=["unknown", "not measured", "unit", "no table", "seed", "continuous"],
+)
+def test_wrong_sensors_are_one_clear_error(tmp_path, old, new, message):
+    path = tmp_path / "scene.toml"
+    path.write_text(RIG.replace(old, new))
+    with pytest.raises(SceneError, match=message.replace(".", r"\.")):
+        Scene.load(path)

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from models import Coulomb, Exponential, TwoDisks
-from toolbox import compose, simulate
+from models import Coulomb, Exponential, TwoDisks, uniform_pressure_radius, uniform_wear_radius
+from studies import disks as study
+from studies.critical_curve import critical_curve
+from toolbox import SceneError, compose, cycles, simulate
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -140,3 +142,91 @@ def test_a_stop_ends_in_stick_and_without_falling_friction_it_has_no_stick_slip(
     assert run.intervals("disks")[-1][2] == "stick"
     smooth = simulate(compose(TwoDisks(friction=Exponential(static=0.3, kinetic=0.3, decay=2.0))), 6.0, start={"disks.rotor_speed": 2.0})
     assert len(smooth.events) < len(run.events) / 4
+
+
+# ------------------------------------------------------------------------------------------------------------------------------- cycles of a stop
+@pytest.mark.parametrize("z", [0.2, 3.0])
+def test_cycles_of_a_driven_rotor_have_the_durations_of_the_closed_form(z):
+    inertia, stiffness, kinetic = 0.02, 2000.0, 30.0
+    w_n = math.sqrt(stiffness / inertia)
+    static = kinetic + z * stiffness / w_n
+    plant = compose(
+        TwoDisks(rotor_inertia=1e12, stator_inertia=inertia, stiffness=stiffness, damping=0.0, normal_force=1.0, radius=1.0,
+                 friction=Coulomb(static=static, kinetic=kinetic))
+    )  # fmt: skip
+    run = simulate(plant, 0.3, start={"disks.rotor_speed": 1.0}, accuracy=1e-10)
+    found = cycles(run, "disks")
+    assert len(found) >= 3
+    slip, stick, period = (np.array(part) * 2 * math.pi / w_n for part in study.driven_cycle(z))
+    for cycle in found:
+        assert cycle.slip == pytest.approx(float(slip), rel=1e-7)
+        assert cycle.stick == pytest.approx(float(stick), rel=1e-7)
+        assert cycle.period == pytest.approx(float(period), rel=1e-7)
+
+
+def test_the_period_of_a_stop_starts_near_that_of_the_stator_and_ends_near_three_times_it():
+    stop = study.stop_of(TwoDisks(), 2.0)
+    assert 1.0 < stop.onset < 1.1
+    assert 2.7 < stop.termination < 3.3
+    assert np.all(np.diff(stop.ratios) > 0)
+    assert stop.run.error < 1e-6
+    slips = np.array([cycle.slip for cycle in stop.cycles])
+    assert np.ptp(slips) < 0.2 * slips.max()
+    assert study.stop_of(TwoDisks(friction=Exponential(static=0.3, kinetic=0.3, decay=2.0)), 2.0).cycles == []
+
+
+def test_the_last_period_is_set_by_the_ratio_of_inertias_and_the_drop_of_friction():
+    rotor, stator, static, kinetic = 2000.0, 0.02, 40.0, 30.0
+    low, high = study.last_period_range(rotor, stator, static, kinetic)
+    disks = TwoDisks(rotor_inertia=rotor, damping=0.0, normal_force=100.0, radius=1.0, friction=Coulomb(static=0.4, kinetic=0.3))
+    for speed in np.linspace(0.05, 0.06, 8):
+        stop = study.stop_of(disks, float(speed))
+        # the slips take 1.5 % off the speed, which the theory of a rotor much heavier than the stator leaves out
+        assert 0.97 * low < stop.termination < high
+
+
+def test_a_stop_from_high_speed_is_not_computable_and_says_so():
+    assert study.stop_of(TwoDisks(), 8.0).run.error > 0.01 > 1e-6 > study.stop_of(TwoDisks(), 4.0).run.error
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.2])
+def test_bisection_of_runs_finds_the_critical_drop_of_friction(zeta):
+    damping = 2 * zeta * math.sqrt(2000.0 * 0.02)
+    found = critical_curve(lambda c, z: study.driven(2000.0, c, z), [damping], (0.01, 10.0))
+    assert found[0] == pytest.approx(study.critical_drop(zeta), rel=1e-3)
+
+
+def test_a_critical_curve_is_followed_and_has_gaps_where_nothing_changes():
+    calls = []
+
+    def circle(x, y):
+        calls.append(x)
+        return 1.0 - x**2 - y**2
+
+    along = [0.0, 0.3, 0.6, 0.9, 1.2]
+    found = critical_curve(circle, along, (0.01, 2.0), tolerance=1e-8)
+    np.testing.assert_allclose(found[:4], np.sqrt(1 - np.array(along[:4]) ** 2), rtol=1e-7)
+    assert math.isnan(found[4])
+    with pytest.raises(SceneError, match="between"):
+        critical_curve(circle, along, (0.0, 2.0))
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- radius of an annulus
+def test_the_effective_radius_of_an_annulus_is_the_mean_radius_of_its_torque():
+    inner, outer = 0.06, 0.14
+    r = np.linspace(inner, outer, 200_001)
+    for radius, pressure in ((uniform_pressure_radius, np.ones_like(r)), (uniform_wear_radius, 1 / r)):
+        mean = np.trapezoid(pressure * r**2, r) / np.trapezoid(pressure * r, r)
+        assert radius(inner, outer) == pytest.approx(mean, rel=1e-9)
+    assert uniform_pressure_radius(inner, outer) == pytest.approx(2 / 3 * (outer**3 - inner**3) / (outer**2 - inner**2), rel=1e-14)
+    assert uniform_pressure_radius(0.0, 0.3) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("radius", [uniform_pressure_radius, uniform_wear_radius])
+@pytest.mark.parametrize(
+    ("inner", "outer", "word"),
+    [(-0.1, 0.2, "inner"), (0.2, 0.2, "outer"), (0.2, math.nan, "outer"), (math.nan, 0.2, "inner"), (0.1, math.inf, "outer")],
+)
+def test_an_annulus_that_is_none_is_refused(radius, inner, outer, word):
+    with pytest.raises(SceneError, match=word):
+        radius(inner, outer)

@@ -1,13 +1,14 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
-from toolbox.closed_loop import Controller, Sampled
+from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
-from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.observed import Observed, Observer
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.simulate import simulate
@@ -23,16 +24,20 @@ __all__ = [
     "FrictionLaw",
     "HybridSystem",
     "Hysteresis",
+    "Observed",
+    "Observer",
     "Relay",
     "Sampled",
     "Scene",
     "SceneError",
     "SimulationError",
+    "Takeover",
     "Trajectory",
     "UnilateralContact",
     "Update",
     "ZenoError",
     "compose",
+    "cycles",
     "energy_audit",
     "equilibrium",
     "linearise",

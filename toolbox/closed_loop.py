@@ -1,19 +1,24 @@
 """Control laws and how they meet a plant: continuous, sampled with a hold, delayed, or a Python callable.
 
 Order at one instant: event, sample, update, hold. A sampled law reads the plant at t_k = k period, updates its own states, and its outputs are
-held from t_k + delay on; delays may exceed the period, then several outputs are on their way at once.
+held from t_k + delay on; delays may exceed the period, then several outputs are on their way at once. Its memory is recorded as signals, as the
+law saw it when it computed the outputs that are held.
+
+Why noise is a function and not a generator: the noise of a sample depends on (seed, name of the signal, number of the sample) and on nothing
+else, so that the second run of `run.error`, a run interrupted and continued, and a run among thousands see the same measurements.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox.elements import is_finite_number, quantity
-from toolbox.errors import SceneError
+from toolbox.elements import is_finite_number, quantity, time
+from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component, Equations, Signal, Update
 
@@ -47,48 +52,128 @@ class Controller(Component):
 
 
 @dataclass(frozen=True)
+class Sensors(Component):
+    """What stands between the signals of a plant and a sampled law: white noise, then the steps of an encoder.
+
+        y = step round((signal + noise n_k) / step),   n_k standard normal, independent of one another
+
+    noisy, coarse: names of the signals;  noise, resolution: a standard deviation and a step for each, in the unit of the signal.
+    """
+
+    noisy: tuple[str, ...] = ()
+    noise: tuple[float, ...] | None = quantity(None, "1", "standard deviations of the measurement noise", at_least=0)
+    coarse: tuple[str, ...] = ()
+    resolution: tuple[float, ...] | None = quantity(None, "1", "steps of the measured values", above=0)
+
+    @staticmethod
+    def of(noise: Mapping[str, float], resolution: Mapping[str, float]) -> Sensors:
+        """Sensors with these standard deviations and steps by name of the signal."""
+        return Sensors(tuple(noise), tuple(noise.values()) or None, tuple(resolution), tuple(resolution.values()) or None)
+
+    def reading(self, name: str, value: Any, noise: Any) -> Any:
+        """What is measured of a signal, given its value and its standard normal noise; numbers or casadi expressions."""
+        if self.noise is not None and name in self.noisy:
+            value = value + self.noise[self.noisy.index(name)] * noise
+        if self.resolution is not None and name in self.coarse:
+            step = self.resolution[self.coarse.index(name)]
+            value = step * ca.floor(value / step + 0.5)
+        return value
+
+
+@dataclass(frozen=True)
 class Sampled:
-    """A law with a period and delay of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+    """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
     law: a Controller, or any callable (t, y) -> u with attributes `measures` and `drives`, y in the order of `measures`, u a number
     or a sequence in the order of `drives`;  period, delay in s. A callable object is copied for every run, so that each starts from the
-    state it was given in; a plain function is called as it is and should keep no state.
+    state it was given in; a plain function is called as it is and should keep no state.  noise: {measured signal: standard deviation of
+    white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
+    Laws with one seed see the same noise on the same signal at samples of the same number.
     """
 
     law: Controller | Callable[[float, Any], Any]
     period: float
     delay: float = 0.0
+    noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
 
     def check(self) -> None:
-        """Raise SceneError unless period > 0 and delay >= 0."""
+        """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0 and seed is an integer >= 0."""
         if not is_finite_number(self.period) or self.period <= 0:
             raise SceneError(f"Argument `sample_time` must be > 0 s, but it is {self.period!r}.")
         if not is_finite_number(self.delay) or self.delay < 0:
             raise SceneError(f"Argument `delay` must be >= 0 s, but it is {self.delay!r}.")
+        for word, given, bound in (("noise", self.noise, ">="), ("resolution", self.resolution, ">")):
+            if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+                raise SceneError(f"Argument `{word}` must map names of signals to numbers, but it is {given!r}.")
+            for name, value in given.items():
+                if not is_finite_number(value) or value < 0 or (bound == ">" and value == 0):
+                    raise SceneError(f"Argument `{word}` of `{name}` must be {bound} 0, but it is {value!r}.")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
+            raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {self.seed!r}.")
+
+    def sensors(self, measured: Sequence[str]) -> Sensors:
+        """The sensors of a law that measures these signals; raises SceneError for a name that is not among them."""
+        for word, given in (("noise", self.noise), ("resolution", self.resolution)):
+            for name in given:
+                if name not in measured:
+                    raise SceneError(
+                        f"Argument `{word}` must name signals that the law measures, but `{name}` is none: {suggest(name, measured)}"
+                    )
+        numbers = [{name: float(value) for name, value in given.items()} for given in (self.noise, self.resolution)]
+        return Sensors.of(*numbers)
 
 
 @dataclass(frozen=True)
 class Held(Component):
-    """A sampled law as a part of the plant: its outputs are held signals."""
+    """A sampled law as a part of the plant: it reads the signals through its sensors, and its outputs are held signals."""
 
     law: Controller = field(default_factory=Controller)
+    sensors: Sensors = field(default_factory=Sensors)
     period: Any = quantity(0.01, "s", "sample time", above=0)
 
     def equations(self, signal: Signal) -> Equations:
-        return Equations(update=self.law.sampled(signal, self.period))
+        noise: dict[str, ca.SX] = {}
+
+        def sensed(name: str, unit: str, default: Any = None) -> ca.SX:
+            if name in self.sensors.noisy:
+                noise.setdefault(name, ca.SX.sym(f"noise of {name}"))
+            return self.sensors.reading(name, signal(name, unit, default), noise.get(name))
+
+        update = self.law.sampled(sensed, self.period)
+        return Equations(update=dataclasses.replace(update, noise=noise))
 
 
 @dataclass(frozen=True)
 class External(Component):
-    """The signals that a Python callable drives, as held signals without an update."""
+    """The signals that a Python callable drives, as held signals without an update.
 
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant.
+    """
+
+    asked: tuple[str, ...] = ()
     measures: tuple[str, ...] = ()
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
-        return Equations(update=Update({}, outputs, external=True))
+        return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
+
+
+def held(sampled: Sampled, law: Controller) -> Held:
+    """The part that stands for a sampled law; raises SceneError for sensors of signals that it does not measure."""
+    asked: list[str] = []
+
+    def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+        asked.append(name)
+        return ca.SX.sym(name)
+
+    if sampled.noise or sampled.resolution:
+        law.sampled(signal, ca.SX.sym("period"))
+    return Held(law, sampled.sensors(asked), float(sampled.period), name=law.name)
 
 
 def names(value: str | Sequence[str]) -> tuple[str, ...]:
@@ -96,15 +181,55 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
 
-def callable_law(law: Callable[..., Any], plant: HybridSystem) -> External:
+def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
-    measures = names(getattr(law, "measures", ("top.speed",)))
-    drives = names(getattr(law, "drives", ("top.torque",)))
+    law = sampled.law
+    asked = names(getattr(law, "measures", ("top.speed",)))
+    measures = tuple(plant.routes.get(name, name) for name in asked)
+    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))
     for name in measures:
         if not plant.has_signal(name) or (name in plant.states and plant.states[name][1] is not None):
             raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")
     for name in drives:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")
-    return External(measures=measures, drives=drives, units=tuple(plant.inputs[name].unit for name in drives))
+    units = tuple(plant.inputs[name].unit for name in drives)
+    return External(asked=asked, measures=measures, drives=drives, units=units, sensors=sampled.sensors(asked))
 
+
+@dataclass(frozen=True)
+class Takeover(Controller):
+    """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
+
+    before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
+    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises
+    SceneError where the two drive different signals.
+    """
+
+    before: Controller = field(default_factory=Controller)
+    after: Controller = field(default_factory=Controller)
+    at: float = quantity(0.0, "s", "time of the takeover", at_least=0)
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What both laws drive."""
+        return self.before.drives
+
+    def design(self, plant: HybridSystem) -> Controller:
+        """Both laws designed on the plant."""
+        return dataclasses.replace(self, before=self.before.design(plant), after=self.after.design(plant))
+
+    def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        if set(self.before.drives) != set(self.after.drives):
+            driven = [", ".join(law.drives) or "nothing" for law in (self.before, self.after)]
+            raise SceneError(f"The laws of a takeover must drive the same signals, but they drive {driven[0]} and {driven[1]}.")
+        first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
+        for variable in first.memory:
+            variable.label = f"before.{variable.label}"
+        now = time >= self.at
+        memory = {variable: ca.if_else(now, value, variable) for variable, value in second.memory.items()}
+        memory |= {variable: ca.if_else(now, variable, value) for variable, value in first.memory.items()}
+        outputs = {**first.outputs, **second.outputs}
+        for name in {*first.outputs} & {*second.outputs}:
+            outputs[name] = (ca.if_else(now, second.outputs[name][0], first.outputs[name][0]), outputs[name][1])
+        return Update(memory, outputs)

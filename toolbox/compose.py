@@ -92,7 +92,13 @@ class _Composer:
         self.losses: dict[str, ca.SX] = {}
         self.supplies: dict[str, ca.SX] = {}
         self.held: list[ca.SX] = []
-        self.updates: list[tuple[Update, int, tuple[str, ...]]] = []
+        self.updates: list[tuple[Update, int, tuple[str, ...], dict[str, tuple[int, int | None]]]] = []
+        self.routes: dict[str, str] = {}
+        for component in components:
+            for name, target in component.routes.items():
+                if name in self.routes:
+                    raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
+                self.routes[name] = target
 
     def system(self) -> HybridSystem:
         for i, component in enumerate(self.components):
@@ -129,10 +135,11 @@ class _Composer:
             label = type(law).__name__.lower()
         prefix = label.partition(".")[0] or title.lower()
         own = component.name or prefix
+        routes = self.routes if hasattr(law, "drives") else {}
 
         def renamed(name: str) -> str:
             head, dot, tail = name.partition(".")
-            return own + dot + tail if head == prefix else name
+            return own + dot + tail if head == prefix else routes.get(name, name)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
         elements = [copy.copy(element) for element in originals]
@@ -176,11 +183,20 @@ class _Composer:
                     self._give(f"{element.name}.{tail}", expression, unit)
         if equations.update is not None:
             outputs = {renamed(name): value for name, value in equations.update.outputs.items()}
-            self.updates.append((equations.update, len(self.held), tuple(outputs)))
+            places: dict[str, tuple[int, int | None]] = {}
+            first_held = sum(symbol.numel() for symbol in self.held)
+            for variable in equations.update.memory:
+                name = renamed(variable.label)
+                if name in self.given or name in places:
+                    raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+                places[name] = (sum(size or 1 for _, size in places.values()), variable.length)
             for name, (_, unit) in outputs.items():
-                symbol = ca.SX.sym(name)
-                self.held.append(symbol)
-                self._give(name, symbol, unit)
+                self.held.append(ca.SX.sym(name))
+                self._give(name, self.held[-1], unit)
+            for variable, name in zip(equations.update.memory, places, strict=True):
+                self.held.append(ca.SX.sym(name, variable.numel()))
+                self._give(name, self.held[-1], variable.unit)
+            self.updates.append((equations.update, first_held, tuple(outputs), places))
         if equations.stored is not None:
             self.stored[own] = ca.SX(equations.stored)
         for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
@@ -236,6 +252,10 @@ class _Composer:
 
     def _connected(self) -> HybridSystem:
         inputs: dict[str, Input] = {}
+        for name in self.placeholders:  # one entry of a vector state
+            head, _, tail = name.rpartition(".")
+            if name not in self.given and head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0):
+                self.given[name] = (self.given[head][0][int(tail)], self.given[head][1])
         for name, (placeholder, unit) in self.placeholders.items():
             if name in self.given:
                 if self.given[name][1] != unit:
@@ -269,10 +289,10 @@ class _Composer:
             bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
         for i, element in enumerate(self.elements):
             bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expressions}
-        for i, (update, _, _) in enumerate(self.updates):
+        for i, (update, _, _, _) in enumerate(self.updates):
             memory = [ca.SX(value) for value in update.memory.values()]
             bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
-            bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()]))
+            bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()], *update.memory))
         if self.aliases:  # a signal that several parts need has several placeholders: all become the first one
             bundle = _substituted(bundle, [a for a, _ in self.aliases], [b for _, b in self.aliases])
         order = _topological({name: bundle[f"given:{name}"] for name in links}, links)
@@ -300,15 +320,17 @@ class _Composer:
         for kind in ("stored", "losses", "supplies"):
             setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
         system.held = ca.vertcat(*self.held) if self.held else ca.SX(0, 1)
-        memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _ in self.updates]
+        memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _, _ in self.updates]
+        noises = [ca.vertcat(*u.noise.values()) if u.noise else ca.SX(0, 1) for u, _, _, _ in self.updates]
         system.updates = tuple(
-            SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, first, update.external)
-            for i, (z, (update, first, names)) in enumerate(zip(memories, self.updates, strict=True))
+            SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise))
+            for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
         )
+        system.routes = self.routes
         system.values = np.array(self.defaults, float)
         system.kernels = {}
         system.parts = ()
-        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories)
+        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
         strangers = [s for s in ca.symvar(ca.vertcat(*bundle.values())) if not ca.depends_on(known, s)]
         if strangers:
             raise SceneError(f"The equations use symbols that nobody declared: {', '.join(map(str, strangers))}.")

@@ -49,14 +49,21 @@ class Input:
 
 @dataclass(frozen=True)
 class SampledUpdate:
-    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`."""
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
+
+    names: of its outputs, behind which `outputs` repeats the memory;  places: {state of the memory: (first row, size or None)};  noise,
+    channels: symbols of the noise of a sample and the measured signals they belong to.
+    """
 
     memory: ca.SX
     following: ca.SX
     outputs: ca.SX
     names: tuple[str, ...]
+    places: dict[str, tuple[int, int | None]]
     first_held: int
     external: bool
+    noise: ca.SX
+    channels: tuple[str, ...]
 
 
 class HybridSystem:
@@ -66,6 +73,7 @@ class HybridSystem:
     states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
     parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
     owners: {state or element: index of the part that has it};  held: symbols of the signals held by sampled laws;  updates: those laws;
+    routes: {signal that control laws name: what they find in its place};
     kernels: what is computed or compiled once per structure.
     """
 
@@ -89,6 +97,7 @@ class HybridSystem:
     owners: dict[str, int]
     held: ca.SX
     updates: tuple[SampledUpdate, ...]
+    routes: dict[str, str]
     kernels: dict[Any, Any]
 
     def __repr__(self) -> str:

@@ -20,6 +20,7 @@ import casadi as ca
 
 from toolbox.elements import Element
 from toolbox.emit import Body, compiled, function_text, inline, literal
+from toolbox.rosenbrock import Rosenbrock, factors
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching
 
@@ -29,7 +30,7 @@ UNROLLED = 600
 
 @dataclass(frozen=True)
 class Machine:
-    """Addresses of a compiled function set and the sizes its arrays need."""
+    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step."""
 
     states: int
     elements: int
@@ -38,6 +39,7 @@ class Machine:
     addresses: tuple[int, ...]
     updates: tuple[int, ...]
     instructions: int
+    cost: int
 
 
 def machine(
@@ -46,7 +48,7 @@ def machine(
     p: ca.SX,
     elements: Sequence[Element],
     form: Switching,
-    pair: Pair,
+    pair: Pair | Rosenbrock,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
 ) -> Machine:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
@@ -67,7 +69,14 @@ def machine(
 
     bodies: dict[str, Body] = {}
     texts: list[str] = []
-    if n * len(pair.b) <= UNROLLED:
+    cost = len(pair.a) * (rhs.n_instructions() + n * len(pair.a)) + field.n_instructions()
+    if isinstance(pair, Rosenbrock):
+        force = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
+        factor, solve = _factor(pair, t, x, p, m, force, form)
+        bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
+        cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
+        texts.append(inner)
+    elif n * len(pair.b) <= UNROLLED:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
         step, inner = _looped_step(pair, rhs, field, n)
@@ -97,6 +106,7 @@ def machine(
         tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
+        cost,
     )
 
 
@@ -140,18 +150,6 @@ def _unrolled_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> 
 
 def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tuple[Body, str]:
     """A step whose right-hand side is one function and whose stages are loops over the states; returns the text of that function too."""
-    slope = Body()
-    arguments = _arguments(slope, rhs)
-    (values,) = inline(slope, rhs, arguments)
-    for i, value in enumerate(values):
-        slope.store(value, "%y", i)
-    ends = Body()
-    (values,) = inline(ends, field, _arguments(ends, field))
-    for i, value in enumerate(values):
-        ends.store(value, "%y", n + i)
-    inner = function_text("slope", slope) + "\n" + function_text("ends", ends)
-    inner = inner.replace("define void", "define internal void")
-
     body = Body()
     stage = body.value(f"alloca [{n} x double], align 64")
     slopes = ["%k"] + [body.value(f"alloca [{n} x double], align 64") for _ in pair.b[1:]]
@@ -170,12 +168,79 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
             _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
         base += n
-    body.intrinsics |= slope.intrinsics | ends.intrinsics
-    return body, inner
+    return body, _internal(body, {"slope": _plain(rhs, 0), "ends": _plain(field, n)})
 
 
-def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str]) -> None:
-    """target[i] = base[i] + h * sum(factor * source[i]) for all i, left to LLVM to vectorise."""
+def _internal(body: Body, inner: dict[str, Body]) -> str:
+    """The text of functions that only `body` calls."""
+    for function in inner.values():
+        body.intrinsics |= function.intrinsics
+    return "\n".join(function_text(name, function).replace("define void", "define internal void") for name, function in inner.items())
+
+
+def _factor(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.Function, ca.Function]:
+    """Functions (t, x, p, m, h) -> [df/dt | factors of the matrix of a step] and (factors, right side) -> solution.
+
+    Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
+    """
+    h = ca.SX.sym("h")
+    if form.balance.numel():
+        jacobian = ca.jacobian(ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force))
+        jacobian = ca.substitute(jacobian, force, form.force)
+    else:
+        jacobian = ca.jacobian(form.field, x)
+    values, solve = factors(jacobian, 1 / (method.gamma * h), form.balance.numel())
+    drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
+    return ca.Function("factor", [t, x, p, m, h], [ca.vertcat(drift, values)]), solve
+
+
+def _implicit_step(
+    method: Rosenbrock, rhs: ca.Function, field: ca.Function, linear: tuple[ca.Function, ca.Function], n: int
+) -> tuple[Body, str]:
+    """A step of a Rosenbrock method, whose stages are loops over the states; returns the text of the functions it calls, too."""
+    factor, solve = linear
+    forced = ca.depends_on(field(*(symbols := field.sx_in())), symbols[0])
+    prepare = Body()
+    pointers = enumerate(("%x", "%p", "%m"), 1)
+    arguments = [[prepare.load(pointer, j) for j in range(factor.numel_in(i))] for i, pointer in pointers]
+    (values,) = inline(prepare, factor, [["%t"], *arguments, ["%h"]])
+    for i, value in enumerate(values):
+        prepare.store(value, "%y", i)
+    back = Body()
+    size = solve.numel_in(0)
+    (values,) = inline(back, solve, [[back.load("%x", n + j) for j in range(size)], [back.load("%y", j) for j in range(n)]])
+    for i, value in enumerate(values):
+        back.store(value, "%y", i)
+
+    body = Body()
+    matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size, n, *[n] * len(method.a)))
+    rate = body.value(f"fdiv double {literal(1.0)}, %h")
+    body.lines.append(f"  call void @prepare(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {matrix})")
+    for s, (nodes, a, c, weight) in enumerate(zip(method.alpha, method.a, method.c, method.slope_weights, strict=True)):
+        slope = "%k"
+        if s:
+            _loop(body, n, stage, "%x", a, u[:s], literal(1.0))
+            now = body.combination("%t", "%h", [nodes], [literal(1.0)])
+            body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
+            slope = u[s]
+        _loop(body, n, u[s], slope, c, u[:s], rate)
+        if forced and weight:
+            _loop(body, n, u[s], u[s], (weight,), (matrix,), "%h")
+        body.lines.append(f"  call void @solve(double %t, double %h, ptr {matrix}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
+    _loop(body, n, stage, stage, (1.0,), u[-1:], literal(1.0))
+    end = body.add("%t", "%h")
+    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    _loop(body, n, "%y", stage, (), ())
+    base = field.numel_out(0) + n
+    _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), u[-1], (), ())
+    inner = {"slope": _plain(rhs, 0), "ends": _plain(field, n), "prepare": prepare, "solve": back}
+    text = _internal(body, inner)
+    body.count += sum(function.count for function in inner.values())
+    return body, text
+
+
+def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str], scale: str = "%h") -> None:
+    """target[i] = base[i] + scale * sum(factor * source[i]) for all i, left to LLVM to vectorise."""
     label = f"l{body.count}"
     body.lines += [f"  br label %{label}a", f"{label}a:", f"  br label %{label}", f"{label}:"]
     body.lines.append(f"  %{label}i = phi i64 [0, %{label}a], [%{label}n, %{label}]")
@@ -186,7 +251,7 @@ def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], 
 
     start = at(base) if base else ""
     used = [(f, s) for f, s in zip(factors, sources, strict=True) if f]
-    value = body.combination(start, "%h", [f for f, _ in used], [at(s) for _, s in used])
+    value = body.combination(start, scale, [f for f, _ in used], [at(s) for _, s in used])
     place = body.value(f"getelementptr double, ptr {target}, i64 %{label}i")
     body.lines += [
         f"  store double {value}, ptr {place}",

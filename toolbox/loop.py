@@ -8,8 +8,7 @@ the start of the step to the root of a cubic Hermite interpolant, with shrinking
 the accuracy at an event, like at an output time, is that of a step.
 
 A sticking contact hides a force that varies in time from the states, and a long step could jump over its peak. Where that can be, the force is
-integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state, and
-`excited_size` the error it may have.
+integrated along as one more state, so that the error control sees it; `Work.excited` names the element of each such state.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, INTS) = range(27)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, INTS) = range(28)  # fmt: skip
 
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
 FRICTION, RIGID, SWITCH = range(3)
@@ -36,7 +35,7 @@ FRICTION, RIGID, SWITCH = range(3)
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
 
 # --- columns of `Work.samplers`, one row per sampled controller
-ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, COLUMNS = range(8)
+ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, NOISES, COLUMNS = range(9)
 
 EPS = 2.220446049250313e-16
 
@@ -47,12 +46,13 @@ class Work(NamedTuple):
     ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
-    side, armed, fired: per guard;  zero, forced, before: per element;  excited, excited_size: see above;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
     jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
-    period and delay in `clocks`, controller states in `memory`, computed outputs waiting in `queue` (controller, slot, output).
+    period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
+    channel at its place in `keys`, computed outputs waiting in `queue` (controller, slot, output).
     """
 
     ints: np.ndarray
@@ -78,7 +78,6 @@ class Work(NamedTuple):
     armed: np.ndarray
     fired: np.ndarray
     excited: np.ndarray
-    excited_size: np.ndarray
     zero: np.ndarray
     forced: np.ndarray
     before: np.ndarray
@@ -102,6 +101,7 @@ class Work(NamedTuple):
     samplers: np.ndarray
     clocks: np.ndarray
     memory: np.ndarray
+    keys: np.ndarray
     queue: np.ndarray
 
 
@@ -165,7 +165,6 @@ def _borrowed_all(w):
         _borrowed(w.armed),
         _borrowed(w.fired),
         _borrowed(w.excited),
-        _borrowed(w.excited_size),
         _borrowed(w.zero),
         _borrowed(w.forced),
         _borrowed(w.before),
@@ -189,6 +188,7 @@ def _borrowed_all(w):
         _borrowed(w.samplers),
         _borrowed(w.clocks),
         _borrowed(w.memory),
+        _borrowed(w.keys),
         _borrowed(w.queue),
     )
 
@@ -207,6 +207,29 @@ def _exp2(x):
     whole = math.floor(x)
     fraction = x - whole
     return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _scrambled(z):
+    """The 64 bits of an unsigned integer scrambled: the finaliser of splitmix64."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def channel_key(seed, name):
+    """The key of a noise channel from a seed and the number of its name."""
+    return _scrambled(_scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def normal(key, sample):
+    """A standard normal number that is a function of a channel's key and the number of the sample alone (splitmix64, Box and Muller)."""
+    counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
+    radius = (float(_scrambled(counter) >> np.uint64(11)) + 0.5) * 2.0**-53
+    angle = float(_scrambled(counter + np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(11)) * 2.0**-53
+    return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -502,6 +525,8 @@ def _samples(w, t):
                 return SAMPLE_DUE, False
             states, outputs = s[STATES], s[OUTPUTS]
             memory = w.memory[s[FIRST_STATE] :]
+            for i in range(states, states + s[NOISES]):
+                memory[i] = normal(w.keys[s[FIRST_STATE] + i], s[TAKEN])
             _call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
             for i in range(states):
                 memory[i] = w.z[i]
@@ -539,7 +564,8 @@ def _next_stop(w):
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
-    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. Hidden forces
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. A step of an
+    implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
     count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
     hidden = w.excited.size
@@ -547,9 +573,14 @@ def _error(w, h):
     base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
-    share = max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    portion = h
+    if w.ints[IMPLICIT] == 1:
+        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+            size = max(size, 1e-4 * w.group_scale[w.group[i]])
         tol = 1.0 / (share * size + w.noise[i] * h)
         e = w.y[base + i] * tol
         sum1 += e * e
@@ -563,7 +594,9 @@ def _error(w, h):
         error = math.sqrt(sum1 / n)
     lowest = base + w.ints[N] if two else base
     for q in range(hidden):
-        error = max(error, abs(w.y[lowest + n + q]) / w.excited_size[q])
+        # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)
+        error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
     return error
 
 
@@ -714,15 +747,17 @@ def _locate(w, h, low):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _mark(w):
-    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending."""
+def _mark(w, again):
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again."""
     ng = w.ints[NG]
     for i in range(w.ints[NE]):
         w.before[i] = w.m[i]
         w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
     for j in range(ng):
-        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and w.side[j] * w.g[ng + j] <= 0.0
-        w.fired[j] = near or j == w.ints[LOCATED]
+        rate = w.side[j] * w.g[ng + j]
+        # a kink that is at zero and stays there has not been crossed
+        near = w.side[j] * w.g[j] <= 1e-9 * _size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
+        w.fired[j] = (near and not again) or j == w.ints[LOCATED]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -884,10 +919,6 @@ def _begin(w):
                 turned = True
         if not turned:
             break
-    _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for q in range(w.excited.size):
-        bound = w.z[3 * ne + w.excited[q]]
-        w.excited_size[q] = max((0.02 if w.ints[TWO_ERRORS] == 1 else 3e-4) * bound, 1e-300)
     _project(w, t)
     if not _decide(w, t):
         return False
@@ -1002,12 +1033,17 @@ def advance(w):
         if hit:
             low = 0.0
             size = -1.0
+            turned = False
             for j in range(2 * ng):
                 w.g_low[j] = w.g[j]
             for j in range(ng):
                 if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * _size(w, j):
                     continue
                 rise = _rise(w, h, j)
+                if rise == 0.0 and j >= 2 * ne:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+                    w.side[j] = -w.side[j]
+                    turned = True
+                    break
                 if rise == 0.0:  # it goes the wrong way from its start: decide again here
                     w.ints[LOCATED] = j
                     size = 0.0
@@ -1025,6 +1061,8 @@ def advance(w):
                     low = rise
                     for i in range(2 * ng):
                         w.g_low[i] = w.y[end + i]
+            if turned:
+                continue
             if size < 0.0:
                 size = _locate(w, h, low)
             if size >= 0.0:
@@ -1077,7 +1115,7 @@ def advance(w):
                     w.armed[j] = True
         w.reals[TIME] = t_new
         if event:  # slips that have just become zero are zero in the record, too
-            _mark(w)
+            _mark(w, h == 0.0)
             for i in range(ne):
                 if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i]:
                     w.m[i] = 0.0
@@ -1100,7 +1138,11 @@ def advance(w):
             w.reals[LAST_EVENT] = t_new
             if not _fire(w, t_new):
                 return INCONSISTENT
-            _first_step(w)
+            if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
+                w.reals[STEP_OLD] = 0.0
+                _round_off(w)
+            else:
+                _first_step(w)
             if every_node:
                 _record(w, t_new, w.x)
 

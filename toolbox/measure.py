@@ -1,4 +1,4 @@
-"""Numbers read off a run: stick intervals, severity, settling, overshoot, and the audit of its energy.
+"""Numbers read off a run: stick intervals, cycles, severity, settling, overshoot, and the audit of its energy.
 
 Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak
 and the mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is sampled
@@ -7,6 +7,7 @@ at its Gauss points through `run.at`; means are integrals, extrema and crossings
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -47,6 +48,34 @@ def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float 
     """Part of the window that an element spends in stick, 0 to 1. Raises SceneError as `stick_intervals` does."""
     begin, end = window(run, after, until)
     return sum(last - first for first, last in stick_intervals(run, element, begin, end)) / (end - begin)
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle of stick-slip [s]: it slips from the release at `start` for `slip`, then sticks for `stick`, until the next release."""
+
+    start: float
+    slip: float
+    stick: float
+
+    @property
+    def period(self) -> float:
+        """From release to release [s]."""
+        return self.slip + self.stick
+
+
+def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[Cycle]:
+    """Every whole cycle of stick-slip of an element between `after` and `until` [s] (the end of the run), from release to release.
+
+    A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip. Raises SceneError as `stick_intervals` does.
+    """
+    begin, end = window(run, after, until)
+    stays = stick_intervals(run, element, begin, end)
+    return [
+        Cycle(start=release, slip=caught - release, stick=leaves - caught)
+        for (_, release), (caught, leaves) in itertools.pairwise(stays)
+        if leaves < end
+    ]
 
 
 # ------------------------------------------------------------------------------------------------------------------- extrema, mean and severity

@@ -19,12 +19,13 @@ from toolbox.errors import SceneError
 class Update:
     """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
 
-    external: the values come from a Python callable instead.
+    external: the values come from a Python callable instead.  noise: {name of a measured signal: symbol of its standard normal noise}.
     """
 
     memory: Mapping[State, Any]
     outputs: Mapping[str, tuple[Any, str]]
     external: bool = False
+    noise: Mapping[str, ca.SX] = dataclasses.field(default_factory=dict)
 
 
 @dataclass
@@ -66,6 +67,14 @@ class Component:
     def check(self) -> None:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
 
+    @property
+    def routes(self) -> Mapping[str, str]:
+        """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
+
+        A part that stands between control laws and what they drive, such as an actuator, needs no other laws: {"top.torque": "drive.command"}.
+        """
+        return {}
+
 
 @dataclass(frozen=True)
 class _Field:
@@ -92,7 +101,7 @@ def _fields(kind: type) -> tuple[_Field, ...]:
         declared = str(spec.type)
         tuples = declared.startswith("tuple[float")
         numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
-        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None))
+        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None or "None" in declared))
     return _FIELDS.setdefault(kind, tuple(found))
 
 

@@ -262,7 +262,7 @@ def _interesting(run: Trajectory) -> list[str]:
     step = max(1, nodes.time.size // 400)
     some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
     ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
-    own = {f"{element.name}.{tail}" for element in system.elements for tail in ("force", "slip")}
+    own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
     # what a part gives comes before the force and slip of its contact, which often repeat it
     # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
     laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()

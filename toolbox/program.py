@@ -12,6 +12,7 @@ import numpy as np
 
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape
+from toolbox.rosenbrock import Rosenbrock
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching, switching
 
@@ -26,7 +27,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair
+    pair: Pair | Rosenbrock
     machine: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -45,7 +46,7 @@ class Program:
     expressions: tuple[ca.SX, ...]
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair) -> Program:
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock) -> Program:
     """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
     key = ("program", kinds, pair.name)
     found = system.kernels.get(key)
@@ -99,7 +100,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         following, outputs = (
             ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
         )
-        updates.append((update.memory, following, outputs))
+        updates.append((ca.vertcat(update.memory, update.noise), following, outputs))
     units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
     units += ["hidden force"] * len(excited)
     known = sorted(set(units))
@@ -143,7 +144,8 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:
         impulse = (*impulse[:2], ca.vertcat(impulse[2][:n], hidden, impulse[2][n:]))
-    wider = dataclasses.replace(form, field=ca.vertcat(form.field, *rates), projected=ca.vertcat(form.projected, hidden), impulse=impulse)
+    longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
+    wider = dataclasses.replace(form, projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
 
 

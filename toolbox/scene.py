@@ -40,20 +40,26 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Case:
-    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s."""
+    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s.
+
+    noise, resolution: {measured signal: standard deviation, step} of a sampled law, and the seed of the noise, as in `Sampled`.
+    """
 
     label: str
     law: Controller | None = None
     sample_time: float | None = None
     delay: float = 0.0
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
 
     @property
     def controller(self) -> Any:
         """What `simulate` takes as controller."""
         if self.law is None or self.sample_time is None:
             return self.law
-        return Sampled(self.law, self.sample_time, self.delay)
+        return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
 
 
 @dataclass(frozen=True)

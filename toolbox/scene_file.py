@@ -4,8 +4,10 @@ A scene file is data only: it names parts and laws of the catalogue and gives th
 its unit. The keys, with those in brackets optional:
 
     title, duration, [accuracy], [reference]      reference: set-point of the judged signal; laws with a field `reference` take it
-    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }
-    [[controllers]]   label, [law], [sample_time], [delay], [inputs], and any parameter of the law; none at all: the plant alone
+    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
+                      takes the arguments of its `from_tables` instead, paths relative to the scene file
+    [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
+                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps
     [start]           state = value at the beginning; all else is at rest
     [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, table = { times, values }
     [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
@@ -16,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import inspect
 import tomllib
 import types
 import typing
@@ -48,12 +51,15 @@ _SHAPES: dict[str, dict[str, str]] = {
 _TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
 """Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
 
+_SAMPLED = ("delay", "noise", "resolution", "seed")
+"""Keys of a controller that only a sampled law has."""
+
 HEADER = b"# Every parameter in SI units, angles in rad.\n"
 
 
 def read(path: Path) -> Scene:
     """The scene of a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
-    return _scene(_data(path))
+    return _scene(_data(path), path.parent)
 
 
 def write(scene: Scene, path: Path) -> None:
@@ -81,10 +87,10 @@ def _data(path: Path) -> dict[str, Any]:
         raise SceneError(f"the file must be TOML, but: {error}.") from None
 
 
-def _scene(data: dict[str, Any]) -> Scene:
+def _scene(data: dict[str, Any], folder: Path) -> Scene:
     known = ("title", "duration", "accuracy", "reference", "plant", "controllers", "start", "inputs", "parameters", "verdict")
     _keys(data, "the scene", known, ("title", "duration", "plant"))
-    parts = tuple(_component(entry, f"plant[{i}]") for i, entry in enumerate(_tables(data, "plant"), 1))
+    parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
     verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after"))
@@ -124,16 +130,39 @@ def _scene(data: dict[str, Any]) -> Scene:
     )
 
 
-def _component(data: Any, where: str) -> Component:
+def _component(data: Any, where: str, folder: Path) -> Component:
     _keys(data, where, None, ("part",))
     item = catalogue.part(data["part"], "part")
-    return _filled(item, {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where))
+    values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
+    if isinstance(item, type) and hasattr(item, "from_tables"):
+        made = inspect.signature(item.from_tables).parameters
+        own = {spec.name for spec in dataclasses.fields(item)}
+        if any(key in made and key not in own for key in values):
+            return _tabulated(item, values, title, folder)
+    return _filled(item, values, title)
+
+
+def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
+    """A part made by its `from_tables`, whose annotations say what each argument is: a path, `Annotated[float, unit]`, or as for fields."""
+    made = inspect.signature(item.from_tables).parameters
+    hints = typing.get_type_hints(item.from_tables, include_extras=True)
+    _keys(data, title, tuple(made), [name for name, argument in made.items() if argument.default is inspect.Parameter.empty])
+    values: dict[str, Any] = {}
+    for key, value in data.items():
+        options = typing.get_args(hints[key]) if isinstance(hints[key], types.UnionType) else (hints[key],)
+        if Path in options:
+            values[key] = folder / _text(value, f"{title}.{key}")
+        elif typing.get_origin(hints[key]) is typing.Annotated:
+            values[key] = parse(value, hints[key].__metadata__[0], f"{title}.{key}")
+        else:
+            values[key] = _field_value(value, "1", hints[key], f"{title}.{key}", None, False)
+    return item.from_tables(**values)
 
 
 def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
     _keys(data, where, None, ("label",))
     label = _text(data["label"], f"{where}.label")
-    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "delay": None, "inputs": {}}
+    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "inputs": {}} | dict.fromkeys(_SAMPLED)
     if "law" not in data:
         _keys(data, label, ("label", "inputs"))
         return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
@@ -145,14 +174,21 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     sample_time = data.get("sample_time")
     if sample_time is not None:
         sample_time = parse(sample_time, "s", f"{label}.sample_time")
-    elif "delay" in data:
-        raise SceneError(f"The key `delay` of `{label}` must come with `sample_time`, but there is none.")
-    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"))
+    for key in _SAMPLED if sample_time is None else ():
+        if key in data:
+            raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
+    sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
+    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
     try:
         closed = checked_run(plant, 1.0, controller=case.controller).system
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
+
+
+def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
+    """Numbers by signal, each in the unit of its signal."""
+    return {name: parse(value, plant.unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
 
 
 def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] = ()) -> Any:
@@ -184,6 +220,11 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
     if isinstance(value, dict):
         if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
             return _friction(value, name, current)
+    elif isinstance(value, list) and tuple[int, ...] in options:
+        if all(type(entry) is int for entry in value):
+            return tuple(value)
+    elif any(typing.get_origin(option) is tuple and float not in typing.get_args(option) for option in options):
+        return _words(value, name)
     elif float in options or any(typing.get_origin(option) is tuple for option in options):
         if isinstance(value, list) != (float not in options):
             shape = "one number" if float in options else "a list of numbers"
@@ -203,6 +244,13 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
         "a table with `law`" if isinstance(o, type) and issubclass(o, FrictionLaw) else getattr(o, "__name__", str(o)) for o in options
     )
     raise SceneError(f"Argument `{name}` must be {words}, but it is {value!r}.")
+
+
+def _words(value: Any, name: str) -> Any:
+    """Text, or tuples of text, from a list that may hold lists: names that are structure."""
+    if isinstance(value, list):
+        return tuple(entry if isinstance(entry, str) else _words(entry, name) for entry in value)
+    raise SceneError(f"Argument `{name}` must be a list of names, but it holds {value!r}.")
 
 
 def _friction(data: Mapping[str, Any], name: str, current: Any) -> FrictionLaw:
@@ -300,6 +348,9 @@ def _resolved_case(case: Case) -> dict[str, Any]:
         data |= {"law": catalogue.name_of(type(case.law))} | _fields(case.law)
         if case.sample_time is not None:
             data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
+            data |= {key: {name: float(value) for name, value in getattr(case, key).items()} for key in ("noise", "resolution") if getattr(case, key)}
+            if case.noise:
+                data["seed"] = case.seed
     if case.inputs:
         data["inputs"] = {name: _plain(value) for name, value in case.inputs.items()}
     return data

@@ -7,6 +7,7 @@ import copy
 import dataclasses
 import sys
 import time as clock
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import FunctionType
@@ -15,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller, External, Held, Sampled, callable_law
+from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
@@ -23,11 +24,16 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
-from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.trajectory import Trajectory, output_function
+from toolbox.rosenbrock import RODAS5P, Rosenbrock
+from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
+from toolbox.trajectory import Samples, Trajectory, output_function
 
 MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
+
+METHODS = ("event", "explicit", "stiff")
+"""How a run may step."""
 
 
 @dataclass
@@ -45,13 +51,15 @@ class Run:
     accuracy: float
     output_times: np.ndarray | None
     longest_step: float
+    seeds: list[int]
+    method: str = "event"
 
 
 def simulate(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | Samples | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -62,10 +70,12 @@ def simulate(
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
-    start: {state or signal that is a state: value}, all else 0.  inputs: {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi
-    expression of `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared
-    values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without
-    `sample_time` [s] a Controller acts continuously.  method: "event".  accuracy: target for the global error, states scaled by their size.
+    start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), whose states are taken.  inputs:
+    {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`}.  parameters: {name: value} for
+    this run only; the controller keeps the plant's declared values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period,
+    delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
+    linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
+    prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
@@ -83,7 +93,7 @@ def checked_run(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | Samples | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -97,12 +107,14 @@ def checked_run(
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
     if not is_finite_number(duration) or duration < 0:
         raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
-    if method != "event":
-        raise SceneError(f'Argument `method` must be "event", but it is {method!r}.')
+    if method not in METHODS:
+        raise SceneError(f"Argument `method` must be one of {', '.join(map(repr, METHODS))}, but it is {method!r}.")
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    if isinstance(start, Samples):
+        start = _states_of(plant, start)
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
             raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
@@ -118,20 +130,32 @@ def checked_run(
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
-    system, clocks, laws = _closed(declared, plant, controller, sample_time)
+    system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
     kinds, values = _input_kinds(system, inputs or {})
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, float(duration) / 256)
+    longest = float(duration) / 256
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
+
+
+def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
+    """The states of a plant at one instant of a run of it; raises SceneError where the run has none of that name."""
+    if instant.time.size != 1:
+        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {instant.time.size} times.")
+    for name in plant.states:
+        if name not in instant:
+            raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
+    return {name: np.squeeze(instant[name]) if size is None else np.ravel(instant[name]) for name, (_, size, _) in plant.states.items()}
 
 
 def _closed(
     declared: HybridSystem, plant: HybridSystem, controller: Any, sample_time: float | None
-) -> tuple[HybridSystem, list[tuple[float, float]], list[Any]]:
-    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, and the Python callables."""
+) -> tuple[HybridSystem, list[tuple[float, float]], list[Any], list[int]]:
+    """The plant with its controllers as parts, the (period, delay) of the sampled ones in order, the Python callables, and the seeds."""
     if controller is None:
-        return plant, [], []
+        return plant, [], [], []
     parts: list[Component] = []
     clocks: list[tuple[float, float]] = []
     laws: list[Any] = []
+    seeds: list[int] = []
     for given in controller if isinstance(controller, (list, tuple)) else (controller,):
         sampled = given
         if not isinstance(given, Sampled):
@@ -144,16 +168,17 @@ def _closed(
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
-            parts.append(law if sampled is None else Held(law, float(sampled.period)))
+            parts.append(law if sampled is None else held(sampled, law))
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-            parts.append(callable_law(law, declared))
+            parts.append(callable_law(sampled, declared))
             laws.append(law)
         else:
             raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")
         if sampled is not None:
             clocks.append((float(sampled.period), float(sampled.delay)))
+            seeds.append(sampled.seed)
     key = ("closed", tuple(structure_of(part) for part in parts))
     found = plant.kernels.get(key)
     if found is None:
@@ -177,7 +202,7 @@ def _closed(
         if first <= entry.offset < first + len(numbers):
             size = entry.size or 1
             entry.check(tuple(closed.values[entry.offset : entry.offset + size].tolist()))
-    return closed, clocks, laws
+    return closed, clocks, laws, seeds
 
 
 def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
@@ -238,11 +263,18 @@ def _event_loop(run: Run, program: Program) -> Any:
     return loop
 
 
+def _undecided(run: Run) -> bool:
+    """Whether the run may turn out to be stiff; a law in Python is asked once per sample, so that its runs do not begin anew."""
+    return run.method == "event" and not run.laws
+
+
 def _run(run: Run) -> Trajectory:
     system = run.system
-    pair = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    pair: Pair | Rosenbrock = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
+    if run.method == "stiff":
+        pair = RODAS5P
     program = program_of(system, run.kinds, pair)
     loop = _event_loop(run, program)
     work = _work(loop, run, program)
@@ -250,8 +282,11 @@ def _run(run: Run) -> Trajectory:
     laws = [_fresh(law) for law in run.laws]
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
+    look = progress(loop, work)
+    following = FIRST_LOOK if _undecided(run) else MAX_STEPS
     try:
         while True:
+            work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
             status = loop.advance(work)
             if status == loop.DONE:
                 done = _trajectory(loop, run, program, work, began, answers)
@@ -262,6 +297,11 @@ def _run(run: Run) -> Trajectory:
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
+                if progress(loop, work)[1] >= following:
+                    if pays(loop, run, program, work, look):
+                        return _run(dataclasses.replace(run, method="stiff"))
+                    look = progress(loop, work)
+                    following = 2 * look[1]
                 if bar is None and clock.perf_counter() - began > 1.0:
                     from tqdm import tqdm
 
@@ -336,52 +376,65 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
 
     ints = np.zeros(loop.INTS, np.int64)
     ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
-    ints[loop.FIELD], ints[loop.STEP], ints[loop.PROJECT], ints[loop.PROBE], ints[loop.BURDEN], ints[loop.IMPULSE] = machine.addresses
     ints[loop.COUPLED] = machine.coupled
-    ints[loop.ORDER] = program.pair.order
-    ints[loop.TWO_ERRORS] = 1 if program.pair.error_low else 0
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
-    ints[loop.BUDGET] = 200_000
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.END] = run.duration
     reals[loop.RTOL] = run.accuracy
-    reals[loop.POWER] = program.pair.power
     reals[loop.LAST_EVENT] = -np.inf
 
     samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
     memory_size = 0
+    keys: list[int] = []
     for c, update in enumerate(system.updates):
-        size = update.memory.numel()
-        samplers[c] = 0 if update.external else machine.updates[c], 0, 0, memory_size, size, program.held_slot + update.first_held, len(update.names)
-        memory_size += size
+        size, first_output = update.memory.numel(), program.held_slot + update.first_held
+        address = 0 if update.external else machine.updates[c]
+        samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
+        keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+        memory_size = len(keys)
         if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
-            first_output = program.held_slot + update.first_held
             defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
             p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
-    widest = max((len(u.names) for u in system.updates), default=1)
+    widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
+    memory = np.zeros(memory_size)
     for name, value in run.start.items():
-        place_start(system, x, name, value)
-    return loop.Work(
+        remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]
+        if remembered:
+            _place_memory(system, memory[remembered[0] :], name, value)
+        else:
+            place_start(system, x, name, value)
+    work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
         kind=program.kind, initial=program.initial, attached=program.attached, held=np.zeros(ne + 1), bounced=np.zeros(ne, np.bool_),
-        excited=program.excited, excited_size=np.ones(program.excited.size),
+        excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
-        samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
+        samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
+    set_method(loop, work, program)
+    return work
+
+
+def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:
+    """Write the start value of a state that a sampled law remembers into the memory of that law."""
+    first, size = next(update.places[name] for update in system.updates if name in update.places)
+    array = finite_array(value)
+    if array is None or (array.ndim and array.shape != (size or 1,)):
+        raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
+    memory[first : first + (size or 1)] = array
 
 
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
@@ -429,7 +482,10 @@ def _sample(
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     part = [part for part in run.system.parts if isinstance(part, External)][index]
     point = Trajectory.point(run, program, work.reals[loop.TIME], work.x, work.m, work.p)
-    y = np.array([point[name] for name in part.measures])
+    sensors, update = part.sensors, program.system.updates[c]
+    first = row[loop.FIRST_STATE] + row[loop.STATES]
+    noise = {name: loop.normal(work.keys[first + i], row[loop.TAKEN]) for i, name in enumerate(update.channels)}
+    y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
     answer = laws[index](float(work.reals[loop.TIME]), y)
     u = finite_array(answer)
     if u is None or u.size != row[loop.OUTPUTS]:

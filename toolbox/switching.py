@@ -39,6 +39,7 @@ class Switching:
     a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
     attached: for every element the rigid contact whose force bounds it, or -1. The bound of a rigid contact is the size of the
     forces that its own has to balance, a scale for what is zero.
+    open_field, balance: where forces hold each other, dx/dt with forces as symbols, and what these forces make zero; else empty.
     """
 
     field: ca.SX
@@ -54,6 +55,8 @@ class Switching:
     sticks: ca.SX
     impulse: tuple[ca.SX, ca.SX, ca.SX] | None
     attached: tuple[int, ...]
+    open_field: ca.SX
+    balance: ca.SX
 
 
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
@@ -92,11 +95,15 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     sticks = holding * (1 - mode * mode)
     slides = 1 - sticks
     matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
+    open_field = balance = ca.SX(0, 1)
     if matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)
         solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
     else:
-        solved = masked_solve(matrix, -(sticks * free_rate + mode * free_load * free_sliding))
+        right = -(sticks * free_rate + mode * free_load * free_sliding)
+        solved = masked_solve(matrix, right)
+        open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
+        balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)
     field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
     slip_rate = free_rate + gain @ solved
@@ -122,7 +129,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
         for j in rigid:
             bound[j] = balanced[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
-    return Switching(field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached))
+    return Switching(
+        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), open_field, balance
+    )
 
 
 def _impact(

@@ -273,7 +273,7 @@ class Trajectory(Samples):
         from toolbox.simulate import again
 
         nodes = self.nodes
-        better = again(self.run, accuracy=self.accuracy / 100, output_times=None, longest_step=self.run.longest_step / 5.3)
+        better = again(self.run, accuracy=self.accuracy / 100, method="event", output_times=None, longest_step=self.run.longest_step / 5.3)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         late = 0.0
         if any(element.unilateral for element in self.program.system.elements):
@@ -343,9 +343,10 @@ class Trajectory(Samples):
             lines.append(f"  {element.name}: {', '.join(parts) or 'no time'}")
         if self.time.size:
             lines.append("  at the recorded times")
+            memories = {name for update in self.program.system.updates for name in update.places}
             for name in self.names:
                 values = self[name]
-                if values.ndim == 1:
+                if values.ndim == 1 and name not in memories:
                     values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
                     lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
         return "\n".join(lines)

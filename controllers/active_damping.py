@@ -1,0 +1,44 @@
+"""Jansen's optimum: the drive as a spring and a damper that give the whole string equal, best damped poles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.pi import PI
+from controllers.torque_limits import TorqueLimits
+from toolbox import SceneError, quantity
+
+
+@dataclass(frozen=True)
+class ActiveDamping(TorqueLimits):
+    """Feedback that makes the drive a tuned absorber of the bit: u = k_f int e dt + (c_f - c_r) e, with four poles in two equal pairs.
+
+        k_f = k J_2 / J_1,   c_f = 2 sqrt(J_1 / J_2) om J_2,   om = sqrt(k / J_1)      (1 = below the drive, 2 = drive)
+
+    Without drag and rock the characteristic polynomial is then J_2 / J_1 (s^2 + sqrt(J_1 / J_2) om s + om^2)^2: no other k_f, c_f damps the less
+    damped pair more. `design` reads k (all springs in series), J_1 (all below), J_2 and the drag c_r of the drive from `chain` and returns a PI
+    law. Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
+    """
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+
+    @staticmethod
+    def gains(stiffness: float, below: float, drive: float) -> tuple[float, float]:
+        """(k_f [N m/rad], c_f [N m s/rad]) for a spring [N m/rad] between the inertias below and of the drive [kg m2]."""
+        om = float(np.sqrt(stiffness / below))
+        return stiffness * drive / below, 2.0 * float(np.sqrt(below / drive)) * om * drive
+
+    def design(self, plant):
+        """The PI law with these gains."""
+        try:
+            inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))
+        except SceneError as error:
+            raise SceneError(f"ActiveDamping is designed on a chain of inertias: {error}") from None
+        spring, damper = self.gains(1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:])), float(inertia[0]))
+        if damper <= drag:
+            raise SceneError(
+                f"ActiveDamping needs a drive with less drag than the optimum of {damper:.6g} N m s/rad, but it has {drag:.6g}."
+            )
+        return PI(proportional=damper - drag, integral=spring, reference=self.reference, **self.limits)

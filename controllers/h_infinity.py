@@ -1,0 +1,126 @@
+"""H-infinity control of the top drive from its speed alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from controllers.string_model import drilling_point
+from controllers.torque_limits import TorqueLimits
+from toolbox import Equations, SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class HInfinity(TorqueLimits):
+    """The law from the top speed to the torque that makes the worst gain from disturbances to sizes that count small.
+
+        u = u_0 + K(s) (w_top - reference),   || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
+
+    z is the error of the top speed through 1 / (s + leak), in place of an integral. `design` linearises the plant with the bit sliding at
+    `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
+    optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer gets the torque that is given.
+    Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near
+    the operating point.
+    """
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
+    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    disturbance: float = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
+    speed_noise: float = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
+    leak: float = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
+    margin: float = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
+    order: int = 0
+    matrices: tuple[float, ...] | None = quantity(None, "1", "A, B, C of K and its drive column, row by row; filled in by design")
+    torque: float | None = quantity(None, "N m", "u_0; filled in by design")
+    worst: float | None = quantity(None, "1", "the norm that is kept; filled in by design")
+
+    def design(self, plant):
+        """The law for the plant. Raises SceneError where there is none."""
+        if self.matrices is not None:
+            return self
+        model, x, u, A = drilling_point(plant, self.reference)
+        n = x.size
+        F = np.block([[A, np.zeros((n, 1))], [model.top[None, :], np.array([[-self.leak]])]])
+        B1 = np.append(-model.E, 0.0)[:, None] * self.disturbance
+        B2 = np.append(model.B, 0.0)[:, None] * self.torque_size
+        C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_size, np.append(np.zeros(n), 1 / self.angle_size)])
+        C2 = np.append(model.top, 0.0)[None, :] / self.speed_noise
+        low, high = 0.0, 1.0
+        while central_law(F, B1, B2, C1, C2, high) is None:
+            low, high = high, 2 * high
+            if high > 1e6:
+                raise SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
+        while high - low > 1e-4 * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if central_law(F, B1, B2, C1, C2, middle) is not None else (middle, high)
+        law = central_law(F, B1, B2, C1, C2, self.margin * high)
+        assert law is not None
+        A_K, B_K, C_K = law
+        numbers = [A_K, B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
+        matrices = np.concatenate([matrix.ravel() for matrix in numbers])
+        return replace(self, order=n + 1, matrices=tuple(matrices.tolist()), torque=u, worst=self.margin * high)
+
+    def continuous(self, signal):
+        x, rate, command, _ = self._law(signal, None)
+        return Equations(flow={x: rate(x)}, gives={"top.torque": (command, "N m")})
+
+    def sampled(self, signal, period):
+        x, rate, command, memory = self._law(signal, period)
+        a = rate(x)
+        b = rate(x + period / 2 * a)
+        c = rate(x + period / 2 * b)
+        d = rate(x + period * c)
+        return Update({x: x + period / 6 * (a + 2 * b + 2 * c + d), **memory}, {"top.torque": (command, "N m")})
+
+    def _law(self, signal, period):
+        if self.matrices is None or self.torque is None:
+            raise SceneError("HInfinity needs the plant it acts on: call `design(plant)`.")
+        n = self.order
+        numbers = ca.vertcat(*self.matrices)
+        A = ca.reshape(numbers[: n * n], n, n).T
+        B, C, drive = numbers[n * n : n * n + n], numbers[n * n + n : n * n + 2 * n].T, numbers[n * n + 2 * n :]
+        x = state("hinfinity.state", "1", n)
+        error = signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)
+        wanted = self.torque + C @ x
+        command, memory = self.limited(wanted, period)
+        # A holds drive C: the observer knows its own torque, of which the limits take something away
+        cut = 0 if command is wanted else drive * (command - wanted)
+        return x, lambda z: A @ z + B * error + cut, command, memory
+
+
+def central_law(
+    A: np.ndarray, B1: np.ndarray, B2: np.ndarray, C1: np.ndarray, C2: np.ndarray, level: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """(A_K, B_K, C_K) of the central law u = K y that keeps the norm below `level`, or None where no law does.
+
+    Plant: x' = A x + B1 d + B2 u, counted (C1 x, u), measured y = C2 x + n; norm from (d, n) to what is counted. With the stabilising solutions of
+    A'X + X A + X (B1 B1' / level^2 - B2 B2') X + C1'C1 = 0 and A Y + Y A' + Y (C1'C1 / level^2 - C2'C2) Y + B1 B1' = 0, both >= 0, and spectral radius of
+    X Y below level^2.
+    """
+    X = _riccati(A, B1 @ B1.T / level**2 - B2 @ B2.T, C1.T @ C1)
+    Y = _riccati(A.T, C1.T @ C1 / level**2 - C2.T @ C2, B1 @ B1.T)
+    if X is None or Y is None or np.abs(np.linalg.eigvals(X @ Y)).max() >= level**2:
+        return None
+    F, L = -B2.T @ X, -Y @ C2.T
+    Z = np.linalg.inv(np.eye(A.shape[0]) - Y @ X / level**2)
+    return A + B1 @ B1.T @ X / level**2 + B2 @ F + Z @ L @ C2, -Z @ L, F
+
+
+def _riccati(A: np.ndarray, R: np.ndarray, Q: np.ndarray) -> np.ndarray | None:
+    """The stabilising solution X >= 0 of A'X + X A + X R X + Q = 0 from the stable subspace of its Hamiltonian; None where there is none."""
+    from scipy.linalg import schur
+
+    n = A.shape[0]
+    hamiltonian = np.block([[A, R], [-Q, -A.T]])
+    if np.abs(np.linalg.eigvals(hamiltonian).real).min() < 1e-9:
+        return None
+    _, basis, stable = schur(hamiltonian, sort="lhp")
+    if stable != n or np.linalg.cond(basis[:n, :n]) > 1e12:
+        return None
+    X = np.linalg.solve(basis[:n, :n].T, basis[n:, :n].T).T
+    X = (X + X.T) / 2
+    return X if np.linalg.eigvalsh(X).min() > -1e-9 * max(np.abs(X).max(), 1.0) else None

@@ -1,0 +1,37 @@
+"""LQG: optimal state feedback on the estimates of a Kalman filter that takes the torque of the rock for an unknown disturbance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from controllers.lqr import LQR
+from controllers.observers import Kalman
+from toolbox import Observed, quantity
+
+
+@dataclass(frozen=True)
+class LQG(LQR):
+    """`LQR` on the states that `Kalman` estimates from the top speed alone.
+
+    `design` returns `Observed(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number
+    of samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of
+    the filter (separation); with a rock the filter knows less than the regulator was designed on, and tests say what is left of that.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+
+    late: int = 0
+    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    period: float = quantity(0.01, "s", "sample time of that noise", above=0)
+    torque_walk: float = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+
+    def design(self, plant):
+        """The regulator and the filter for the plant."""
+        regulator = LQR(
+            reference=self.reference, top_size=self.top_size, bit_size=self.bit_size, angle_size=self.angle_size, torque_size=self.torque_size,
+            tracking=self.tracking, states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
+        )  # fmt: skip
+        observer = Kalman(speed_noise=self.speed_noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
+        return Observed(regulator, observer, late=self.late).design(plant)

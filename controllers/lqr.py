@@ -1,0 +1,97 @@
+"""Linear-quadratic state feedback with integral action, around sliding at the set-point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from controllers.string_model import drilling_point
+from controllers.torque_limits import TorqueLimits
+from toolbox import Equations, SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class LQR(TorqueLimits):
+    """State feedback that minimises the integral of quadratic deviations, with an integral of the top speed's error.
+
+        u = u_0 - K (x - x_0) - K_i z,   z' = w_top - reference,   minimising
+        int (w_top - ref)^2 / top_size^2 + (w_bit - ref)^2 / bit_size^2 + z^2 / angle_size^2 + (u - u_0)^2 / torque_size^2 dt
+
+    The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design`
+    linearises the plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0
+    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Measures
+    all states of the string. Range: near that point. K holds the twist of that point, too, so that a stuck bit is wound up and freed only as fast as
+    the integral overcomes K: tens of seconds at low set-points.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
+
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
+    top_size: float = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    tracking: float = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
+    states: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    gain: tuple[float, ...] | None = quantity(None, "1", "K, then K_i; filled in by design")
+    point: tuple[float, ...] | None = quantity(None, "1", "x_0, then u_0; filled in by design")
+    slope: tuple[float, ...] | None = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
+
+    def design(self, plant):
+        """The law with gain and operating point of the plant, where they are not given."""
+        if self.gain is not None:
+            return self
+        from scipy.linalg import solve_continuous_are
+
+        model, x, u, A = drilling_point(plant, self.reference)
+        n = x.size
+        F, G = _with_integral(A, model.top), np.append(model.B, 0.0)[:, None]
+        Q = np.zeros((n + 1, n + 1))
+        Q[:n, :n] = np.outer(model.top, model.top) / self.top_size**2 + np.outer(model.bit, model.bit) / self.bit_size**2
+        Q[n, n] = 1 / self.angle_size**2
+        P = solve_continuous_are(F, G, Q, np.array([[1 / self.torque_size**2]]))
+        gain = self.torque_size**2 * (G.T @ P).ravel()
+        tangent = np.linalg.lstsq(
+            np.vstack([np.column_stack([A, model.B]), np.append(model.top, 0.0)]), np.append(np.zeros(n), 1.0), rcond=1e-13
+        )[0]
+        return replace(
+            self, states=model.states, units=model.units, gain=tuple(gain.tolist()), point=(*x.tolist(), u), slope=tuple(tangent.tolist())
+        )
+
+    def _feedback(self, signal, angle) -> tuple[Any, Any]:
+        """Torque wanted and deviation of the top speed."""
+        if self.gain is None or self.point is None or self.slope is None:
+            raise SceneError(
+                "LQR needs the plant it acts on: call `design(plant)`, or give `gain`, `point`, `slope`, `states` and `units`."
+            )
+        reference = signal("top.reference", "rad/s", default=self.reference)
+        target = [value + slope * (reference - self.reference) for value, slope in zip(self.point, self.slope, strict=True)]
+        x = [signal(name, unit) for name, unit in zip(self.states, self.units, strict=True)]
+        wanted = target[-1] - self.gain[-1] * angle
+        for gain, here, there in zip(self.gain, x, target[:-1], strict=False):
+            wanted -= gain * (here - there)
+        return wanted, signal("top.speed", "rad/s") - reference
+
+    def continuous(self, signal):
+        angle = state("lqr.angle", "rad")
+        wanted, error = self._feedback(signal, angle)
+        command, _ = self.limited(wanted)
+        return Equations(flow={angle: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
+
+    def sampled(self, signal, period):
+        angle = state("lqr.angle", "rad")
+        wanted, error = self._feedback(signal, angle)
+        command, memory = self.limited(wanted, period)
+        return Update({angle: angle + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")})
+
+    def _rate(self, error, wanted, command):
+        return error if command is wanted else error + (wanted - command) / (self.gain[-1] * self.tracking)
+
+
+def _with_integral(A: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """A with one more state, the integral of row x."""
+    n = A.shape[0]
+    return np.block([[A, np.zeros((n, 1))], [row[None, :], np.zeros((1, 1))]])

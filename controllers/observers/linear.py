@@ -1,0 +1,163 @@
+"""Linear observers of a drill string whose bit torque is an unknown disturbance.
+
+    x_hat' = A x_hat + B u - E T_hat + L_x (w_top - w_top_hat),   T_hat' = L_T (w_top - w_top_hat)
+
+x are twists and speeds of the string without its rock, T is the torque of the rock on the bit, known neither in size nor in law: a wandering
+constant. The gain L is that of a Kalman filter, or places all poles at one bandwidth. Only the top speed and the torque command are read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from controllers.string_model import StringModel, string_model
+from toolbox import Equations, Observer, SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class StringObserver(Observer):
+    """What the observers of a string share: the model with its disturbance, the estimates, and how a sample is integrated.
+
+    estimates: all states of the string by name, `top.speed`, `bit.speed` [rad/s], `top.load`, `bit.torque` [N m] and, where the plant has a
+    rock `BitRock` with exponential friction, `bit.friction_scale` [1]: the torque over that of the declared rock at the estimated speed, NaN-free and
+    meaningful while the bit turns. A sample is one Runge-Kutta step of order four with measurement and command held.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed",)
+    estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
+
+    states: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    matrix: tuple[float, ...] | None = quantity(None, "1", "A with the disturbance as last state, row by row; filled in by design")
+    drive: tuple[float, ...] | None = quantity(None, "1", "B with a zero for the disturbance; filled in by design")
+    rows: tuple[float, ...] | None = quantity(None, "1", "rows that give top speed, bit speed and top load; filled in by design")
+    gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
+    rock: tuple[float, ...] | None = quantity(
+        None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
+    )
+
+    def gains(self, A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """The gain L for x' = A x, y = row x, with the disturbance as last state."""
+        raise NotImplementedError
+
+    def design(self, plant):
+        """The observer with the model and gain of the plant, where they are not given."""
+        if self.gain is not None:
+            return self
+        model = string_model(plant)
+        A, B, rows = with_disturbance(model)
+        gain = self.gains(A, B, rows[0])
+        try:
+            size = plant.parameter("bit.weight") * plant.parameter("bit.radius")
+            static, kinetic, decay = (plant.parameter(f"bit.friction.{name}") for name in ("static", "kinetic", "decay"))
+            rock = (size * kinetic, size * (static - kinetic), decay)
+        except SceneError:
+            rock = None
+        numbers = {"matrix": A, "drive": B, "rows": rows, "gain": gain}
+        return replace(
+            self, states=model.states, units=model.units, rock=rock, **{name: tuple(v.ravel().tolist()) for name, v in numbers.items()}
+        )
+
+    def injection(self, error: Any) -> Any:
+        """What the gain is multiplied with, given w_top - w_top_hat."""
+        return error
+
+    def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
+        """State, its rate as a function of the state, and the estimates."""
+        if self.gain is None or self.matrix is None or self.drive is None or self.rows is None:
+            raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
+        n = len(self.gain)
+        A, B, L = ca.reshape(ca.vertcat(*self.matrix), n, n).T, ca.vertcat(*self.drive), ca.vertcat(*self.gain)
+        top, bit, load = (ca.horzcat(*self.rows[i * n : (i + 1) * n]) for i in range(3))
+        x = state("observer.state", "1", n)
+        speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
+
+        def rate(z: Any) -> Any:
+            return A @ z + B * torque + L * self.injection(speed - top @ z)
+
+        estimates: dict[str, tuple[Any, str]] = {
+            name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))
+        }
+        estimates |= {
+            "top.speed": (top @ x, "rad/s"),
+            "bit.speed": (bit @ x, "rad/s"),
+            "top.load": (load @ x, "N m"),
+            "bit.torque": (x[n - 1], "N m"),
+        }
+        if self.rock is not None:
+            at_speed, excess, decay = self.rock
+            estimates["bit.friction_scale"] = (x[n - 1] / (at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
+        return x, rate, estimates
+
+    def continuous(self, signal):
+        x, rate, estimates = self._equations(signal)
+        return Equations(flow={x: rate(x)}, gives=estimates)
+
+    def sampled(self, signal, period):
+        x, rate, estimates = self._equations(signal)
+        a = rate(x)
+        b = rate(x + period / 2 * a)
+        c = rate(x + period / 2 * b)
+        d = rate(x + period * c)
+        return Update({x: x + period / 6 * (a + 2 * b + 2 * c + d)}, estimates)
+
+
+def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and the rows for top speed, bit speed and top load of the string with the torque of the rock as one more, constant state."""
+    A = np.block([[model.A, -model.E[:, None]], [np.zeros((1, model.A.shape[0] + 1))]])
+    rows = np.array([np.append(row, 0.0) for row in (model.top, model.bit, model.load)])
+    return A, np.append(model.B, 0.0), rows
+
+
+@dataclass(frozen=True)
+class Kalman(StringObserver):
+    """Steady Kalman filter: the gain that is best for white noises of the given sizes.
+
+    The measurement has noise of standard deviation `speed_noise` at samples every `period`; the bit torque wanders by `torque_walk` in a second (the
+    square root of its variance), the drive's torque has an error of that kind of `drive_walk`. `design` solves the Riccati equation (scipy).
+    Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
+    """
+
+    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    period: float = quantity(0.01, "s", "sample time of that noise", above=0)
+    torque_walk: float = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+
+    def gains(self, A, B, row):
+        """L = P C' / R of the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
+        from scipy.linalg import solve_continuous_are
+
+        Q = self.drive_walk**2 * np.outer(B, B)
+        Q[-1, -1] += self.torque_walk**2
+        R = self.speed_noise**2 * self.period
+        # scaled so that entries of speeds and torques are alike
+        size = np.where(np.arange(A.shape[0]) == A.shape[0] - 1, self.torque_walk, 1.0)
+        scaled = A * size[None, :] / size[:, None]
+        P = solve_continuous_are(scaled.T, (row * size)[:, None], Q / np.outer(size, size), np.array([[R]]))
+        return size * (P @ (row * size)) / R
+
+
+@dataclass(frozen=True)
+class DisturbanceObserver(StringObserver):
+    """Disturbance observer with all poles at -bandwidth (Ackermann's formula).
+
+    One number to tune: faster follows the rock sooner and passes more noise. Source: the pole placement is textbook (K. Ogata, Modern Control Engineering).
+    """
+
+    bandwidth: float = quantity(6.0, "rad/s", "distance of all poles from zero", above=0)
+
+    def gains(self, A, B, row):
+        """L that makes det(s - A + L C) = (s + bandwidth)^n."""
+        return placed(A, row, np.poly(np.full(A.shape[0], -self.bandwidth)))
+
+
+def placed(A: np.ndarray, row: np.ndarray, polynomial: np.ndarray) -> np.ndarray:
+    """The gain L for which A - L row has this characteristic polynomial (leading one first): L = p(A) O^-1 e_n, O the observability matrix."""
+    n = A.shape[0]
+    observability = np.array([row @ np.linalg.matrix_power(A, k) for k in range(n)])
+    value = sum(coefficient * np.linalg.matrix_power(A, n - k) for k, coefficient in enumerate(polynomial))
+    return value @ np.linalg.solve(observability, np.eye(n)[:, -1])

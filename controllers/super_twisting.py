@@ -1,0 +1,74 @@
+"""Super-twisting: second-order sliding with a continuous torque, on a tracking surface or on one that makes the drive an impedance.
+
+    u = u_eq - J_r (k_1 |s|^(1/2) sgn(s) - v),   v' = -k_2 sgn(s),   k_1 = 1.5 L^(1/2),  k_2 = 1.1 L
+
+takes s and s' to zero in finite time against a disturbance whose rate is below L [rad/s3]. Gains and law: A. Levant, Int. J. Control 58 (1993) 1247-1263.
+
+Why sampled only: the continuous law switches infinitely often in finite time before it rests, which no event location follows to its end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from controllers.sliding_mode import SlidingSurface
+from toolbox import SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class SuperTwisting(SlidingSurface):
+    """Super-twisting on the tracking surface s = (w_r - Om) + lam int (w_r - Om) + lam int (w_r - w_b) of `SlidingMode`.
+
+    `disturbance_rate` is L; the field `reaching` is not used. Where torque limits are known, the integral of the surface takes up what the drive
+    cannot give. Sampled only.
+    """
+
+    disturbance_rate: float = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
+
+    def sampled(self, signal, period):
+        angle, v = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")
+        rate, s, equivalent = self.terms(signal, angle)
+        sign = ca.sign(s)
+        k1, k2 = 1.5 * ca.sqrt(self.disturbance_rate), 1.1 * self.disturbance_rate
+        wanted = equivalent - self.inertia * (k1 * ca.sqrt(ca.fabs(s)) * sign - v)
+        command, memory = self.limited(wanted, period)
+        return Update(
+            memory={angle: angle + period * self.taken_up(rate, wanted, command), v: v - period * k2 * sign, **memory},
+            outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
+        )
+
+
+@dataclass(frozen=True)
+class ImpedanceSuperTwisting(SuperTwisting):
+    """Super-twisting on the surface of a drive without inertia whose impedance is Z: it gives way to the string as a matched end would.
+
+        s = (w_r - Om) + surface int (w_r - Om) + tau / Z,   u_eq = c_r w_r + tau - J_r surface (w_r - Om)
+
+    tau is the torque of the string on the drive, whose rate over Z is the disturbance. On s = 0, tau = -Z (w_r - Om) - surface Z int (w_r - Om). `impedance` is
+    sqrt(k J_b) of the chain unless given, `surface` the rate at which the set-point is won back. Measures no bit speed.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
+
+    impedance: float | None = quantity(None, "N m s/rad", "impedance Z", above=0)
+
+    def design(self, plant):
+        """The law with inertia, drag and impedance read from the plant where they are not given."""
+        law = super().design(plant)
+        if law.impedance is not None:
+            return law
+        try:
+            inertia, stiffness = plant.parameter("chain.inertia"), plant.parameter("chain.stiffness")
+        except SceneError as error:
+            raise SceneError(f"ImpedanceSuperTwisting needs `impedance`: {error}") from None
+        return replace(law, impedance=float(np.sqrt(np.sum(inertia[1:]) / np.sum(1.0 / stiffness))))
+
+    def terms(self, signal, angle):
+        """Rate of the integral term, the surface s, and the equivalent control."""
+        top, load = signal("top.speed", "rad/s"), signal("top.load", "N m")
+        error = top - signal("top.reference", "rad/s", default=self.reference)
+        return error, error + self.surface * angle + load / self.impedance, self.drag * top + load - self.inertia * self.surface * error

@@ -1,0 +1,92 @@
+"""Z-torque: a drive without inertia and with the impedance of the string."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from controllers.torque_limits import TorqueLimits
+from toolbox import Equations, SceneError, Update, quantity, state
+
+
+@dataclass(frozen=True)
+class ZTorque(TorqueLimits):
+    """Speed control that compensates the inertia of the drive and leaves the string its own impedance at the top.
+
+        u = P e + I z + J_c (w - f) / T_f,   f' = (w - f) / T_f,   z' = e,   e = reference - top speed
+
+    (w - f) / T_f is the filtered acceleration. Below sqrt(zeta / (J T_f)) the drive then shows the string Z = P (and I / i om below I / P), instead of a
+    P that an inertia hides. With P = zeta = I_p sqrt(G rho) a wave is not reflected, |r| = |P - zeta| / (P + zeta). All of the inertia cannot be
+    compensated through a filter: J_c = J (1 - sqrt(zeta T_f / J))^2 is what leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
+    `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the
+    drag of the drive, I = zeta sqrt(k / J_b) / 5. Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I
+    are choices of this file. Where torque limits are known, z is led back by (command - wanted) / zeta.
+    """
+
+    impedance: float | None = quantity(None, "N m s/rad", "gain P", at_least=0)
+    integral: float | None = quantity(None, "N m/rad", "gain I", at_least=0)
+    inertia: float | None = quantity(None, "kg m2", "inertia J_c that is compensated", at_least=0)
+    filter_time: float = quantity(0.05, "s", "time constant T_f of the acceleration's filter", above=0)
+    back_calculation: float = quantity(500.0, "N m s/rad", "torque per rate by which z is led back where the command is cut", above=0)
+    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+
+    @classmethod
+    def for_string(cls, string_impedance: float, inertia: float, filter_time: float = 0.05, **others: Any) -> ZTorque:
+        """The law for a string of impedance zeta [N m s/rad] (see `controllers.impedance`) on a drive of that inertia [kg m2]; I = 0 unless given."""
+        numbers: dict[str, Any] = {
+            "impedance": string_impedance,
+            "inertia": compensated(inertia, string_impedance, filter_time),
+            "filter_time": filter_time,
+            "integral": 0.0,
+            "back_calculation": string_impedance,
+        }
+        return cls(**(numbers | others))
+
+    def design(self, plant):
+        """The law with what is not given read from the chain of the plant."""
+        if None not in (self.impedance, self.integral, self.inertia):
+            return self
+        try:
+            inertia, stiffness, drag = (plant.parameter(f"chain.{name}") for name in ("inertia", "stiffness", "top_drag"))
+        except SceneError as error:
+            raise SceneError(
+                f"ZTorque is designed on a chain of inertias, or given `impedance`, `integral` and `inertia`: {error}"
+            ) from None
+        series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
+        zeta = float(np.sqrt(series * below))
+        numbers = {
+            "impedance": max(zeta - drag, 0.0),
+            "integral": zeta * float(np.sqrt(series / below)) / 5,
+            "inertia": compensated(float(inertia[0]), max(zeta, drag), self.filter_time),
+        }
+        return replace(self, back_calculation=zeta, **{name: value for name, value in numbers.items() if getattr(self, name) is None})
+
+    def continuous(self, signal):
+        f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")
+        error, wanted, acceleration = self._wanted(signal, f, z)
+        command, _ = self.limited(wanted)
+        return Equations(flow={f: acceleration, z: self._rate(error, wanted, command)}, gives={"top.torque": (command, "N m")})
+
+    def sampled(self, signal, period):
+        f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")
+        error, wanted, acceleration = self._wanted(signal, f, z)
+        command, memory = self.limited(wanted, period)
+        return Update(
+            {f: f + period * acceleration, z: z + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")}
+        )
+
+    def _wanted(self, signal, f, z):
+        speed = signal("top.speed", "rad/s")
+        error = signal("top.reference", "rad/s", default=self.reference) - speed
+        acceleration = (speed - f) / self.filter_time
+        return error, self.impedance * error + self.integral * z + self.inertia * acceleration, acceleration
+
+    def _rate(self, error, wanted, command):
+        return error if command is wanted else error + (command - wanted) / self.back_calculation
+
+
+def compensated(inertia: float, impedance: float, filter_time: float) -> float:
+    """The inertia [kg m2] whose compensation leaves J s + Z - J_c s / (T_f s + 1) a double zero: J_c = J (1 - sqrt(Z T_f / J))^2, Z T_f <= J."""
+    return inertia * float(1.0 - np.sqrt(min(impedance * filter_time / inertia, 1.0))) ** 2

@@ -1,0 +1,68 @@
+"""Axial motion of a drill string: a row of masses between the hook and the bit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import casadi as ca
+
+from toolbox import Component, Equations, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class AxialChain(Component):
+    """Masses in a row, from the hook (first) to the bit (last), joined by springs and dampers; downwards is positive.
+
+        m_i v_i' = N_i - N_(i-1) - drag m_i v_i,   N_i = k_i stretch_i + c_i (v_(i+1) - v_i),   stretch_i' = v_(i+1) - v_i
+
+    Stretches and forces are counted from the string hanging free, where all are zero, so weight appears at the hook only: with G = gravity sum m_i,
+    N_0 = H - G at the first mass and N_n = -W at the last, H the hook load, W the weight on bit. One mass is a rigid string.
+    Top end, one of two: `hook_load` given, H is imposed and n masses have n-1 springs, 2n-1 states; without, the hook is lowered at a given
+    speed through hoisting lines, which are the first of n springs, 2n states: `axial.stretch` [m] and `axial.speed` (n) [m/s].
+    Signals: needs `hook.load` [N] (the field) or `hook.speed` [m/s], downwards (0), and `bit.weight` W [N] (0, off bottom); gives
+    `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N]. What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`.
+    Textbook; the defaults have the size of a 1000 m string on ten lines and are chosen.
+    """
+
+    mass: tuple[float, ...] = quantity((34_000.0,), "kg", "masses, top first", above=0)
+    stiffness: tuple[float, ...] = quantity((4e6,), "N/m", "stiffness of the hoisting lines, if any, then between neighbours", at_least=0)
+    damping: tuple[float, ...] = quantity((4e4,), "N s/m", "damping beside every stiffness", at_least=0)
+    drag: float = quantity(0.0, "1/s", "viscous drag per mass", at_least=0)
+    gravity: float = quantity(9.81, "m/s2", "gravity, less buoyancy where that counts", at_least=0)
+    hook_load: float | None = quantity(None, "N", "imposed load on the hook; none behind hoisting lines", at_least=0)
+
+    def check(self):
+        n = len(self.mass)
+        if not n:
+            raise SceneError("Argument `axial.mass` must hold at least 1 mass, but it is empty.")
+        springs = n if self.hook_load is None else n - 1
+        reason = "one per mass, the hoisting lines first" if self.hook_load is None else "one less than masses where `hook_load` is imposed"
+        for name in ("stiffness", "damping"):
+            if len(getattr(self, name)) != springs:
+                raise SceneError(f"Argument `axial.{name}` must have {springs} entries, {reason}, but it has {len(getattr(self, name))}.")
+
+    def equations(self, signal):
+        n, springs = len(self.mass), len(self.stiffness)
+        speed = state("axial.speed", "m/s", n)
+        stretch = state("axial.stretch", "m", springs) if springs else ca.SX(0, 1)
+        weight_on_bit = signal("bit.weight", "N", default=0.0)
+        mass, stiffness, damping = (ca.vertcat(ca.SX(0, 1), *values) for values in (self.mass, self.stiffness, self.damping))
+        free_weight = self.gravity * ca.sum1(mass)
+        lines = self.hook_load is None
+        hook = signal("hook.speed", "m/s", default=0.0) if lines else signal("hook.load", "N", default=self.hook_load)
+        ends = [*([hook] if lines else []), *(speed[i] for i in range(n))]
+        rate = ca.vertcat(ca.SX(0, 1), *(below - above for above, below in pairwise(ends)))
+        tension = stiffness * stretch + damping * rate
+        pulls = [*([] if lines else [hook - free_weight]), *(tension[i] for i in range(springs)), -weight_on_bit]
+        force = ca.vertcat(*(below - above for above, below in pairwise(pulls))) - self.drag * mass * speed
+        gives = {"bit.axial_speed": (speed[-1], "m/s")}
+        if lines:
+            gives["hook.load"] = (free_weight + tension[0], "N")
+        return Equations(
+            flow={**({stretch: rate} if springs else {}), speed: force / mass},
+            gives=gives,
+            stored=ca.dot(mass, speed**2) / 2 + ca.dot(stiffness, stretch**2) / 2,
+            losses={"damping": ca.dot(damping, rate**2), "drag": self.drag * ca.dot(mass, speed**2)},
+            supplies={"hook": -pulls[0] * ends[0], "bit weight": -weight_on_bit * speed[-1]},
+        )

@@ -1,0 +1,76 @@
+"""An oscillator that rubs on an elastic bar: two periods of stick-slip, a long one from the oscillator and a short one from the bar."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class OscillatorOnBar(Component):
+    """A mass on a spring that rubs on a bar clamped at both ends, whose clamps move past it with the speed V.
+
+        m v' = f - k x - c v + F,     slip v - V - u_t(a, t),     F dry friction
+            (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L),     u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
+
+    with the first `modes` axial modes j of the bar and the contact at a = `contact` L. Signals: needs `oscillator.force` f [N] (0); gives
+    `oscillator.bar_speed` u_t(a) [m/s] and the states `oscillator.position` x, `oscillator.speed` v, `oscillator.amplitude` q [m] and
+    `oscillator.rate` q' [m/s] (one entry per mode). Contact: `bar`. The energy of the bar is that seen from its clamps.
+
+    A reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar), of whom only the statement on the two periods is known here; the
+    defaults are chosen. Range: small strain, travel small beside the length (the contact keeps its place on the bar), periods longer than that of
+    the last mode. A mode with a node at the contact never moves.
+    """
+
+    mass: float = quantity(0.1, "kg", "mass m of the oscillator", above=0)
+    stiffness: float = quantity(4000.0, "N/m", "stiffness k of its spring", at_least=0)
+    damping: float = quantity(0.5, "N s/m", "viscous damping c to ground", at_least=0)
+    load: float = quantity(10.0, "N", "normal load", at_least=0)
+    bar_speed: float = quantity(0.05, "m/s", "speed V of the clamps")
+    length: float = quantity(0.5, "m", "length L of the bar", above=0)
+    area: float = quantity(1e-4, "m2", "cross-section A of the bar", above=0)
+    modulus: float = quantity(3e9, "Pa", "modulus E of the bar", above=0)
+    density: float = quantity(1200.0, "kg/m3", "density rho of the bar", above=0)
+    loss: float = quantity(0.02, "1", "damping ratio zeta of every mode", at_least=0)
+    contact: float = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
+    friction: FrictionLaw = Exponential(static=0.4, kinetic=0.25, decay=10.0)
+    modes: int = 3
+
+    def check(self):
+        if isinstance(self.modes, bool) or not isinstance(self.modes, int) or self.modes < 1:
+            raise SceneError(f"Argument `oscillator.modes` must be an integer >= 1, but it is {self.modes!r}.")
+        if self.contact >= 1:
+            raise SceneError(f"Argument `oscillator.contact` must be < 1, inside the bar, but it is {self.contact:g}.")
+
+    def equations(self, signal):
+        x, v = state("oscillator.position", "m"), state("oscillator.speed", "m/s")
+        q, r = state("oscillator.amplitude", "m", self.modes), state("oscillator.rate", "m/s", self.modes)
+        wave = ca.vertcat(*range(1, self.modes + 1)) * math.pi
+        shape = ca.sin(wave * self.contact)
+        w = wave / self.length * ca.sqrt(self.modulus / self.density)
+        modal_mass = self.density * self.area * self.length / 2
+        surface = ca.dot(shape, r)
+        push = signal("oscillator.force", "N", default=0.0)
+        bar = DryFriction("bar", v - self.bar_speed - surface, self.friction, self.load)
+        return Equations(
+            flow={
+                x: v,
+                v: (push - self.stiffness * x - self.damping * v + bar.force) / self.mass,
+                q: r,
+                r: -(2 * self.loss * w * r + w**2 * q) - bar.force * shape / modal_mass,
+            },
+            gives={"oscillator.bar_speed": (surface, "m/s")},
+            elements=[bar],
+            stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2 + modal_mass * (ca.dot(r, r) + ca.dot(w**2, q**2)) / 2,
+            losses={
+                "friction": -bar.force * (v - self.bar_speed - surface),
+                "damping": self.damping * v**2,
+                "bar": modal_mass * ca.dot(2 * self.loss * w, r**2),
+            },
+            supplies={"clamps": bar.force * self.bar_speed, "force": push * v},
+        )

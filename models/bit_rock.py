@@ -1,0 +1,29 @@
+"""Rock under a rotating bit: set-valued torque that falls with speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity
+
+
+@dataclass(frozen=True)
+class BitRock(Component):
+    """Rock under a rotating bit: set-valued Stribeck torque, T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
+
+    Signals: needs `bit.speed` [rad/s] and `bit.weight` [N] (the field `weight`); gives `bit.torque` [N m]. Contact: `bit`. Defaults: E. M.
+    Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s,
+    so that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
+    """
+
+    weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)
+    radius: float = quantity(0.155575, "m", "radius of the bit", above=0)
+    friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
+
+    def equations(self, signal):
+        speed = signal("bit.speed", "rad/s")
+        weight = signal("bit.weight", "N", default=self.weight)
+        bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
+        # the power that enters the rock is what the chain books as its bit torque
+        return Equations(gives={"bit.torque": (-bit.force, "N m")}, elements=[bit])

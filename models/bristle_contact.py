@@ -1,0 +1,100 @@
+"""A contact that slips region by region: a row of bristles, each a spring in series with a dry slider (Jenkins elements, an Iwan model).
+
+Why a play operator and no bristle mass: the slider of a bristle has no mass and sits behind a spring, so its friction force is the state of
+the spring, and no force of its own acts on its slip. What can be chosen at the bound is its slip: z' = v - w with |z| <= z_b, where w is zero inside, and
+whatever keeps z at the bound as long as v points outward. That is a relay in the switching function s = (z / z_b)^2 - 1 with w = z u, u >= 0: its
+"sliding mode" s = 0 is the bristle slipping at its bound, and it ends exactly where v turns round. A small mass at each tip would make
+the bristle a `DryFriction`, at the price of a fast oscillation per bristle that the physics does not have and an explicit method must follow; a parallel damper
+would add a viscous force and the same stiffness. The play is exact and has no time constant at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from toolbox import Component, Equations, Relay, SceneError, quantity, state
+
+
+def parabolic_shares(n: int) -> tuple[float, ...]:
+    """Parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
+
+    The pressure 3/4 (1 - s^2), -1 <= s <= 1, integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler
+    foundation under a parabolic punch.
+    """
+    if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+        raise SceneError(f"Argument `n` must be a whole number >= 1, but it is {n!r}.")
+
+    def below(i: int) -> float:
+        s = 2 * i / n - 1
+        return (3 * s - s**3) / 4
+
+    return tuple(below(i + 1) - below(i) for i in range(n))
+
+
+FASTEST = 1e4
+"""How fast a bound may shrink, in parts of itself per second, without a bristle left beyond it."""
+
+
+class _Bristle(Relay):
+    """The relay of one bristle under the names of what it does: it slips where the relay slides."""
+
+    legend: ClassVar[dict[int, str]] = {0: "slip", -1: "stick", 1: "beyond"}
+
+
+@dataclass(frozen=True)
+class BristleContact(Component):
+    """Row of n bristles between a slider and a plate that share the load; every one sticks and slips on its own, without inertia.
+
+        z_i' = v - v_plate - w_i ,   F = -sum k/n z_i ,   |k/n z_i| <= mu N share_i ,   w_i = 0 unless at the bound
+
+    Loading from rest follows F(x) = sum min(k x / n, mu N share_i), reversals follow Masing's rule. Signals: needs `slider.speed` v [m/s] (0),
+    `plate.speed` [m/s] (0), `plate.load` N [N] (the field); gives `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the part of the
+    bristles below their bound. State: `plate.stretch` z (n) [m], from 0. Elements: `plate.i` with modes "stick" and "slip" and
+    signals `plate.i.force` [N] and `plate.i.slip` w_i [m/s]. A load that varies must
+    stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu: without inertia a
+    bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an assumption.
+    """
+
+    n: int = 16
+    shares: tuple[float, ...] | None = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
+    load: float = quantity(10.0, "N", "normal load", above=0)
+    stiffness: float = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
+    friction: float = quantity(0.35, "1", "coefficient of friction", above=0)
+
+    def check(self):
+        expected = len(parabolic_shares(self.n))
+        if self.shares is None:
+            return
+        if len(self.shares) != expected:
+            raise SceneError(f"Argument `plate.shares` must have {expected} entries, one per bristle, but it has {len(self.shares)}.")
+        if abs(sum(self.shares) - 1) > 1e-9:
+            raise SceneError(f"Argument `plate.shares` must add up to 1, but the sum is {sum(self.shares):.12g}.")
+
+    def equations(self, signal):
+        n, shares = self.n, parabolic_shares(self.n) if self.shares is None else self.shares
+        z = state("plate.stretch", "m", n)
+        v, plate_speed = signal("slider.speed", "m/s", default=0.0), signal("plate.speed", "m/s", default=0.0)
+        load = signal("plate.load", "N", default=self.load)
+        slip = v - plate_speed
+        bound = self.friction * load * ca.vertcat(*shares) * n / self.stiffness
+        relays, excess = [], []
+        for i in range(n):
+            # any ceiling above what slipping takes will do, for then only the turn of the slip ends it
+            ceiling = 2 * ca.sqrt((slip / bound[i]) ** 2 + FASTEST**2)
+            relays.append(_Bristle(f"plate.{i}", (z[i] / bound[i]) ** 2 - 1, ceiling, force_unit="1/s"))
+            excess.append((ceiling - relays[-1].force) / 2)
+        slider_slip = ca.vertcat(*excess) * z
+        force = -self.stiffness / n * z
+        drag = ca.sum1(force)
+        each = {f"plate.{i}.force": (force[i], "N") for i in range(n)} | {f"plate.{i}.slip": (slider_slip[i], "m/s") for i in range(n)}
+        return Equations(
+            flow={z: slip - slider_slip},
+            gives={"plate.drag": (drag, "N"), "plate.stuck": (sum(relay.mode**2 for relay in relays) / n, "1")} | each,
+            elements=relays,
+            stored=self.stiffness / n * ca.sumsqr(z) / 2,
+            losses={"friction": -ca.dot(force, slider_slip)},
+            supplies={"plate drive": drag * plate_speed},
+        )

@@ -1,0 +1,133 @@
+"""Stack of disks, as in the brake of an aircraft wheel: rotors keyed to the wheel between stators keyed to the axle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class DiskStack(Component):
+    """Rotors and stators in turn, pressed together by an actuator; each of the 2 n interfaces sticks and slips on its own.
+
+    Disk j = 0 .. 2n is a stator where j is even, a rotor where it is odd; interface i lies between disks i and i+1 and has its own load N_i:
+
+        rotor    J_r w_j' = T_(j-1) + T_j - k_r a_j - c_r a_j' ,   a_j' = w_j - w_wheel
+        stator   J_s w_j' = -T_(j-1) - T_j - k_s a_j - c_s a_j' ,  a_j' = w_j
+        wheel    I w_wheel' = T + sum over rotors (k_r a_j + c_r a_j')
+        T_i      friction torque of interface i, N_i R mu against rotor speed - stator speed
+        axial    m_j z_j'' = N_(j-1) - N_j - c_z z_j' ,  N_i = max(0, F_0 + k_c (z_i - z_(i+1)))
+                 N_(-1) = F_a (actuator),  N_2n = F_0 + k_b z_2n (back plate)
+
+    z_j is counted from where the disk rests under F_0, the field `actuator_force`: a start from zero is a closed stack. Faces part and meet
+    again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
+    Friction does not act back on the axial motion, and nothing but inertia makes the loads of the interfaces differ.
+
+    Signals: needs `stack.torque` T [N m] (0) and `stack.actuator_force` F_a [N] (the field); gives `stack.brake_torque` [N m], the torque
+    of all rotors against the wheel, and `stack.load` (2n) [N]. States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s],
+    `stack.wheel_speed` [rad/s], `stack.position` (2n+1) [m], `stack.axial_speed` (2n+1) [m/s]. Contacts: `stack.i`, i from 0 to 2n-1.
+
+    A reconstruction: of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract is known (slip phases of nearly constant
+    duration, stick phases that grow until the last). Equations and all numbers are chosen to show that.
+    """
+
+    rotors: int = 8
+    wheel_inertia: float = quantity(320.0, "kg m2", "inertia of the wheel and what it carries", above=0)
+    rotor_inertia: float = quantity(0.02, "kg m2", "inertia of a rotor", above=0)
+    stator_inertia: float = quantity(0.02, "kg m2", "inertia of a stator", above=0)
+    rotor_stiffness: float = quantity(20_000.0, "N m/rad", "stiffness of the keys between a rotor and the wheel", at_least=0)
+    rotor_damping: float = quantity(1.0, "N m s/rad", "damping of those keys", at_least=0)
+    stator_stiffness: float = quantity(2000.0, "N m/rad", "stiffness of the mount of a stator", at_least=0)
+    stator_damping: float = quantity(3.0, "N m s/rad", "damping of that mount", at_least=0)
+    rotor_mass: float = quantity(2.0, "kg", "mass of a rotor", above=0)
+    stator_mass: float = quantity(2.0, "kg", "mass of a stator", above=0)
+    contact_stiffness: float = quantity(1e7, "N/m", "axial stiffness of an interface", above=0)
+    back_stiffness: float = quantity(1e7, "N/m", "axial stiffness behind the last stator", above=0)
+    axial_damping: float = quantity(100.0, "N s/m", "damping of the axial motion of a disk in its keys", at_least=0)
+    actuator_force: float = quantity(1000.0, "N", "force of the actuator", at_least=0)
+    radius: float = quantity(0.1, "m", "effective radius of the contacts", above=0)
+    friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
+
+    def check(self):
+        if isinstance(self.rotors, bool) or not isinstance(self.rotors, int) or self.rotors < 1:
+            raise SceneError(f"Argument `stack.rotors` must be a whole number >= 1, but it is {self.rotors!r}.")
+
+    def equations(self, signal):
+        n = 2 * self.rotors + 1
+        twist, speed = state("stack.twist", "rad", n), state("stack.speed", "rad/s", n)
+        wheel = state("stack.wheel_speed", "rad/s")
+        z, v = state("stack.position", "m", n), state("stack.axial_speed", "m/s", n)
+        torque = signal("stack.torque", "N m", default=0.0)
+        actuator = signal("stack.actuator_force", "N", default=self.actuator_force)
+
+        rotor = np.arange(n) % 2 == 1
+
+        def per_disk(of_rotor, of_stator):
+            return ca.vertcat(*[of_rotor if turns else of_stator for turns in rotor])
+
+        inertia, mass = per_disk(self.rotor_inertia, self.stator_inertia), per_disk(self.rotor_mass, self.stator_mass)
+        stiffness = per_disk(self.rotor_stiffness, self.stator_stiffness)
+        damping = per_disk(self.rotor_damping, self.stator_damping)
+
+        # loads less F_0, whose round-off would shake the disks that nothing has reached yet
+        growth = ca.fmax(-self.actuator_force, self.contact_stiffness * (z[:-1] - z[1:]))
+        load = self.actuator_force + growth
+        ahead = ca.DM([1.0 if turns else -1.0 for turns in rotor[:-1]])  # 1 where the disk before the interface is the rotor
+        slip = ahead * (speed[:-1] - speed[1:])
+        contacts = [
+            DryFriction(f"stack.{i}", slip[i], self.friction, load[i] * self.radius, slip_unit="rad/s", force_unit="N m")
+            for i in range(n - 1)
+        ]
+        friction = ahead * ca.vertcat(*[contact.force for contact in contacts])  # on the disk before the interface
+        twist_rate = speed - per_disk(wheel, 0)
+        mount = stiffness * twist + damping * twist_rate
+        brake = -ca.dot(ca.DM(rotor.astype(float)), mount)
+        behind = self.back_stiffness * z[-1]
+        return Equations(
+            flow={
+                twist: twist_rate,
+                speed: (ca.vertcat(friction, 0) - ca.vertcat(0, friction) - mount) / inertia,
+                wheel: (torque - brake) / self.wheel_inertia,
+                z: v,
+                v: (ca.vertcat(actuator - self.actuator_force, growth) - ca.vertcat(growth, behind) - self.axial_damping * v) / mass,
+            },
+            gives={"stack.brake_torque": (brake, "N m"), "stack.load": (load, "N")},
+            elements=contacts,
+            stored=self.wheel_inertia * wheel**2 / 2
+            + ca.dot(inertia, speed**2) / 2
+            + ca.dot(stiffness, twist**2) / 2
+            + ca.dot(mass, v**2) / 2
+            + ca.sumsqr(load) / (2 * self.contact_stiffness)
+            + (self.actuator_force + behind) ** 2 / (2 * self.back_stiffness),
+            losses={
+                "friction": sum(-contact.force * slip[i] for i, contact in enumerate(contacts)),
+                "mounts": ca.dot(damping, twist_rate**2),
+                "keys": self.axial_damping * ca.sumsqr(v),
+            },
+            supplies={"torque": torque * wheel, "actuator": actuator * v[0]},
+        )
+
+    def clamped(self, force: float) -> np.ndarray:
+        """Axial positions z [m], shape (2n+1,), at rest under another actuator force [N] > 0: a start without axial motion.
+
+        Each of the springs in a row carries the force: z_j = (force - F_0) (1 / k_b + (2n - j) / k_c). Raises SceneError unless force > 0: faces that
+        just touch would begin with bounds and gaps of nothing.
+        """
+        if not 0 < force < float("inf"):
+            raise SceneError(f"Argument `force` must be > 0 N, but it is {force!r}.")
+        behind = np.arange(2 * self.rotors, -1, -1)
+        return (force - self.actuator_force) * (1 / self.back_stiffness + behind / self.contact_stiffness)
+
+    def axial_frequencies(self) -> np.ndarray:
+        """Natural frequencies of the closed stack in axial direction [rad/s], shape (2n+1,), ascending; damping is left out."""
+        n = 2 * self.rotors + 1
+        stiffness = self.contact_stiffness * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+        stiffness[0, 0] = self.contact_stiffness
+        stiffness[-1, -1] = self.contact_stiffness + self.back_stiffness
+        inverse_root = 1 / np.sqrt(np.where(np.arange(n) % 2 == 1, self.rotor_mass, self.stator_mass))
+        return np.sqrt(np.linalg.eigvalsh(inverse_root[:, None] * stiffness * inverse_root))

@@ -1,0 +1,107 @@
+"""A drag bit that cuts: every blade removes what the blade before it left, and the wear flats rub.
+
+The depth of cut is the distance between the bit and the rock that the blade ahead cut one blade angle earlier, so the equations have a delay
+that depends on the motion. Here the rock between two blades is carried along as states: q(s) is the height of the rock above the blade tip, s = 0
+just behind a blade, s = 1 at the face of the next. Rock that the bit passes at speed w and leaves behind at axial speed v obeys
+
+    q_t + w/(2 pi/n) q_s = v,   q(0) = min(0, q(1))
+
+The boundary says that a blade leaves the rock at its own depth where it cuts, and as it was where it passes above it. q is a polynomial through
+the Radau points of (0, 1], which include s = 1: no history, no interpolation, and no state that grows with the depth of the hole.
+
+Why Radau points, not Chebyshev's: both converge spectrally where the rock is smooth. While the bit is off bottom the boundary closes the interval
+to a ring, on which Chebyshev's extrema let some waves grow (7e-3 per blade angle at 24 points); Radau points let none grow, and their largest
+eigenvalue on bottom, which limits the steps, is less than half.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from models.friction import Coulomb
+from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
+
+
+def radau(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The point 0 and the n Radau points of (0, 1], shape (n+1,), and the matrix that takes values there to slopes there, (n+1, n+1)."""
+    legendre = np.zeros(n + 1)
+    legendre[n - 1 :] = -1.0, 1.0
+    points = np.append(0.0, (np.sort(np.polynomial.legendre.legroots(legendre)) + 1) / 2)
+    points[-1] = 1.0
+    distance = points[:, None] - points + np.eye(n + 1)
+    products = distance.prod(axis=1)
+    slopes = products[:, None] / products / distance
+    np.fill_diagonal(slopes, 0.0)
+    return points, slopes - np.diag(slopes.sum(axis=1))
+
+
+@dataclass(frozen=True)
+class DragBit(Component):
+    """Cutting and rubbing of a drag bit with n blades (Richard, Germay and Detournay).
+
+        T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off it
+
+    d is the depth of cut per revolution. The wear flats carry W_f = l a sigma while the bit moves down, nothing while it moves up, and anything
+    between at rest: contact `bit.axial`. Both parts of the torque resist forward rotation, only the flats backward rotation, and a bit at rest
+    holds anything between: contact `bit`. With a depth of cut below `engagement` the flats carry in proportion, so that touching down is no jump.
+    Signals: needs `bit.speed` w [rad/s] and `bit.axial_speed` v [m/s], downwards; gives `bit.torque` T [N m], `bit.weight` W [N] and
+    `bit.cut_depth` d [m], negative off bottom. States: `bit.profile` q (nodes) [m], see the module.
+    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007). Assumed: all numbers, of the size that source uses; `engagement`;
+    equal blades; backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned
+    back is not cut twice. Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands
+    leaves it: the cutting force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with
+    negative `bit.cut_depth` is a warning, not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry
+    nothing, it lies on the edge of what it can hold. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
+    """
+
+    radius: float = quantity(0.108, "m", "radius a of the bit", above=0)
+    specific_energy: float = quantity(60e6, "Pa", "energy eps per volume of rock cut", at_least=0)
+    inclination: float = quantity(0.6, "1", "ratio zeta of axial to tangential cutting force", at_least=0)
+    friction: float = quantity(0.6, "1", "coefficient mu of friction at the wear flats", at_least=0)
+    geometry: float = quantity(1.0, "1", "bit geometry number gamma", at_least=0)
+    flat_length: float = quantity(1.2e-3, "m", "length l of the wear flats of all blades", at_least=0)
+    flat_stress: float = quantity(60e6, "Pa", "contact stress sigma under the wear flats", at_least=0)
+    engagement: float = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
+    blades: int = 4
+    nodes: int = 16
+
+    def check(self):
+        for name in ("blades", "nodes"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise SceneError(f"Argument `bit.{name}` must be a whole number >= 1, but it is {value!r}.")
+
+    def equations(self, signal):
+        speed, axial_speed = signal("bit.speed", "rad/s"), signal("bit.axial_speed", "m/s")
+        profile = state("bit.profile", "m", self.nodes)
+        depth = self.blades * profile[-1]
+        cut = ca.fmax(depth, 0)
+        share = ca.fmin(cut / self.engagement, 1)
+        cutting_torque = self.specific_energy * self.radius**2 * cut / 2
+
+        # a force between 0 and 2 b is b plus dry friction of bound b
+        half = share * self.flat_length * self.radius * self.flat_stress / 2
+        flats = DryFriction("bit.axial", axial_speed, Coulomb(1.0, 1.0), half)
+        flat_weight = half - flats.force
+        flat_torque = self.friction * self.geometry * self.radius / 2 * flat_weight
+        bit = DryFriction("bit", speed, Coulomb(1.0, 1.0), cutting_torque / 2 + flat_torque, slip_unit="rad/s", force_unit="N m")
+
+        passing = (
+            bit.mode * (1 + bit.mode) / 2 * speed * self.blades / (2 * math.pi)
+        )  # blade angles per second, while the bit turns forward
+        _, slopes = radau(self.nodes)
+        along = ca.DM(slopes[1:, 1:]) @ profile + ca.DM(slopes[1:, 0]) * ca.fmin(profile[-1], 0)
+        return Equations(
+            flow={profile: axial_speed - passing * along},
+            gives={
+                "bit.torque": (cutting_torque / 2 - bit.force, "N m"),
+                "bit.weight": (self.inclination * self.specific_energy * self.radius * cut + flat_weight, "N"),
+                "bit.cut_depth": (depth, "m"),
+            },
+            elements=[flats, bit],
+            stored=0.0,  # what it takes is cut or rubbed away
+        )

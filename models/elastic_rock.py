@@ -1,0 +1,48 @@
+"""Rock as a spring and damper under the bit, which may lift off: bit bounce."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from toolbox import Component, Equations, SceneError, UnilateralContact, quantity, state
+
+
+@dataclass(frozen=True)
+class ElasticRock(Component):
+    """Elastic rock that carries the bit while it touches: W = max(0, k d + c d') on bottom, 0 off it; d = z + a cos(j phi).
+
+    z is the depth of the bit below the mean surface, which is at rest: hook speeds are relative to the mean rate of penetration. A surface with j
+    lobes of height a, as roller-cone bits leave it, lifts the bit once per lobe. Contact: `bit.bottom`, open or closed.
+    Signals: needs `bit.axial_speed` [m/s], downwards, and with lobes `bit.speed` [rad/s]; gives `bit.weight` W [N], `bit.position` z [m], a
+    state, and with lobes `bit.angle` phi [rad], another. The torque that lobes need to lift the bit is left out, as is usual: its power is
+    the supply `lobes`. Textbook; stiffness and damping are chosen, of the size of stiff rock under a bit.
+    """
+
+    stiffness: float = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)
+    damping: float = quantity(1e5, "N s/m", "damping c beside it", at_least=0)
+    lobe_height: float | None = quantity(None, "m", "height a of the lobes above and below the mean surface", at_least=0)
+    lobes: int = 3
+
+    def check(self):
+        if isinstance(self.lobes, bool) or not isinstance(self.lobes, int) or self.lobes < 1:
+            raise SceneError(f"Argument `bit.lobes` must be a whole number >= 1, but it is {self.lobes!r}.")
+
+    def equations(self, signal):
+        position, axial_speed = state("bit.position", "m"), signal("bit.axial_speed", "m/s")
+        flow, lift, lift_rate = {position: axial_speed}, ca.SX(0), ca.SX(0)
+        if self.lobe_height is not None:
+            angle, speed = state("bit.angle", "rad"), signal("bit.speed", "rad/s")
+            flow[angle] = speed
+            lift = self.lobe_height * ca.cos(self.lobes * angle)
+            lift_rate = -self.lobe_height * self.lobes * speed * ca.sin(self.lobes * angle)
+        bottom = UnilateralContact("bit.bottom", position + lift, axial_speed + lift_rate, stiffness=self.stiffness, damping=self.damping)
+        return Equations(
+            flow=flow,
+            gives={"bit.weight": (bottom.force, "N")},
+            elements=[bottom],
+            stored=bottom.stored,
+            losses={"rock": bottom.loss},
+            supplies={"bit": bottom.force * axial_speed, "lobes": bottom.force * lift_rate},
+        )

@@ -1,0 +1,170 @@
+"""Flow in a line by lumped elements: the mud line of a rig from the pump to the nozzles of the bit, or any hydraulic line with losses.
+
+Form: M. Mirramezani, S. C. Shadden (2020), distributed lumped parameter model of flow: per segment a viscous resistance, an expansion loss, an inertance
+and a compliance, and a resistor-capacitor-resistor (RCR) at the outlet. The coefficients of a round pipe are textbook.
+
+Why set-valued, not tanh: drilling mud at rest forms a gel that carries a pressure until it breaks. A regularised yield stress lets it creep, and a
+pump that should build up pressure until circulation breaks never has to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox.elements import is_finite_number
+
+
+@dataclass(frozen=True)
+class FlowLine(Component):
+    """Segments in a row from the inlet to the outlet; Q_0 is the flow put in, p_(n+1) the pressure at the outlet.
+
+        C_i p_i' = Q_(i-1) - Q_i,     L_i Q_i' = p_i - p_(i+1) - R_i Q_i - K_i Q_i |Q_i| - F_i
+
+    n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s]. Signals: needs `line.inlet_flow` Q_0 [m3/s] (0) and `line.outlet_pressure`
+    [Pa] (0); gives `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s]. The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
+
+    `gel` adds the yield pressure of a fluid that gels at rest, |F_i| <= load_i static at rest and load_i sliding(|Q_i|) in flow, contact `line.i` (i from 0),
+    with `gel_load` [Pa] per segment: for a round pipe 4 tau l / d (balance of forces at the wall). The gel is back as soon as the flow rests. One segment
+    breaks at the full strength of the line; many break one after another from the pump on, at less (see `studies/networks.py`).
+
+    Range: one-dimensional flow, laminar where R is that of Poiseuille; waves of some ten segments and longer; pressures relative to the surroundings. The
+    defaults are an example.
+    """
+
+    resistance: tuple[float, ...] = quantity((1e7,), "Pa s/m3", "viscous resistance R of every segment", at_least=0)
+    loss: tuple[float, ...] = quantity((0.0,), "Pa s2/m6", "expansion or nozzle loss K of every segment", at_least=0)
+    inertance: tuple[float, ...] = quantity((1e8,), "Pa s2/m3", "inertance L of every segment", above=0)
+    compliance: tuple[float, ...] = quantity((1e-9,), "m3/Pa", "compliance C at the head of every segment", above=0)
+    gel: FrictionLaw | None = None
+    gel_load: tuple[float, ...] | None = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
+
+    @staticmethod
+    def pipe(
+        length: float,
+        diameter: float,
+        *,
+        viscosity: float,
+        density: float,
+        bulk_modulus: float,
+        segments: int,
+        end_loss: float = 0.0,
+        gel: FrictionLaw | None = None,
+    ) -> FlowLine:
+        """The line of a uniform round pipe: length and diameter [m], viscosity [Pa s], density [kg/m3], bulk modulus of fluid and wall [Pa].
+
+        Per segment of length l and area A: R of Poiseuille, L = density l / A, C = A l / bulk modulus, K = 0 but for `end_loss` [Pa s2/m6] in the
+        last. `gel` is then a law of the yield stress [Pa] at the wall. Raises SceneError for arguments that are no pipe.
+        """
+        if not isinstance(segments, int) or isinstance(segments, bool) or segments < 1:
+            raise SceneError(f"Argument `segments` must be an integer >= 1, but it is {segments!r}.")
+        _positive(length=length, diameter=diameter, viscosity=viscosity, density=density, bulk_modulus=bulk_modulus)
+        area, part = math.pi * diameter**2 / 4, length / segments
+        return FlowLine(
+            resistance=(poiseuille_resistance(part, diameter, viscosity),) * segments,
+            loss=(*(0.0,) * (segments - 1), end_loss),
+            inertance=(density * part / area,) * segments,
+            compliance=(area * part / bulk_modulus,) * segments,
+            gel=gel,
+            gel_load=None if gel is None else (4 * part / diameter,) * segments,
+        )
+
+    def check(self):
+        n = len(self.resistance)
+        if n < 1:
+            raise SceneError("Argument `line.resistance` must hold at least one segment, but it is empty.")
+        for name in ("loss", "inertance", "compliance", "gel_load"):
+            given = getattr(self, name)
+            if given is not None and len(given) != n:
+                raise SceneError(f"Argument `line.{name}` must have {n} entries like `line.resistance`, but it has {len(given)}.")
+        if (self.gel is None) != (self.gel_load is None):
+            raise SceneError("Arguments `line.gel` and `line.gel_load` must be given together, but one is missing.")
+
+    def equations(self, signal):
+        n = len(self.resistance)
+        p, q = state("line.pressure", "Pa", n), state("line.flow", "m3/s", n)
+        inlet, outlet = signal("line.inlet_flow", "m3/s", default=0.0), signal("line.outlet_pressure", "Pa", default=0.0)
+        resistance, loss, inertance, compliance = (ca.vertcat(*v) for v in (self.resistance, self.loss, self.inertance, self.compliance))
+        before = ca.vertcat(inlet, *[q[i] for i in range(n - 1)])
+        after = ca.vertcat(*[p[i] for i in range(1, n)], outlet)
+        drop = resistance * q + loss * q * ca.fabs(q)
+        losses = {"viscous": ca.dot(resistance, q**2), "expansion": ca.dot(loss, q**2 * ca.fabs(q))}
+        contacts = []
+        if self.gel is not None:
+            contacts = [
+                DryFriction(f"line.{i}", q[i], self.gel, load, slip_unit="m3/s", force_unit="Pa") for i, load in enumerate(self.gel_load)
+            ]
+            force = ca.vertcat(*[contact.force for contact in contacts])
+            drop -= force
+            losses["gel"] = -ca.dot(force, q)
+        return Equations(
+            flow={
+                p: (before - q) / compliance,
+                q: (p - after - drop) / inertance,
+            },
+            gives={"line.inlet_pressure": (p[0], "Pa"), "line.outlet_flow": (q[-1], "m3/s")},
+            elements=contacts,
+            stored=ca.dot(compliance, p**2) / 2 + ca.dot(inertance, q**2) / 2,
+            losses=losses,
+            supplies={"pump": p[0] * inlet, "outlet": -outlet * q[-1]},
+        )
+
+
+@dataclass(frozen=True)
+class OutletRCR(Component):
+    """Resistor, capacitor, resistor at the end of a line (three-element windkessel): p = R_p Q + p_d, C p_d' = Q - p_d / R_d.
+
+    A step of flow gives p = Q [R_p + R_d (1 - exp(-t / (R_d C)))]. Signals: needs `line.outlet_flow` Q [m3/s] (0), gives `line.outlet_pressure` p [Pa]; state
+    `outlet.pressure` p_d [Pa]. For a mud line it stands for the annulus and the choke. The defaults are an example.
+    """
+
+    proximal: float = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)
+    distal: float = quantity(1e7, "Pa s/m3", "resistance R_d after it", above=0)
+    compliance: float = quantity(1e-7, "m3/Pa", "compliance C", above=0)
+
+    def equations(self, signal):
+        p = state("outlet.pressure", "Pa")
+        flow = signal("line.outlet_flow", "m3/s", default=0.0)
+        pressure = self.proximal * flow + p
+        return Equations(
+            flow={p: (flow - p / self.distal) / self.compliance},
+            gives={"line.outlet_pressure": (pressure, "Pa")},
+            stored=self.compliance * p**2 / 2,
+            losses={"proximal": self.proximal * flow**2, "distal": p**2 / self.distal},
+            supplies={"line": pressure * flow},
+        )
+
+
+def poiseuille_resistance(length: float, diameter: float, viscosity: float) -> float:
+    """Resistance of laminar flow in a round pipe, R = 128 mu l / (pi d^4) [Pa s/m3]. Raises SceneError for numbers that are not > 0."""
+    _positive(length=length, diameter=diameter, viscosity=viscosity)
+    return 128 * viscosity * length / (math.pi * diameter**4)
+
+
+def expansion_loss(density: float, narrow: float, wide: float) -> float:
+    """Loss of a sudden expansion, K = density (1/A_narrow - 1/A_wide)^2 / 2 [Pa s2/m6] (Borda, Carnot), areas in m2.
+
+    Raises SceneError for numbers that are not > 0 and for a wide area below the narrow one.
+    """
+    _positive(density=density, narrow=narrow, wide=wide)
+    if wide < narrow:
+        raise SceneError(f"Argument `wide` must be >= the narrow area {narrow:g} m2, but it is {wide!r}.")
+    return density * (1 / narrow - 1 / wide) ** 2 / 2
+
+
+def nozzle_loss(density: float, area: float, discharge: float = 0.95) -> float:
+    """Loss of the nozzles of a bit, K = density / (2 (c_d A)^2) [Pa s2/m6]: their pressure is K Q|Q|. area: all nozzles together [m2].
+
+    discharge: coefficient c_d, 0.95 by custom. Raises SceneError for numbers that are not > 0.
+    """
+    _positive(density=density, area=area, discharge=discharge)
+    return density / (2 * (discharge * area) ** 2)
+
+
+def _positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not is_finite_number(value) or value <= 0:
+            raise SceneError(f"Argument `{name}` must be a finite number > 0, but it is {value!r}.")

@@ -1,0 +1,110 @@
+"""Rock under a rotating bit whose torque is higher while the bit speeds up than while it slows down.
+
+    rate form:      T = T0(w) [1 + beta0 tanh(beta1 w' sgn w)],   J w' = M - T
+    switched form:  T = T0(w) (1 + beta0) while it speeds up, T0(w) (1 - beta0) while it slows down, and between at w' = 0
+
+T depends on the acceleration w' that it causes. With M/J (`bit.free_acceleration`, that of the bit without the rock) and J (`bit.inertia`)
+from the part that owns the bit, both forms are solved inside the expressions: no state, no lag, no element.
+
+Switched: the bit holds its speed exactly while M lies between the branches, so that T = M there, and T is M cut off at the branches,
+T = min(max(M, T0 (1 - beta0)), T0 (1 + beta0)). The three modes are the three pieces of this function, and every step ends on its kinks. A switch with
+memory would be needed only if speeding up and slowing down were told apart by something else than the balance of torques.
+
+Rate form, and why Newton with a fixed number of steps: with q = w' sgn w, z = beta1 q solves z + A tanh z = C, A = beta0 beta1 |T0| / J >= 0. The left
+side is odd, increasing, and concave for z > 0. From C / (1 + A), which lies between 0 and the root because tanh z <= z, every step
+stays between 0 and the root and comes nearer. STEPS of them reach round-off for all C where A <= 1e4 (a test measures it); rocks have A
+below 1e3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Exponential
+from models.smooth_bit_rock import smooth_torque
+from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity
+
+STEPS = 12
+"""Newton steps for the acceleration."""
+
+
+def acceleration(free: ca.SX, swing: ca.SX, steepness: ca.SX) -> ca.SX:
+    """Root q of q + swing tanh(steepness q) = free, all in rad/s2 but the steepness [s2/rad]; swing and steepness >= 0."""
+    slope = swing * steepness
+    q = free / (1 + slope)
+    for _ in range(STEPS):
+        level = ca.tanh(steepness * q)
+        q = q - (q + swing * level - free) / (1 + slope * (1 - level**2))
+    return q
+
+
+def resisting(load: ca.SX, base: ca.SX, width: ca.SX, steepness: ca.SX | None, inertia: ca.SX) -> ca.SX:
+    """Torque between base - width and base + width that the load meets, by its own acceleration; steepness None is the switched form."""
+    if steepness is None:
+        lower, upper = base - width, base + width
+        return (lower + upper + ca.fabs(load - lower) - ca.fabs(load - upper)) / 2  # the load, cut off at the branches
+    rate = acceleration((load - base) / inertia, width / inertia, steepness)
+    return base + width * ca.tanh(steepness * rate)
+
+
+@dataclass(frozen=True)
+class HystereticBitRock(Component):
+    """Set-valued rock torque with hysteresis in the acceleration: T0 = W R_b mu(|w|) sgn w on branches (1 +- beta0) T0, see the module.
+
+    Signals: needs `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and `bit.weight` W [N] (the field `weight`); gives
+    `bit.torque` [N m]. Contact: `bit`, which sticks up to the torque at which it would speed up: W R_b mu_s in the rate form, whose branches
+    meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form. With `beta1` the rate form of the hysteretic law of F. F. Real et al.
+    (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes (2007), which unlike the smooth law sticks.
+    It stands in for the hysteretic dry friction of Hong and Dhupia, a reconstruction; beta0 and beta1 are assumed. Range: beta0 <= 1, else the
+    lower branch would drive the bit.
+    """
+
+    weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)
+    radius: float = quantity(0.155575, "m", "radius of the bit", above=0)
+    beta0: float = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
+    beta1: float | None = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+    friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
+
+    def equations(self, signal):
+        speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
+        load = inertia * signal("bit.free_acceleration", "rad/s2")
+        weight = signal("bit.weight", "N", default=self.weight)
+        bit = DryFriction("bit", speed, self.friction, weight * self.radius, slip_unit="rad/s", force_unit="N m")
+        base = bit.kinetic
+        width = self.beta0 * base
+        if self.beta1 is None:
+            bit.static *= 1 + self.beta0
+            # one piece for each direction, so that no argument of a kink jumps when the mode does
+            forward, backward = (resisting(sign * load, base, width, None, inertia) for sign in (1, -1))
+            torque = bit.mode * ((bit.mode + 1) * forward + (bit.mode - 1) * backward) / 2
+        else:
+            torque = resisting(bit.mode * load, base, width, self.beta1, inertia)
+        bit.load, bit.sliding = ca.SX(1), torque
+        return Equations(gives={"bit.torque": (-bit.force, "N m")}, elements=[bit])
+
+
+@dataclass(frozen=True)
+class SmoothHystereticBitRock(Component):
+    """Smooth rock torque with hysteresis in the acceleration: T0 that of `SmoothBitRock`, on branches T0 +- beta0 |T0|, see the module.
+
+    Signals as `HystereticBitRock`; no contact, and no stick. Source: F. F. Real et al. (2018) for law and b0 .. b3; beta0 and beta1 are
+    assumed. Range: as `SmoothBitRock`, beta0 <= 1.
+    """
+
+    weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)
+    b0: float = quantity(0.0239, "m", "torque per weight at high speed", at_least=0)
+    b1: float = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0)
+    b2: float = quantity(8.500, "s/rad", "height of the peak", at_least=0)
+    b3: float = quantity(5.470, "s2/rad2", "narrowness of the peak", at_least=0)
+    beta0: float = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
+    beta1: float | None = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
+
+    def equations(self, signal):
+        speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")
+        load = inertia * signal("bit.free_acceleration", "rad/s2")
+        weight = signal("bit.weight", "N", default=self.weight)
+        torque = smooth_torque(self, weight, speed)
+        width = self.beta0 * ca.fabs(torque)
+        return Equations(gives={"bit.torque": (resisting(load, torque, width, self.beta1, inertia), "N m")})

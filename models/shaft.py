@@ -1,0 +1,69 @@
+"""Torsional natural frequencies: exact ones of a stepped shaft, and those of a chain of inertias."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.sections import Section
+
+
+def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
+    """The first natural frequencies [Hz] of a shaft of uniform sections with a rigid inertia at each end, without the rigid rotation.
+
+    An inertia of infinity [kg m2] holds its end. The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance
+    zeta; where zeta changes, the torque stays. So the angle of y, begun at atan(w J_top / zeta), grows with w, which is a natural frequency where
+
+        angle(w) + atan(w J_bit / zeta) = k pi
+
+    which the transcendental equation of the stepped shaft says too, but here no root can be missed. Accuracy: round-off. Source: textbook
+    (transfer matrices in the phase form of Pruefer).
+    """
+    from scipy.optimize import brentq
+
+    def phase(w: float) -> float:
+        angle, before = _end(w, top_inertia, sections[0].impedance), sections[0].impedance
+        for section in sections:
+            turns = round(angle / math.pi)
+            rest = angle - turns * math.pi
+            angle = turns * math.pi + math.atan2(before * math.sin(rest), section.impedance * math.cos(rest))
+            angle += w * section.length / section.wave_speed
+            before = section.impedance
+        return angle + _end(w, bit_inertia, before)
+
+    held = sum(math.isinf(inertia) for inertia in (top_inertia, bit_inertia))
+    first = 2 if held == 2 else 1
+    guess = math.pi / sum(section.length / section.wave_speed for section in sections)
+    found, low = [], 0.0
+    for k in range(first, first + count):
+        high = low + guess
+        while phase(high) <= k * math.pi:
+            high += guess
+        low = float(brentq(lambda w, turn=k * math.pi: phase(w) - turn, low, high, xtol=1e-14 * guess, rtol=1e-14))
+        found.append(low)
+    return np.array(found) / (2 * math.pi)
+
+
+def _end(w: float, inertia: float, impedance: float) -> float:
+    return math.pi / 2 if math.isinf(inertia) else math.atan(w * inertia / impedance)
+
+
+def chain_frequencies(
+    inertia: Sequence[float], stiffness: Sequence[float], *, top_held: bool = False, bit_held: bool = False
+) -> np.ndarray:
+    """The natural frequencies [Hz] above 0 of a chain of inertias [kg m2] joined by stiffnesses [N m/rad], undamped, in rising order.
+
+    A held end does not turn, so its inertia does not count.
+    """
+    from scipy.linalg import eigh_tridiagonal
+
+    j, k = np.asarray(inertia, float), np.asarray(stiffness, float)
+    diagonal = np.concatenate([[0.0], k]) + np.concatenate([k, [0.0]])
+    turning = slice(1 if top_held else 0, len(j) - 1 if bit_held else len(j))
+    j, diagonal = j[turning], diagonal[turning]
+    beside = k[turning.start : turning.stop - 1]
+    squares = eigh_tridiagonal(diagonal / j, -beside / np.sqrt(j[:-1] * j[1:]), eigvals_only=True)
+    rigid = 0 if top_held or bit_held else 1
+    return np.sqrt(np.maximum(squares[rigid:], 0.0)) / (2 * math.pi)

@@ -1,0 +1,92 @@
+"""Sliders: a block on a spring and a damper, dragged by a plate; and one that a vertical force pushes down an incline."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+
+from models.friction import Coulomb, Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+
+
+@dataclass(frozen=True)
+class Slider(Component):
+    """Rigid slider held by a spring and a damper: m v' = u - k x - c v + F, F the drag of the plate under it.
+
+    Signals: needs `slider.pull` u [N] (0) and `plate.drag` F [N] (0; `PlateContact` and `BristleContact` give it); gives `slider.position` [m],
+    `slider.speed` [m/s]. Defaults: spring and damper of a published finite-element study of a slider on a plate (10 N/mm, 5 N s/mm); the mass is
+    that of a steel cube of 10 mm, an assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
+    """
+
+    mass: float = quantity(7.8e-3, "kg", "mass of the slider (assumed)", above=0)
+    stiffness: float = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
+    damping: float = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
+
+    def equations(self, signal):
+        x, v = state("slider.position", "m"), state("slider.speed", "m/s")
+        pull, drag = signal("slider.pull", "N", default=0.0), signal("plate.drag", "N", default=0.0)
+        return Equations(
+            flow={x: v, v: (pull - self.stiffness * x - self.damping * v + drag) / self.mass},
+            stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2,
+            losses={"damper": self.damping * v**2},
+            supplies={"pull": pull * v},  # what the plate does to the slider is booked by its contact
+        )
+
+
+@dataclass(frozen=True)
+class PlateContact(Component):
+    """Dry friction of a slider on a moving plate, the same everywhere under it: it sticks and slips as a whole.
+
+    Signals: needs `slider.speed` [m/s], `plate.speed` [m/s] (0) and `plate.load` [N] (the field); gives `plate.drag` [N], the force on the slider.
+    Contact: `plate`. Defaults: friction of the study that `Slider` names, 0.35 falling to 0.25 with 0.001 s/mm under 0.1 MPa; its area
+    is not stated, 10 mm x 10 mm is assumed, hence 10 N.
+    """
+
+    load: float = quantity(10.0, "N", "normal load (0.1 MPa on an assumed 100 mm2)", at_least=0)
+    friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
+
+    def equations(self, signal):
+        v, plate_speed = signal("slider.speed", "m/s"), signal("plate.speed", "m/s", default=0.0)
+        load = signal("plate.load", "N", default=self.load)
+        plate = DryFriction("plate", v - plate_speed, self.friction, load)
+        return Equations(
+            gives={"plate.drag": (plate.force, "N")},
+            elements=[plate],
+            losses={"friction": -plate.force * (v - plate_speed)},
+            supplies={"plate drive": plate.force * plate_speed},
+        )
+
+
+@dataclass(frozen=True)
+class InclinedSlider(Component):
+    """Slider on an incline of angle a under a vertical force F, held by a spring and a damper along the slope.
+
+        m y'' + c y' + k y = F sin a - friction,   |friction| <= mu F cos a,   m = F cos a / g
+
+    From rest it moves if and only if tan a > mu, and creeps to k y = F (sin a - mu cos a). Signals: needs `slider.force` F [N] (the field);
+    gives `slider.position` y [m] and `slider.speed` [m/s], down the slope. Contact: `slope`. Numbers and the unusual mass are those of the published
+    study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). The mass keeps the declared force where `slider.force` varies. Range: 0 <= a < pi/2.
+    """
+
+    force: float = quantity(10.0, "N", "vertical force", above=0)
+    angle: float = quantity(math.pi / 4, "rad", "angle of the incline", at_least=0, at_most=1.57)
+    stiffness: float = quantity(1000.0, "N/m", "stiffness of the spring along the slope", at_least=0)
+    damping: float = quantity(1000.0, "N s/m", "damping along the slope", at_least=0)
+    gravity: float = quantity(9.8, "m/s2", "gravity, in m = F cos a / g only", above=0)
+    friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
+
+    def equations(self, signal):
+        y, v = state("slider.position", "m"), state("slider.speed", "m/s")
+        force = signal("slider.force", "N", default=self.force)
+        mass = self.force * ca.cos(self.angle) / self.gravity
+        slope = DryFriction("slope", v, self.friction, force * ca.cos(self.angle))
+        push = force * ca.sin(self.angle)
+        return Equations(
+            flow={y: v, v: (push - self.stiffness * y - self.damping * v + slope.force) / mass},
+            elements=[slope],
+            stored=mass * v**2 / 2 + self.stiffness * y**2 / 2,
+            losses={"friction": -slope.force * v, "damper": self.damping * v**2},
+            supplies={"force": push * v},
+        )

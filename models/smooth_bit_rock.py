@@ -1,0 +1,36 @@
+"""Rock under a rotating bit: smooth torque with a peak, after Ritto and Real."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from toolbox import Component, Equations, quantity
+
+
+@dataclass(frozen=True)
+class SmoothBitRock(Component):
+    """Smooth torque of the rock on the bit, T = W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)].
+
+    Signals: needs `bit.speed` w [rad/s] and `bit.weight` W [N] (the field `weight`); gives `bit.torque` [N m]. No contact: this bit creeps
+    and never sticks, so it serves comparisons with published runs, not questions about break-off. T rises to a peak near
+    w = 1/sqrt(b3), then falls to W b0. Source of law and numbers: F. F. Real et al. (2018), after T. G. Ritto; range: |w| up to some
+    30 rad/s, where they were identified on field data.
+    """
+
+    weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)
+    b0: float = quantity(0.0239, "m", "torque per weight at high speed", at_least=0)
+    b1: float = quantity(1.910, "s/rad", "steepness at zero speed", at_least=0)
+    b2: float = quantity(8.500, "s/rad", "height of the peak", at_least=0)
+    b3: float = quantity(5.470, "s2/rad2", "narrowness of the peak", at_least=0)
+
+    def equations(self, signal):
+        speed = signal("bit.speed", "rad/s")
+        weight = signal("bit.weight", "N", default=self.weight)
+        return Equations(gives={"bit.torque": (smooth_torque(self, weight, speed), "N m")})
+
+
+def smooth_torque(law, weight: ca.SX, speed: ca.SX) -> ca.SX:
+    """W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)] with the numbers b0 .. b3 of `law` [N m]."""
+    return weight * law.b0 * (ca.tanh(law.b1 * speed) + law.b2 * speed / (1 + law.b3 * speed**2))

@@ -1,0 +1,139 @@
+"""Survey of a well: where the hole points at measured depths, and between them by minimum curvature."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from toolbox import SceneError
+from toolbox.elements import finite_array
+from toolbox.table import Column, read
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Measured depth [m], inclination from the vertical [rad] and azimuth [rad] at stations, the first at depth 0.
+
+    Between stations the hole is an arc of a circle (minimum curvature): its tangent turns from one station to the next at a constant rate about one axis.
+    Coordinates are north, east, down; s is an array of measured depths. Raises SceneError where stations are fewer than two, do not begin
+    at 0 m, do not increase, or an inclination is outside 0 ... pi. Source: textbook (minimum curvature method).
+    """
+
+    depth: tuple[float, ...]
+    inclination: tuple[float, ...]
+    azimuth: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("depth", "inclination", "azimuth"):
+            values = getattr(self, name)
+            array = finite_array(values)
+            if array is None or array.ndim != 1 or array.size != len(self.depth):
+                raise SceneError(f"Argument `{name}` of Survey must be {len(self.depth)} finite numbers, but it is {values!r}.")
+            object.__setattr__(self, name, tuple(array.tolist()))
+        fault = _fault(self.depth, self.inclination, self.azimuth)
+        if fault:
+            raise SceneError(f"Argument `{fault[1]}` of Survey, station {fault[0] + 1}: {fault[2]}")
+
+    def tangent(self, s: np.ndarray) -> np.ndarray:
+        """Unit vectors (len(s), 3) along the hole, downhole."""
+        _, first, last, angle, part = self._arcs(s)
+        straight = angle < 1e-9  # sin ratios lose nothing down to there, and equal the linear ones
+        safe = np.where(straight, 1.0, angle)
+        left = np.where(straight, 1 - part, np.sin((1 - part) * safe) / np.sin(safe))
+        right = np.where(straight, part, np.sin(part * safe) / np.sin(safe))
+        return left[:, None] * first + right[:, None] * last
+
+    def curvature(self, s: np.ndarray) -> np.ndarray:
+        """Vectors dt/ds (len(s), 3) [1/m] towards the centre of the arc; their length is the dogleg per metre."""
+        i, first, last, angle, part = self._arcs(s)
+        step = np.diff(self.depth)[i]
+        straight = angle < 1e-9
+        safe = np.where(straight, 1.0, angle)
+        left = np.where(straight, -1.0, -safe * np.cos((1 - part) * safe) / np.sin(safe))
+        right = np.where(straight, 1.0, safe * np.cos(part * safe) / np.sin(safe))
+        return (left[:, None] * first + right[:, None] * last) / step[:, None]
+
+    def inclination_at(self, s: np.ndarray) -> np.ndarray:
+        """Inclination from the vertical [rad]."""
+        t = self.tangent(s)
+        return np.arctan2(np.hypot(t[:, 0], t[:, 1]), t[:, 2])
+
+    def position(self, s: np.ndarray) -> np.ndarray:
+        """Coordinates (len(s), 3) [m], north, east and down, of points of the hole from its top."""
+        s = np.atleast_1d(np.asarray(s, float))
+        stations = np.asarray(self.depth)
+        whole = np.vstack([np.zeros(3), np.cumsum(self._chord(stations[:-1], stations[1:]), axis=0)])
+        i = self._index(s)
+        return whole[i] + self._chord(stations[i], s)
+
+    def _chord(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Vectors between pairs of depths on one arc: length times tan(angle / 2) / angle times the sum of both tangents."""
+        first, last = self.tangent(begin), self.tangent(end)
+        angle = _angle(first, last)
+        small = angle < 1e-4  # the next term of the series is 1e-18
+        ratio = np.where(small, 0.5 + angle**2 / 24, np.tan(angle / 2) / np.where(small, 1.0, angle))
+        return ((end - begin) * ratio)[:, None] * (first + last)
+
+    def _index(self, s: np.ndarray) -> np.ndarray:
+        return np.clip(np.searchsorted(self.depth, s, side="right") - 1, 0, len(self.depth) - 2)
+
+    def _arcs(self, s: np.ndarray) -> tuple[np.ndarray, ...]:
+        """For every depth: number of its arc, tangents at both ends, angle between them, and the part of the arc behind it."""
+        s = np.atleast_1d(np.asarray(s, float))
+        stations = np.asarray(self.depth)
+        tangents = _tangents(self.inclination, self.azimuth)
+        i = self._index(s)
+        part = (s - stations[i]) / np.diff(stations)[i]
+        return i, tangents[i], tangents[i + 1], _angle(tangents[i], tangents[i + 1]), part
+
+
+def _tangents(inclination: tuple[float, ...], azimuth: tuple[float, ...]) -> np.ndarray:
+    inc, azi = np.asarray(inclination), np.asarray(azimuth)
+    return np.column_stack([np.sin(inc) * np.cos(azi), np.sin(inc) * np.sin(azi), np.cos(inc)])
+
+
+def _angle(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Angle between unit vectors, accurate for small ones too."""
+    return 2 * np.arctan2(np.linalg.norm(last - first, axis=1), np.linalg.norm(last + first, axis=1))
+
+
+def _fault(depth: tuple[float, ...], inclination: tuple[float, ...], azimuth: tuple[float, ...]) -> tuple[int, str, str] | None:
+    """(station, field, what it must be) of the first mistake."""
+    for i, (s, inc) in enumerate(zip(depth, inclination, strict=True)):
+        if i == 0 and s != 0:
+            return i, "depth", f"the first station must be at 0 m, but it is at {s:g} m."
+        if i and s <= depth[i - 1]:
+            return i, "depth", f"it must be > {depth[i - 1]:g} m, the station before, but it is {s:g} m."
+        if not 0 <= inc <= math.pi:
+            return i, "inclination", f"it must be between 0 and 180 deg, but it is {math.degrees(inc):g} deg."
+    if len(depth) < 2:
+        return 0, "depth", "there must be at least two stations, but there is one."
+    tangents = _tangents(inclination, azimuth)
+    for i, angle in enumerate(_angle(tangents[:-1], tangents[1:]), 1):
+        if angle > math.pi * (1 - 1e-6):
+            return i, "inclination", "it must not turn the hole back by 180 deg, because no single arc does that."
+    return None
+
+
+COLUMNS = (
+    Column("depth", "m", ("measured depth", "MD")),
+    Column("inclination", "rad", ("inc",)),
+    Column("azimuth", "rad", ("azi",)),
+)
+"""What a table of a survey must have."""
+
+
+def read_survey(path: str | Path) -> Survey:
+    """The survey in a CSV or TOML table with columns `depth [m]` (or `MD`), `inclination [deg]` and `azimuth [deg]`.
+
+    Units may differ, order of columns is free. Raises SceneError naming file, row and column.
+    """
+    table = read(path, COLUMNS)
+    columns = [tuple(row[column.name] for row in table) for column in COLUMNS]
+    fault = _fault(*columns)
+    if fault:
+        raise table.error(*fault)
+    return Survey(*columns)

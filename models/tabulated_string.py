@@ -1,0 +1,141 @@
+"""A drill string from its tables: sections, survey, mud, top drive and bit, lumped into a chain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from models.drill_string import TorsionalChain
+from models.lumping import MOST, Lumping
+from models.sections import Section, read_sections
+from models.soft_string import side_force
+from models.survey import Survey, read_survey
+from toolbox import FrictionLaw, SceneError, quantity
+from toolbox.elements import is_finite_number
+
+
+@dataclass(frozen=True)
+class DrillString(TorsionalChain):
+    """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
+
+    depth: tuple[float, ...] | None = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
+
+    def check(self):
+        super().check()
+        if self.depth is not None and len(self.depth) != len(self.inertia):
+            raise SceneError(
+                f"Argument `chain.depth` must have {len(self.inertia)} entries, one for each inertia, but it has {len(self.depth)}."
+            )
+
+    @classmethod
+    def from_tables(
+        cls,
+        sections: Path | str | Sequence[Section],
+        survey: Path | str | Survey | None = None,
+        *,
+        top_inertia: Annotated[float, "kg m2"],
+        bit_inertia: Annotated[float, "kg m2"] = 0.0,
+        band: Annotated[float, "Hz"] = 1.0,
+        elements: int | None = None,
+        friction: FrictionLaw | None = None,
+        on_bottom: bool = False,
+        mud_density: Annotated[float, "kg/m3"] = 0.0,
+        doglegs: bool = False,
+        weight_on_bit: Annotated[float, "N"] = 0.0,
+        drag_rate: Annotated[float, "1/s"] = 0.0,
+        internal_damping: Annotated[float, "s"] = 0.0,
+        top_drag: Annotated[float, "N m s/rad"] = 0.0,
+        bit_drag: Annotated[float, "N m s/rad"] = 0.0,
+        name: str | None = None,
+    ) -> DrillString:
+        """The chain of a string given by its sections (top first) and, for friction along it, the survey of its hole.
+
+            J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2
+
+        sections, survey: paths of tables (see `read_sections`, `read_survey`), or values.  top_inertia, bit_inertia [kg m2]: rigid, at the ends of the string.
+        band [Hz]: the natural frequencies up to there are right within one per cent, which decides the number of elements (see `models.lumping`);
+        elements: the number itself instead; inertias are one more.  friction: law of the string on its hole, with coefficients mu; only inertias with a side
+        force get a contact.  on_bottom: leave the last inertia to `BitRock`; its share of friction goes to the one above.
+        mud_density [kg/m3]: buoyancy, 0 for none.  doglegs: the side force n has the part of the tension in curved hole (Johancsik), else n = w sin(inc);
+        weight_on_bit [N]: what this tension lacks.  drag_rate [1/s]: viscous drag per inertia of the string.  internal_damping [s]: damping of the springs
+        per stiffness.  top_drag, bit_drag [N m s/rad]: at the ends.
+
+        Raises SceneError for bad tables, naming file, row and column, for arguments out of range, for friction without survey, and for a survey that ends
+        above the bit.
+        """
+        numbers = {
+            "top_inertia": top_inertia, "bit_inertia": bit_inertia, "mud_density": mud_density, "weight_on_bit": weight_on_bit,
+            "drag_rate": drag_rate, "internal_damping": internal_damping, "top_drag": top_drag, "bit_drag": bit_drag, "band": band,
+        }  # fmt: skip
+        for word, value in numbers.items():
+            least = ">" if word == "band" else ">="
+            if not is_finite_number(value) or value < 0 or (word == "band" and value == 0):
+                raise SceneError(f"Argument `{word}` must be a finite number {least} 0, but it is {value!r}.")
+        if elements is not None and (
+            isinstance(elements, bool) or not isinstance(elements, (int, np.integer)) or not 1 <= elements <= MOST
+        ):
+            raise SceneError(f"Argument `elements` must be a whole number from 1 to {MOST}, but it is {elements!r}.")
+        if weight_on_bit and not doglegs:
+            raise SceneError("Argument `weight_on_bit` must come with `doglegs`, because without them no tension enters.")
+        pipes = _sections(sections)
+        if mud_density >= min(section.density for section in pipes):
+            raise SceneError(f"Argument `mud_density` must be smaller than the density of every section, but it is {mud_density:g} kg/m3.")
+        hole = _survey(survey, sum(section.length for section in pipes)) if survey is not None else None
+        lumping = Lumping.of_band(pipes, band) if elements is None else Lumping.of_count(pipes, int(elements))
+        inertia = lumping.shared(lambda s: lumping.along([section.inertia for section in pipes], s))
+        fields: dict[str, Any] = {"drag": tuple((drag_rate * inertia).tolist())} if drag_rate else {}
+        inertia[0] += top_inertia
+        inertia[-1] += bit_inertia
+        if friction is not None:
+            if hole is None:
+                raise SceneError("Argument `survey` must be given with `friction`, because the side force follows from it.")
+
+            def torque(s: np.ndarray) -> np.ndarray:
+                force = side_force(pipes, hole, s, mud_density=mud_density, weight_on_bit=weight_on_bit, doglegs=doglegs)
+                return force * lumping.along([section.outer / 2 for section in pipes], s)
+
+            load = lumping.shared(torque, hole.depth)
+            if on_bottom:
+                load[-2] += load[-1]
+                load[-1] = 0.0
+            rubbing = np.flatnonzero(load > 1e-6 * load.sum())
+            if not rubbing.size:
+                raise SceneError(
+                    "Argument `friction` must come with a hole that bears the string somewhere, but no side force acts anywhere."
+                )
+            fields |= {"friction": friction, "friction_load": tuple(load[rubbing].tolist()), "friction_at": tuple(rubbing.tolist())}
+        return cls(
+            inertia=tuple(inertia.tolist()),
+            stiffness=tuple(lumping.stiffness.tolist()),
+            damping=tuple((internal_damping * lumping.stiffness).tolist()),
+            top_drag=float(top_drag),
+            bit_drag=float(bit_drag),
+            depth=tuple(lumping.nodes.tolist()),
+            name=name,
+            **fields,
+        )
+
+
+def _sections(given: Path | str | Sequence[Section]) -> tuple[Section, ...]:
+    if isinstance(given, (str, Path)):
+        return read_sections(given)
+    sections = tuple(section for section in given if isinstance(section, Section)) if isinstance(given, Sequence) else ()
+    if not sections or len(sections) < len(given):
+        raise SceneError(f"Argument `sections` must be the path of a table or Sections, top first, but it is {given!r}.")
+    return sections
+
+
+def _survey(given: Path | str | Survey, bottom: float) -> Survey:
+    survey = read_survey(given) if isinstance(given, (str, Path)) else given
+    if not isinstance(survey, Survey):
+        raise SceneError(f"Argument `survey` must be the path of a table or a Survey, but it is {given!r}.")
+    if survey.depth[-1] < bottom - 1e-6 * bottom:
+        where = f" `{given}`" if isinstance(given, (str, Path)) else ""
+        raise SceneError(
+            f"Argument `survey`{where} must reach the end of the string at {bottom:g} m, but its last station is at {survey.depth[-1]:g} m."
+        )
+    return survey

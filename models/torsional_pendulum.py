@@ -1,0 +1,42 @@
+"""A drill string under a table that turns at a given speed: the simplest string."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toolbox import Component, Equations, quantity, state
+
+
+@dataclass(frozen=True)
+class TorsionalPendulum(Component):
+    """One inertia under a table of imposed speed: J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w.
+
+    Two states. Signals: needs `top.speed` W [rad/s] (the field) and `bit.torque` T [N m] (0); gives `bit.speed` w [rad/s], `top.load`
+    [N m], the torque of the string on the table, `bit.free_acceleration` [rad/s2], that of the bit without the rock, and
+    `bit.inertia` [kg m2]. The string
+    of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
+    """
+
+    inertia: float = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0)
+    stiffness: float = quantity(938.0, "N m/rad", "torsional stiffness of the string", at_least=0)
+    damping: float = quantity(0.0, "N m s/rad", "damping of the string", at_least=0)
+    bit_drag: float = quantity(0.0, "N m s/rad", "viscous drag on the bit", at_least=0)
+    top_speed: float = quantity(12.566370614359172, "rad/s", "speed of the table")
+
+    def equations(self, signal):
+        twist, speed = state("pendulum.twist", "rad"), state("pendulum.speed", "rad/s")
+        top, torque = signal("top.speed", "rad/s", default=self.top_speed), signal("bit.torque", "N m", default=0.0)
+        tau = self.stiffness * twist + self.damping * (top - speed)
+        load = tau - self.bit_drag * speed
+        return Equations(
+            flow={twist: top - speed, speed: (load - torque) / self.inertia},
+            gives={
+                "bit.speed": (speed, "rad/s"),
+                "top.load": (tau, "N m"),
+                "bit.free_acceleration": (load / self.inertia, "rad/s2"),
+                "bit.inertia": (self.inertia, "kg m2"),
+            },
+            stored=self.inertia * speed**2 / 2 + self.stiffness * twist**2 / 2,
+            losses={"damping": self.damping * (top - speed) ** 2, "bit drag": self.bit_drag * speed**2},
+            supplies={"table": tau * top, "bit torque": -torque * speed},
+        )

@@ -1,0 +1,344 @@
+"""The linearly implicit method: its order, its damping, and the same machines as the explicit one steps through."""
+
+import ctypes
+import pickle
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from controllers import PI
+from models import BitRock, BlockOnBelt, Exponential, TorsionalChain
+from toolbox import Component, DryFriction, Equations, compose, energy_audit, equilibrium, linearise, quantity, simulate, sine, state
+from toolbox.rosenbrock import RODAS5P, factors
+
+# --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
+
+
+def coefficients():
+    """alpha_ij, beta_ij = alpha_ij + gamma_ij and b_i of the method in its original form."""
+    s = len(RODAS5P.a)
+    a, c = np.zeros((s, s)), np.zeros((s, s))
+    for i in range(s):
+        a[i, :i], c[i, :i] = RODAS5P.a[i], RODAS5P.c[i]
+    gamma = np.linalg.inv(np.eye(s) / RODAS5P.gamma - c)
+    last = a[-1].copy()
+    last[-1] = 1.0
+    return a @ gamma, a @ gamma + gamma, last @ gamma
+
+
+def test_the_coefficients_satisfy_all_conditions_of_order_five():
+    a, beta, b = coefficients()
+    al, be = a.sum(axis=1), beta.sum(axis=1)
+    conditions = [
+        (b.sum(), 1), (b @ be, 1 / 2), (b @ al**2, 1 / 3), (b @ beta @ be, 1 / 6), (b @ al**3, 1 / 4), (b @ (al * (a @ be)), 1 / 8),
+        (b @ beta @ al**2, 1 / 12), (b @ beta @ beta @ be, 1 / 24), (b @ al**4, 1 / 5), (b @ (al**2 * (a @ be)), 1 / 10), (b @ (a @ be) ** 2, 1 / 20),
+        (b @ (al * (a @ al**2)), 1 / 15), (b @ (al * (a @ beta @ be)), 1 / 30), (b @ beta @ al**3, 1 / 20), (b @ beta @ (al * (a @ be)), 1 / 40),
+        (b @ beta @ beta @ al**2, 1 / 60), (b @ beta @ beta @ beta @ be, 1 / 120),
+    ]  # fmt: skip
+    for k, (left, right) in enumerate(conditions):
+        assert left == pytest.approx(right, abs=1e-11), k
+    np.testing.assert_allclose(al, RODAS5P.alpha, atol=1e-12)
+    np.testing.assert_allclose(be - al, RODAS5P.slope_weights, atol=1e-12)
+
+
+def test_fast_modes_die_within_a_step_and_no_decaying_mode_grows():
+    _, beta, b = coefficients()
+    one = np.ones(b.size)
+
+    def growth(z):
+        return abs(1 + z * b @ np.linalg.solve(np.eye(b.size) - z * beta, one))
+
+    assert growth(-1e9) < 1e-6
+    assert max(growth(1j * y) for y in np.geomspace(1e-2, 1e4, 500)) <= 1 + 1e-9
+    left_half = [r * np.exp(1j * angle) for r in np.geomspace(0.1, 1e4, 60) for angle in np.linspace(np.pi / 2, np.pi, 20)]
+    assert max(map(growth, left_half)) <= 1 + 1e-9
+
+
+@dataclass(frozen=True)
+class Relaxation(Component):
+    """x' = rate (sin(t + x) - cos(t) - x): nonlinear and driven in time."""
+
+    rate: float = quantity(1.0, "1/s", "how fast")
+
+    def equations(self, signal):
+        x = state("point.x", "1")
+        drive = signal("point.drive", "1", default=0.0)
+        return Equations(flow={x: -self.rate * (x - drive) + 0.2 * ca.sin(3 * x) + signal("point.slope", "1/s", default=0.0)})
+
+
+def fixed_steps(plant, inputs, x0, duration, count):
+    """End state of `count` equal steps of the compiled step, without any control of errors."""
+    run = simulate(plant, 0.0, inputs=inputs, method="stiff")
+    machine, n = run.program.machine, len(x0)
+    pointer = ctypes.c_void_p
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)
+    field, step = kind(machine.addresses[0]), kind(machine.addresses[1])
+    x, k, p, m = np.array(x0, float), np.zeros(n), run.parameters, np.ones(max(machine.elements, 1))
+    y = np.zeros(4 * n + 2 * machine.guards + 8)
+
+    def call(function, t, h):
+        function(t, h, *(array.ctypes.data for array in (x, k, p, m, y)))
+
+    call(field, 0.0, 0.0)
+    for i in range(count):
+        k[:] = y[n : 2 * n]
+        call(step, i * duration / count, duration / count)
+        x[:] = y[:n]
+    return x
+
+
+def test_the_error_of_a_smooth_driven_motion_falls_with_the_fifth_power_of_the_step():
+    from toolbox import time
+
+    plant, inputs = compose(Relaxation()), {"point.drive": time**2}
+    exact = fixed_steps(plant, inputs, [0.5], 3.0, 4000)
+    errors = [abs(fixed_steps(plant, inputs, [0.5], 3.0, n) - exact)[0] for n in (80, 160, 320)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx([5, 5], abs=0.3)
+
+
+@pytest.mark.parametrize("rate", [1e3, 1e6])
+def test_a_stiff_relaxation_towards_a_moving_target_keeps_order_four(rate):
+    # Prothero and Robinson: x' = -rate (x - phi) + phi', x = phi; here with the small nonlinear term taken off
+    from toolbox import time
+
+    phi = ca.sin(time) + 2
+    inputs = {"point.drive": phi, "point.slope": ca.cos(time) - 0.2 * ca.sin(3 * phi)}
+    plant = compose(Relaxation(rate=rate))
+    errors = [abs(fixed_steps(plant, inputs, [2.0], 2.0, n)[0] - (np.sin(2.0) + 2)) for n in (8, 16, 32)]
+    assert errors[0] < 1e-4
+    assert max(errors[-1], 1e-13) < max(errors[0] / 2 ** (2 * 3.5), 1e-11)  # at a rate of 1e6 round-off is reached
+
+
+def test_the_elimination_solves_sparse_systems_with_algebraic_rows():
+    generator = np.random.default_rng(3)
+    matrix = np.diag(generator.uniform(-3, -2, 9)) + np.diag(generator.uniform(-1, 1, 8), 1) + np.diag(generator.uniform(-1, 1, 6), -3)
+    matrix[0, 8] = 0.3
+    sparse = ca.sparsify(ca.SX(ca.DM(matrix)))
+    values, solve = factors(sparse, ca.SX(2.0), extra=2)
+    right = generator.uniform(-1, 1, 7)
+    full = np.diag([2.0] * 7 + [0.0] * 2) - matrix
+    expected = np.linalg.solve(full, np.append(right, [0, 0]))[:7]
+    np.testing.assert_allclose(np.array(solve(ca.DM(values), right)).ravel(), expected, rtol=1e-12)
+
+
+# --- machines
+
+
+def string(n, friction=None, **changes):
+    """A chain like a pipe cut into n elements: stiffness k n, damping c n, inertia J / n."""
+    inertia = np.full(n, 374.0 / n)
+    inertia[0] += 2122.0
+    inertia[-1] += 374.0
+    parts = {
+        "inertia": tuple(inertia),
+        "stiffness": (473.0 * n,) * (n - 1),
+        "damping": (23.2 * n,) * (n - 1),
+        "top_drag": 425.0,
+        "bit_drag": 50.0,
+    }
+    if friction is not None:
+        parts |= {"friction": Exponential(static=1.0, kinetic=0.65, decay=1.0), "friction_load": (friction / n,) * (n - 1)}
+    return TorsionalChain(**(parts | changes))
+
+
+PLANTS = {
+    "bit": (compose(string(40), BitRock()), {"top.torque": 10_000.0}),
+    "everywhere": (compose(string(12, 1500.0), BitRock(weight=60_000.0)), {"top.torque": 9_000.0}),
+}
+
+
+def switches(run):
+    return [(event.element, event.before, event.after) for event in run.events]
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_the_stiff_method_finds_the_switches_of_the_explicit_one(name, accuracy):
+    plant, inputs = PLANTS[name]
+    truth = simulate(plant, 40.0, inputs=inputs, method="explicit", accuracy=1e-10)
+    run = simulate(plant, 40.0, inputs=inputs, method="stiff", accuracy=accuracy)
+    assert switches(run) == switches(truth)
+    assert len(run.events) > 10
+    times = np.linspace(0, 40, 501)
+    size = np.abs(truth.states).max(axis=0)
+    assert (np.abs(run.at(times).states - truth.at(times).states).max(axis=0) / size).max() < accuracy
+    stuck = run.modes["bit"] == "stick"
+    assert np.all(run["bit.speed"][stuck] == 0.0)
+
+
+def test_run_error_is_measured_by_a_better_run():
+    plant, inputs = PLANTS["bit"]
+    run = simulate(plant, 20.0, inputs=inputs, method="stiff", accuracy=1e-4)
+    assert 0 < run.error < 1e-3
+
+
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_a_linear_stiff_string_follows_its_closed_form(accuracy):
+    # x' = A x + b with eigenvalues up to 1e6 1/s, by the exponential of the matrix
+    plant = compose(TorsionalChain(inertia=(1.0, 1.0, 0.01), stiffness=(1.0, 1e4), damping=(0.1, 1e4)))
+    a = np.zeros((5, 5))
+    a[0, [2, 3]] = 1, -1
+    a[1, [3, 4]] = 1, -1
+    for i, (k, c) in enumerate(((1.0, 0.1), (1e4, 1e4))):
+        row = np.zeros(5)
+        row[[i, 2 + i, 3 + i]] = k, c, -c
+        a[2 + i] -= row
+        a[3 + i] += row / (0.01 if i else 1.0)
+    extended = np.zeros((6, 6))
+    extended[:5, :5], extended[2, 5] = a, 1.0
+    run = simulate(plant, 20.0, inputs={"top.torque": 1.0}, method="stiff", accuracy=accuracy)
+    times = np.linspace(0.5, 20, 40)
+    exact = np.array([(expm(extended * t) @ [0, 0, 0, 0, 0, 1.0])[:5] for t in times])
+    assert (np.abs(run.at(times).states - exact).max(axis=0) / np.abs(exact).max(axis=0)).max() < 10 * accuracy
+    assert sum(run.steps) < 5_000
+
+
+def test_a_string_that_its_friction_holds_never_slips():
+    run = simulate(compose(string(12, 40_000.0), BitRock()), 10.0, inputs={"top.torque": 2_000.0}, method="stiff")
+    assert not run.events
+    assert np.all(run["chain.speed"] == 0.0)
+    assert np.all(run["chain.twist"] == 0.0)
+
+
+def test_no_energy_is_lost_by_steps_far_beyond_the_fast_modes():
+    plant, inputs = PLANTS["bit"]
+    audit = energy_audit(simulate(plant, 20.0, inputs=inputs, method="stiff", accuracy=1e-6))
+    explicit = energy_audit(simulate(plant, 20.0, inputs=inputs, method="explicit", accuracy=1e-6))
+    assert audit.relative < max(1e-5, 10 * explicit.relative)
+
+
+@dataclass(frozen=True)
+class Stack(Component):
+    """Five disks pressed together, the first driven, the last held by a spring: contacts that share disks hold each other."""
+
+    driven: float = quantity(30.0, "N m", "torque on the first disk")
+    stiffness: float = quantity(4e4, "N m/rad", "of the mount")
+    damping: float = quantity(400.0, "N m s/rad", "of the mount")
+
+    def equations(self, signal):
+        angle, speed = state("stack.angle", "rad"), state("stack.speed", "rad/s", 5)
+        shake = signal("stack.shake", "N m", default=0.0)
+        law = Exponential(static=0.4, kinetic=0.3, decay=1.0)
+        contacts = [DryFriction(f"stack.{i}", speed[i] - speed[i + 1], law, 60.0 + 10 * i, slip_unit="rad/s") for i in range(4)]
+        push = [self.driven + shake, 0.0, 0.0, 0.0, -self.stiffness * angle - self.damping * speed[4]]
+        for i, contact in enumerate(contacts):
+            push[i] += contact.force
+            push[i + 1] -= contact.force
+        return Equations(flow={angle: speed[4], speed: ca.vertcat(*push) / 0.1}, elements=contacts)
+
+
+@pytest.mark.parametrize("shake", [0.0, sine(0.0, 20.0, 2.0)], ids=["constant", "shaken"])
+def test_contacts_that_hold_each_other_switch_as_in_the_explicit_method(shake):
+    plant = compose(Stack())
+    arguments = {"inputs": {"stack.shake": shake}, "start": {"stack.speed": [2.0, 1.0, 0.5, 0.0, 0.0]}}
+    truth = simulate(plant, 2.0, **arguments, method="explicit", accuracy=1e-9)
+    run = simulate(plant, 2.0, **arguments, method="stiff", accuracy=1e-5)
+    assert switches(run) == switches(truth)
+    assert run.events
+    times = np.linspace(0, 2, 101)
+    size = np.abs(truth.states).max(axis=0)
+    assert (np.abs(run.at(times).states - truth.at(times).states).max(axis=0) / size).max() < 1e-4
+
+
+@dataclass(frozen=True)
+class Bumper(Component):
+    """A mass on a stiff damper, with a spring that only pushes: m v' = F - c v - k max(x, 0) - |x|."""
+
+    damping: float = quantity(1e4, "N s/m", "damping")
+
+    def equations(self, signal):
+        x, v = state("bumper.position", "m"), state("bumper.speed", "m/s")
+        force = signal("bumper.force", "N", default=0.0)
+        return Equations(flow={x: v, v: force - self.damping * v - 1e4 * ca.fmax(x, 0) - 1e3 * ca.fabs(x - 0.2)})
+
+
+def test_kinks_and_tables_are_met_as_by_the_explicit_method():
+    plant = compose(Bumper())
+    arguments = {"inputs": {"bumper.force": ((0, 1, 1, 3, 5), (0, 8e3, -6e3, 6e3, -1e3))}, "start": {"bumper.position": -0.1}}
+    truth = simulate(plant, 6.0, **arguments, method="explicit", accuracy=1e-10)
+    run = simulate(plant, 6.0, **arguments, method="stiff", accuracy=1e-6)
+    times = np.linspace(0, 6, 301)
+    error = np.abs(run.at(times).states - truth.at(times).states).max(axis=0) / np.abs(truth.states).max(axis=0)
+    assert error.max() < 1e-5
+    assert sum(run.steps) < 0.1 * sum(truth.steps)
+
+
+def test_a_sampled_drive_is_met_as_by_the_explicit_method():
+    plant = compose(string(40), BitRock())
+    arguments = {"controller": PI(proportional=2e4, integral=2e3, reference=5.0), "sample_time": 0.05}
+    truth = simulate(plant, 15.0, **arguments, method="explicit", accuracy=1e-9)
+    run = simulate(plant, 15.0, **arguments, method="stiff", accuracy=1e-5)
+    assert switches(run) == switches(truth)
+    times = np.linspace(0, 15, 301)
+    size = np.abs(truth.states).max(axis=0)
+    assert (np.abs(run.at(times).states - truth.at(times).states).max(axis=0) / size).max() < 1e-4
+
+
+# --- the choice
+
+
+def test_a_stiff_plant_is_recognised_and_a_mild_one_left_alone():
+    # the open-loop twin: the explicit method pays for the same answer with ten times the steps
+    plant, inputs = compose(string(100), BitRock()), {"top.torque": 10_000.0}
+    run = simulate(plant, 60.0, inputs=inputs, accuracy=1e-4)
+    assert run.program.pair is RODAS5P
+    explicit = simulate(plant, 60.0, inputs=inputs, accuracy=1e-4, method="explicit")
+    assert sum(explicit.steps) > 10 * sum(run.steps)
+    assert switches(run) == switches(explicit)
+    assert run.error < 1e-3
+    mild = simulate(compose(BlockOnBelt()), 2000.0)
+    assert mild.program.pair is not RODAS5P
+
+
+def test_the_choice_is_the_same_with_output_times():
+    plant, inputs = compose(string(100), BitRock()), {"top.torque": 10_000.0}
+    times = np.linspace(0, 60, 61)
+    run = simulate(plant, 60.0, inputs=inputs, accuracy=1e-3, output_times=times)
+    whole = simulate(plant, 60.0, inputs=inputs, accuracy=1e-3)
+    assert run.program.pair is whole.program.pair is RODAS5P
+    np.testing.assert_array_equal(run.time, times)
+    np.testing.assert_array_equal(run.states, whole.at(times).states)
+
+
+def test_a_chosen_run_travels():
+    plant, inputs = PLANTS["bit"]
+    run = simulate(plant, 5.0, inputs=inputs, method="stiff")
+    twin = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(twin.at([1.234, 4.5]).states, run.at([1.234, 4.5]).states)
+
+
+def test_other_parameters_compile_nothing(monkeypatch):
+    plant, inputs = PLANTS["bit"]
+    simulate(plant, 1.0, inputs=inputs, method="stiff")
+
+    def refused(*arguments):
+        raise AssertionError("compiled again")
+
+    monkeypatch.setattr("toolbox.kernel.compiled", refused)
+    other = simulate(plant, 1.0, inputs=inputs, method="stiff", parameters={"bit.weight": 50_000.0})
+    assert other["bit.speed"].size
+
+
+def test_a_law_in_python_is_asked_once_per_sample():
+    asked = []
+
+    def law(t, y):
+        asked.append(t)
+        return 10_000.0
+
+    law.measures, law.drives = ("top.speed",), ("top.torque",)
+    run = simulate(compose(string(100), BitRock()), 60.0, controller=law, sample_time=0.5, accuracy=1e-3)
+    assert len(asked) == 120
+    assert run.program.pair is not RODAS5P
+
+
+def test_linear_analysis_does_not_depend_on_the_method():
+    plant, inputs = PLANTS["bit"]
+    before = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    simulate(plant, 1.0, inputs=inputs, method="stiff")
+    after = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    np.testing.assert_array_equal(before.A, after.A)

@@ -27,7 +27,7 @@ class NonlinearMPC(Predictive):
 
     width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
     `matched` is False, which is the textbook's tanh and a trap.  adapt: whether strength of the rock (a factor on its torque) is estimated: in sliding from the
-    torque that the filter sees, in the time `strength_time`; at rest from the torque it has held, `margin` more than that. The bit is at rest below
+    torque that the filter sees, in the time `strength_time`; at rest from the torque it has held, `margin` more than that, and always between 0.5 and 2. The bit is at rest below
     `rest_speed`, and slides for sure above twice that. A step of the plan is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
     Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736, doi:10.1137/S0363012902400713.
     """
@@ -211,7 +211,7 @@ class PlannedNonlinear(PredictiveLaw):
         elif abs(speed) > 2.0 * law.rest_speed:
             seen = np.sign(speed) * load / self._rock_torque(speed)
             self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
-        self.strength = float(np.clip(self.strength, 0.2, 5.0))
+        self.strength = float(np.clip(self.strength, 0.5, 2.0))
         self.rollout.scale[self.contact] = self.strength
 
 

@@ -46,6 +46,14 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
         while left > 1e-12 * interval:
             h = min(interval / steps, left)
             _call(function, 0.0, h, x, k, p, m, y)
+            while h > 1e-6 * interval:  # friction looked at far beyond zero slip may overflow
+                total = 0.0
+                for i in range(n + 2 * ne):
+                    total += y[i]
+                if np.isfinite(total):
+                    break
+                h *= 0.5
+                _call(function, 0.0, h, x, k, p, m, y)
             guard = -1
             if switches < MOST_SWITCHES:
                 for i in range(2 * ne):

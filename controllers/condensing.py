@@ -1,9 +1,9 @@
 """Programs of nonlinear predictive laws from a rollout and its derivatives: states eliminated, compiled once per machine (see `controllers.nonlinear_mpc`).
 
-Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;  P_rows: the end costs the same of (x - x_s, u - u_s);  free[k]: 1 where the bit turns at state k + 1; 0 where
-it is stuck, and the torque is not weighed against the steady torque; -1 for a stage that costs nothing but moves; 2 where it has stuck again, which costs
-`priority` more and has no slope;  limits: rows of x between lowest and highest, from stage `first` on, that of the bit speed first, which a bit that
-has stuck again cannot keep;  unit: of the torques [N m].
+Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;  P_rows: the end costs the same of (x - x_s, u - u_s);  free[k]: 1 where the bit turns at
+state k + 1; 0 where it is stuck, and the torque is not weighed against the steady torque; -1 for a stage that costs nothing but moves; 2 where it has stuck
+again, which costs `priority` more and has no slope;  limits: rows of x between lowest and highest, from stage `first` on, that of the bit speed
+first, which a bit that has stuck again cannot keep;  unit: of the torques [N m].
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest,
 
 
 @njit(cache=True, nogil=True)
-def condense(X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high):  # pragma: no cover - compiled
+def condense(
+    X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high
+):  # pragma: no cover - compiled
     """Fill H, g and the rows with bounds for the change of the plan (in units), with moves first, then two sides of every limit.
 
     The part of H and g behind the N torques is left alone; low and high hold the bounds of the unknowns and of the rows.
@@ -126,7 +128,9 @@ def condense(X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limit
 
 
 @njit(cache=True, nogil=True)
-def wound_up(addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate):  # pragma: no cover - compiled
+def wound_up(
+    addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
+):  # pragma: no cover - compiled
     """Fill X, M and U with the motion under a PI drive on the speed `row` x, started from the last torque."""
     offset = last - proportional * (reference - row @ X[0])
     before = last
@@ -142,7 +146,9 @@ def wound_up(addresses, interval, steps, inputs, columns, p, X, M, none, U, row,
 
 
 @njit(cache=True, nogil=True)
-def regulated(addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate):  # pragma: no cover - compiled
+def regulated(
+    addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate
+):  # pragma: no cover - compiled
     """Fill X, M and U with the motion under u_k = u_(k-1) - gain (x - x_s, u_(k-1) - u_s), cut to its limits."""
     n, before = X.shape[1], last
     for k in range(U.shape[0]):

@@ -8,7 +8,7 @@ import numpy as np
 
 from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
-from controllers.string_model import drilling_point, without_actuators
+from controllers.string_model import StringModel, drilling_point, without_actuators
 from toolbox import HybridSystem
 
 
@@ -45,7 +45,9 @@ class PlannedLinear(PredictiveLaw):
             a, b, c = step @ a, step @ b + drive[:, 1], step @ c
             c[:, k] += drive[:, 0] * unit
             free[k], loaded[k], forced[k] = a, b, c
-        self.target = np.array([np.append(*steady(A, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T  # (x_s, u_s) per reference and per T
+        self.target = np.array(
+            [np.append(*steady(A, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]
+        ).T  # (x_s, u_s) per reference and per T
         rows = _limits(law, model)
         slacks = len(rows) if law.soft else 0
         H, width = np.zeros((N + slacks, N + slacks)), N + slacks
@@ -118,7 +120,7 @@ class PlannedLinear(PredictiveLaw):
         return (float(answer.z[0]) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
 
 
-def _limits(law: Predictive, model: object) -> list[tuple[np.ndarray, float, float, float]]:
+def _limits(law: Predictive, model: StringModel) -> list[tuple[np.ndarray, float, float, float]]:
     """(row of x, lowest, highest, size) of the limits of top speed and twist that are given."""
     rows = []
     if law.highest_speed is not None:

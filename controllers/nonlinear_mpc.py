@@ -22,14 +22,17 @@ from toolbox import HybridSystem, SceneError, quantity
 
 @dataclass(frozen=True, kw_only=True)
 class NonlinearMPC(Predictive):
-    """`Predictive` on the hybrid model: in each sample the plan of the sample before, or that of a soft drive where it is better, is rolled out with its
-    exact modes, linearised along them and improved by one quadratic program (real-time iteration), or by up to `iterations`.
+    """`Predictive` on the hybrid model: in each sample a plan is rolled out, linearised along its own motion and improved by one quadratic program.
 
+    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning); with `iterations` above
+    1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
     width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
-    `matched` is False, which is the textbook's tanh and a trap.  adapt: whether strength of the rock (a factor on its torque) is estimated: in sliding from the
-    torque that the filter sees, in the time `strength_time`; at rest from the torque it has held, `margin` more than that, and always between 0.5 and 2. The bit is at rest below
-    `rest_speed`, and slides for sure above twice that. A step of the plan is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
-    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736, doi:10.1137/S0363012902400713.
+    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
+    `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
+    times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
+    torque between 0.5 and 2, is estimated: in sliding from the torque that the filter sees, in the time `strength_time`; at rest from the torque
+    that it has held, `margin` more than that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
+    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
     width: float | None = quantity(None, "rad/s", "width of regularised friction", above=0)
@@ -80,7 +83,9 @@ class PlannedNonlinear(PredictiveLaw):
             # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
             steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)
             steps = max(steps, int(np.ceil(law.period * steepest / 2.0)))
-        self.rollout = Rollout(plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched))
+        self.rollout = Rollout(
+            plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched)
+        )
         self.contact = [element.name for element in plant.elements].index("bit")
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
         limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
@@ -126,10 +131,9 @@ class PlannedNonlinear(PredictiveLaw):
         x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
         around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
         shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
-        if self.samples:
-            U, value, X, M = self._valued(x, shifted, around)
-        else:
-            U, value, X, M = shifted, np.inf, None, None
+        U, value, X, M = self._valued(x, shifted, around)
+        if not self.samples:
+            value = np.inf  # there is no last plan
         # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
         roll = self.rollout
         P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))

@@ -142,7 +142,8 @@ class PredictiveLaw:
         check_fields(law)
         self.law, self.measures = law, law.sensors
         self.model = model
-        self.filter = DisturbanceFilter(A, model.B, model.E, sensor_rows(plant, law.sensors), law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)  # fmt: skip
+        sensors = sensor_rows(plant, law.sensors)
+        self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
         self.drive = SoftDrive(law, plant)
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
@@ -162,7 +163,9 @@ class PredictiveLaw:
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
         if self.samples and abs(t - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
-            raise SceneError(f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s.")
+            raise SceneError(
+                f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
+            )
         estimate = self.filter.correct(np.asarray(y, float))
         wanted, reason = self.plan(self.filter.arrival(self.last))
         if wanted is None:
@@ -236,4 +239,15 @@ def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -
     return found[:n], float(found[n])
 
 
-__all__ = ["Predictive", "PredictiveLaw", "Record", "held", "riccati", "sensor_rows", "steady", "string_model", "twist_row", "without_actuators"]
+__all__ = [
+    "Predictive",
+    "PredictiveLaw",
+    "Record",
+    "held",
+    "riccati",
+    "sensor_rows",
+    "steady",
+    "string_model",
+    "twist_row",
+    "without_actuators",
+]

@@ -42,9 +42,7 @@ class Residuals:
         return max(self.stationarity, self.violation, self.complementarity)
 
 
-def residuals(
-    H: np.ndarray, A: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray, z: np.ndarray, y: np.ndarray
-) -> Residuals:
+def residuals(H: np.ndarray, A: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray, z: np.ndarray, y: np.ndarray) -> Residuals:
     """The KKT residuals of z with multipliers y (of the bounds on z, then on A z; positive at `high`, negative at `low`)."""
     if not (np.isfinite(z).all() and np.isfinite(y).all()):
         return Residuals(np.inf, np.inf, np.inf)
@@ -129,16 +127,22 @@ class _Plugin:
     def __init__(self, solver: str, H: np.ndarray, A: np.ndarray):
         n, m = H.shape[0], A.shape[0]
         quiet = {"print_iter": False, "print_header": False, "print_info": False}
-        options: dict[str, Any] = {"error_on_fail": False, "print_time": False}
-        options |= {"qrqp": quiet | {"max_iter": 200}, "daqp": {"daqp": {"iter_limit": 400}}, "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}}}.get(solver, {})
+        special: dict[str, dict[str, Any]] = {
+            "qrqp": quiet | {"max_iter": 200},
+            "daqp": {"daqp": {"iter_limit": 400}},
+            "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}},
+        }
+        options = {"error_on_fail": False, "print_time": False} | special.get(solver, {})
         self.function = ca.conic("program", solver, {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}, options)
-        self.buffer, self.trigger = self.function.buffer()
+        buffer: Any
+        buffer, self.trigger = self.function.buffer()
+        self.buffer = buffer
         self.given = {name: np.zeros(self.function.numel_in(name)) for name in self.function.name_in()}
         self.found = {name: np.zeros(self.function.numel_out(name)) for name in self.function.name_out()}
         for i, array in enumerate(self.given.values()):
-            self.buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, array.data)
         for i, array in enumerate(self.found.values()):
-            self.buffer.set_res(i, memoryview(array))
+            buffer.set_res(i, array.data)
         self.n = n
         self.fresh = solver == "hpipm"  # called twice through buffers, it repeats violated bounds (casadi 3.8.2)
         self.matrices(H, A)

@@ -1,7 +1,7 @@
 """How long does a sample of predictive control take, and how does it compare with do-mpc on the same problem?
 
-Two inertias (JANSEN_2) with a bit 10 % heavier than the laws know, N = 40, period 0.1 s, 60 s of closed loop from the end of a stick phase of the stiff PI drive
-at 4 rad/s. Linear: limits of torque, rate, speed and twist, of which some are active. Nonlinear: real-time iteration on exact modes, and on
+Two inertias (JANSEN_2) with a bit 10 % heavier than the laws know, N = 40, period 0.1 s, 60 s of closed loop from the end of a stick phase of the stiff PI
+drive at 4 rad/s. Linear: limits of torque, rate, speed and twist, of which some are active. Nonlinear: real-time iteration on exact modes, and on
 friction regularised with matched peak (width 0.2 rad/s). do-mpc: the same regularised plant, cost and limits of torque, its defaults
 otherwise (collocation, IPOPT), its own closed loop of 60 samples from the same state. Every law measures all states.
 

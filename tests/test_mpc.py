@@ -46,7 +46,7 @@ def test_without_active_limits_the_linear_law_is_the_regulator_of_the_riccati_eq
     K, _, _ = control.dlqr(F, G, Q, [[1 / 3.0**2 + 1 / 4.0**2]], np.array([[0.0], [0.0], [0.0], [1 / 3.0**2]]))
     # a state off the steady one, and the torque T of the rock that the law takes for constant
     T = float(np.linalg.lstsq(model.E[:, None], A @ x_s + model.B * u_s, rcond=None)[0][0])
-    x, last = x_s + [1.5, -0.7, 0.9], u_s + 700.0
+    x, last = x_s + np.array([1.5, -0.7, 0.9]), u_s + 700.0
     planned.last = last
     torque, reason = planned.plan(np.append(x, T))
     assert reason == ""
@@ -110,7 +110,7 @@ def test_a_limit_of_the_top_speed_is_kept_by_the_prediction_and_passed_without_i
 
 
 def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_recorded_and_a_soft_one_gives_way():
-    start, torque = drilling(8.0)
+    start, _ = drilling(8.0)
     runs = {}
     for soft in (True, False):
         law = LinearMPC(reference=8.0, highest_twist=5.0, soft=soft, **LIMITS, **STATES)
@@ -197,7 +197,8 @@ def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(
 @pytest.mark.parametrize("solver", ["daqp", "piqp", "hpipm"])
 def test_a_warm_start_changes_nothing_but_time(solver):
     runs = [
-        simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm=warm, **LIMITS, **STATES), sample_time=0.1) for warm in (True, False)
+        simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm=warm, **LIMITS, **STATES), sample_time=0.1)
+        for warm in (True, False)
     ]
     answers = [np.array(run.answers[0]).ravel() for run in runs]
     assert not any(run.laws[0].record.fallbacks for run in runs)
@@ -222,7 +223,9 @@ def test_the_linear_law_has_no_offset_under_a_torque_that_its_model_does_not_kno
 def test_the_nonlinear_law_has_no_offset_either_and_learns_the_strength_of_the_rock():
     start, _ = drilling(8.0)
     runs = {
-        adapt: simulate(RIG, 80.0, start=start, inputs=HEAVIER, controller=NonlinearMPC(reference=8.0, adapt=adapt, **LIMITS), sample_time=0.1)
+        adapt: simulate(
+            RIG, 80.0, start=start, inputs=HEAVIER, controller=NonlinearMPC(reference=8.0, adapt=adapt, **LIMITS), sample_time=0.1
+        )
         for adapt in (True, False)
     }
     assert runs[True]["top.speed"][-1] == pytest.approx(8.0, abs=1e-4)

@@ -62,7 +62,9 @@ def test_the_scale_of_a_contact_multiplies_what_it_holds():
     assert rollout.states(state, still)[1][1, 0] == 0.0
 
 
-@pytest.mark.parametrize("law", [Exponential(static=0.8, kinetic=0.5, decay=0.9), Coulomb(static=0.5, kinetic=0.3), Hyperbolic(static=1.0, decay=3.0)])
+@pytest.mark.parametrize(
+    "law", [Exponential(static=0.8, kinetic=0.5, decay=0.9), Coulomb(static=0.5, kinetic=0.3), Hyperbolic(static=1.0, decay=3.0)]
+)
 @pytest.mark.parametrize("width", [0.01, 0.1, 0.5])
 def test_a_matched_peak_is_the_static_bound_and_a_plain_tanh_stays_below_it(law, width):
     v = np.linspace(0.0, 40.0 * width, 40_001)

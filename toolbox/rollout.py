@@ -56,7 +56,9 @@ def lacking(law: Any, width: float) -> Any:
     v = ca.SX.sym("v")
     smooth = ca.tanh(v / width)
     try:
-        base = ca.Function("base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())])
+        base = ca.Function(
+            "base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
+        )
     except RuntimeError:
         raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
     grid = np.linspace(1e-3, 30.0, 30_000) * width
@@ -78,16 +80,26 @@ class Rollout:
     Modes are 0 (stick), 1, -1. Raises SceneError for a plant with other elements, or one that depends on time.
     """
 
-    def __init__(self, plant: HybridSystem, drives: Sequence[str], interval: float, steps: int, regularisation: Regularisation | None = None):
+    def __init__(
+        self, plant: HybridSystem, drives: Sequence[str], interval: float, steps: int, regularisation: Regularisation | None = None
+    ):
         from toolbox import rollout_loop
 
         for element in plant.elements:
             if not isinstance(element, DryFriction) or element.companions:
-                raise SceneError(f"A prediction knows contacts with dry friction without breaks, but `{element.name}` is a {type(element).__name__}.")
+                raise SceneError(
+                    f"A prediction knows contacts with dry friction without breaks, but `{element.name}` is a {type(element).__name__}."
+                )
         if ca.depends_on(plant.flow, plant.t):
             raise SceneError("A prediction must not depend on time, but the equations of this plant do.")
         self.loop = rollout_loop
-        self.plant, self.drives, self.interval, self.steps, self.regularisation = plant, tuple(drives), float(interval), int(steps), regularisation
+        self.plant, self.drives, self.interval, self.steps, self.regularisation = (
+            plant,
+            tuple(drives),
+            float(interval),
+            int(steps),
+            regularisation,
+        )
         self.columns = np.array([list(plant.inputs).index(name) for name in drives], np.int64)
         self.inputs = np.array(plant.input_defaults(plant.values)).ravel()
         self.numbers = np.append(plant.values, np.ones(len(plant.elements)))

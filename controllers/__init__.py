@@ -4,8 +4,10 @@ from controllers import impedance, observers
 from controllers.active_damping import ActiveDamping
 from controllers.h_infinity import HInfinity
 from controllers.implicit_sliding_mode import ImplicitSlidingMode
+from controllers.linear_mpc import LinearMPC
 from controllers.lqg import LQG
 from controllers.lqr import LQR
+from controllers.nonlinear_mpc import NonlinearMPC
 from controllers.pi import PI, StiffPI
 from controllers.sliding_mode import IdealSlidingMode, SlidingMode
 from controllers.soft_torque import SoftTorque
@@ -21,6 +23,8 @@ __all__ = [
     "IdealSlidingMode",
     "ImpedanceSuperTwisting",
     "ImplicitSlidingMode",
+    "LinearMPC",
+    "NonlinearMPC",
     "SlidingMode",
     "SoftTorque",
     "StiffPI",

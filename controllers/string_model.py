@@ -33,7 +33,7 @@ def string_model(plant: HybridSystem) -> StringModel:
     Other friction along the string is left out as well, and so are actuators that stand between laws and string (parts with `routes`). Raises SceneError
     for a plant without these signals, and for one that is not linear.
     """
-    plant = _without_actuators(plant)
+    plant = without_actuators(plant)
     for name in ("top.torque", "top.speed", "top.load", "bit.speed", "bit.force"):
         if not plant.has_signal(name):
             raise SceneError(f"The law is designed on a drill string with a rock, but the plant has no `{name}`.")
@@ -71,7 +71,7 @@ def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.n
 
     A is that of `toolbox.linearise` with the contact `bit` in slip+. Raises SceneError as `string_model` does.
     """
-    plant = _without_actuators(plant)
+    plant = without_actuators(plant)
     model = string_model(plant)
     torque, _ = rock_slope(plant, speed)
     n = model.A.shape[0]
@@ -84,7 +84,7 @@ def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.n
     return model, x, u, np.array(around.A)
 
 
-def _without_actuators(plant: HybridSystem) -> HybridSystem:
+def without_actuators(plant: HybridSystem) -> HybridSystem:
     """The plant as a law on `top.torque` and `top.speed` sees it, without the parts that stand between."""
     parts = [part for part in plant.parts if not part.routes]
     return plant if len(parts) == len(plant.parts) else compose(*parts)

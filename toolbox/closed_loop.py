@@ -28,13 +28,14 @@ class Controller(Component):
     """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
 
     measures, drives: names of the signals it reads and gives;  its numeric fields are casadi symbols inside both methods, so that
-    another gain never recompiles. `design(plant)` is called once on the plant's declared values and returns the law to be used.
+    another gain never recompiles. `design(plant)` is called once on the plant's declared values and returns the law to be used: a
+    Controller, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
     """
 
     measures: ClassVar[tuple[str, ...]] = ()
     drives: ClassVar[tuple[str, ...]] = ()
 
-    def design(self, plant: HybridSystem) -> Controller:
+    def design(self, plant: HybridSystem) -> Any:
         """The law with gains filled in from the plant; by default itself."""
         return self
 

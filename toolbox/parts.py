@@ -127,6 +127,19 @@ def checked(part: Any) -> None:
         part.check()
 
 
+def check_fields(part: Any) -> None:
+    """Raise SceneError unless the numbers of a part that stands alone are of their kind and within their bounds, and `check` finds them sound."""
+    structure_of(part)
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        if field.numeric and value is not None:
+            for number in value if isinstance(value, tuple) else (value,):
+                broken = bounds_broken(number, field.spec.metadata)
+                if broken:
+                    raise SceneError(f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")
+    checked(part)
+
+
 def bounds_broken(value: Any, bounds: Mapping[str, Any]) -> str | None:
     """What a number must be and is not, by the bounds of a `quantity`; None where it is sound."""
     if not is_finite_number(value):

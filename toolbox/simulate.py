@@ -165,6 +165,7 @@ def _closed(
             sampled.check()
         if isinstance(law, Controller):
             law = law.design(declared)
+        if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
             parts.append(law if sampled is None else held(sampled, law))
@@ -288,7 +289,9 @@ def _run(run: Run) -> Trajectory:
             work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
             status = loop.advance(work)
             if status == loop.DONE:
-                return _sound(_trajectory(loop, run, program, work, began, answers), program)
+                done = _trajectory(loop, run, program, work, began, answers)
+                done.laws = tuple(laws)
+                return _sound(done, program)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL)
             elif status == loop.SAMPLE_DUE:
@@ -311,6 +314,8 @@ def _run(run: Run) -> Trajectory:
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
                 error.run = _trajectory(loop, run, program, work, began, answers)  # type: ignore[attr-defined]
+        if getattr(error, "run", None) is not None:
+            error.run.laws = tuple(laws)  # type: ignore[attr-defined]
         raise
     finally:
         if bar is not None:

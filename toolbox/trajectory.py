@@ -139,8 +139,11 @@ class Trajectory(Samples):
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
     end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
     merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
-    can be resolved;  answers: what each Python controller returned, sample by sample.
+    can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
+    what they recorded (they do not travel with a pickled trajectory).
     """
+
+    laws: tuple[Any, ...] = ()
 
     def __init__(
         self,

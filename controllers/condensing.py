@@ -1,0 +1,160 @@
+"""Programs of nonlinear predictive laws from a rollout and its derivatives: states eliminated, compiled once per machine (see `controllers.nonlinear_mpc`).
+
+Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;  P_rows: the end costs the same of (x - x_s, u - u_s);  free[k]: 1 where the bit turns at
+state k + 1; 0 where it is stuck, and the torque is not weighed against the steady torque; -1 for a stage that costs nothing but moves; 2 where it has stuck
+again, which costs `priority` more and has no slope;  limits: rows of x between lowest and highest, from stage `first` on, that of the bit speed
+first, which a bit that has stuck again cannot keep;  unit: of the torques [N m].
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from toolbox.rollout_loop import advance
+
+
+@njit(cache=True, nogil=True)
+def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, priority):  # pragma: no cover - compiled
+    """Cost of a plan along its own rollout, excess of limits included."""
+    N, n = U.shape[0], X.shape[1]
+    total, before = 0.0, last
+    for k in range(N):
+        if free[k] == 2:
+            total += priority
+        if free[k] > 0:
+            total += 0.5 * ((U[k, 0] - u_s) / unit) ** 2
+        total += 0.5 * ((U[k, 0] - before) / move) ** 2
+        before = U[k, 0]
+        if free[k] < 0:
+            continue
+        if k < N - 1 or free[k] == 0:
+            for i in range(Q_rows.shape[0]):
+                part = 0.0
+                for a in range(n):
+                    part += Q_rows[i, a] * (X[k + 1, a] - x_s[a])
+                total += 0.5 * part * part
+        else:
+            for i in range(P_rows.shape[0]):
+                part = P_rows[i, n] * (U[k, 0] - u_s)
+                for a in range(n):
+                    part += P_rows[i, a] * (X[k + 1, a] - x_s[a])
+                total += 0.5 * part * part
+    for i in range(limits.shape[0]):
+        excess = 0.0
+        for k in range(first[i], N):
+            value = 0.0
+            for a in range(n):
+                value += limits[i, a] * X[k + 1, a]
+            if i > 0 or free[k] != 2:
+                excess = max(excess, value - highest[i], lowest[i] - value)
+        total += priority * (excess + 0.5 * excess * excess)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def condense(
+    X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high
+):  # pragma: no cover - compiled
+    """Fill H, g and the rows with bounds for the change of the plan (in units), with moves first, then two sides of every limit.
+
+    The part of H and g behind the N torques is left alone; low and high hold the bounds of the unknowns and of the rows.
+    """
+    N, n = U.shape[0], X.shape[1]
+    width = H.shape[0]
+    S, W = np.zeros((n, N)), np.zeros((n, N))
+    line = np.empty(N)
+    H[:N, :N] = 0.0
+    g[:N] = 0.0
+    weight = (unit / move) ** 2
+    for k in range(N):
+        if free[k] > 0:
+            H[k, k] += 1.0
+            g[k] += (U[k, 0] - u_s) / unit
+        H[k, k] += weight
+        jump = (U[k, 0] - (U[k - 1, 0] if k else last)) / unit
+        g[k] += weight * jump
+        if k:
+            H[k - 1, k - 1] += weight
+            H[k, k - 1] -= weight
+            g[k - 1] -= weight * jump
+        for a in range(n):
+            for j in range(k):
+                part = 0.0
+                for b in range(n):
+                    part += A[k, a, b] * S[b, j]
+                W[a, j] = part
+            W[a, k] = B[k, a, 0] * unit
+        S[:, : k + 1] = W[:, : k + 1]
+        final = k == N - 1 and free[k] > 0
+        R = P_rows if final else Q_rows
+        for i in range(R.shape[0] if free[k] >= 0 else 0):
+            off = 0.0
+            for a in range(n):
+                off += R[i, a] * (X[k + 1, a] - x_s[a])
+            for j in range(k + 1):
+                part = 0.0
+                for a in range(n):
+                    part += R[i, a] * S[a, j]
+                line[j] = part
+            if final:
+                line[k] += R[i, n] * unit
+                off += R[i, n] * (U[k, 0] - u_s)
+            for j in range(k + 1):
+                g[j] += line[j] * off
+                for c in range(j + 1):
+                    H[j, c] += line[j] * line[c]
+        for i in range(limits.shape[0]):
+            value = 0.0
+            for a in range(n):
+                value += limits[i, a] * X[k + 1, a]
+            for side in range(2):
+                r = N + (2 * i + side) * N + k
+                for j in range(k + 1):
+                    part = 0.0
+                    for a in range(n):
+                        part += limits[i, a] * S[a, j]
+                    rows[r, j] = part
+                holds = k >= first[i] and (i > 0 or free[k] != 2)
+                if side == 0:
+                    high[width + r] = highest[i] - value if holds else np.inf
+                else:
+                    low[width + r] = lowest[i] - value if holds else -np.inf
+        low[width + k] = -rate / unit - jump
+        high[width + k] = rate / unit - jump
+    for j in range(N):
+        for c in range(j):
+            H[c, j] = H[j, c]
+
+
+@njit(cache=True, nogil=True)
+def wound_up(
+    addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
+):  # pragma: no cover - compiled
+    """Fill X, M and U with the motion under a PI drive on the speed `row` x, started from the last torque."""
+    offset = last - proportional * (reference - row @ X[0])
+    before = last
+    for k in range(U.shape[0]):
+        error = reference - row @ X[k]
+        offset += integral * interval * error
+        wanted = offset + proportional * error
+        command = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
+        offset += command - wanted  # what is cut does not wind up
+        U[k, 0] = command
+        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        before = command
+
+
+@njit(cache=True, nogil=True)
+def regulated(
+    addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate
+):  # pragma: no cover - compiled
+    """Fill X, M and U with the motion under u_k = u_(k-1) - gain (x - x_s, u_(k-1) - u_s), cut to its limits."""
+    n, before = X.shape[1], last
+    for k in range(U.shape[0]):
+        wanted = before - gain[n] * (before - u_s)
+        for a in range(n):
+            wanted -= gain[a] * (X[k, a] - x_s[a])
+        before = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
+        U[k, 0] = before
+        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])

@@ -1,0 +1,61 @@
+"""Stationary Kalman filter of a string whose bit torque is an unknown, wandering disturbance, at the samples of a law whose commands are held."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def held(A: np.ndarray, B: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
+    """exp(A t) and the integral of exp(A s) B over t: the exact motion of x' = A x + B u under a held u."""
+    from scipy.linalg import expm
+
+    n, m = B.shape
+    both = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * duration)
+    return both[:n, :n], both[:n, n:]
+
+
+class DisturbanceFilter:
+    """Estimates z = (x, T) of x' = A x + B u - E T from y = C x, one sample after the other.
+
+        z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
+
+    A command takes effect `delay` <= period after its sample. L is the stationary gain for measurement noise of the given standard deviations, a
+    torque T that wanders by `torque_walk` in a second, and a drive with white noise of `drive_walk`. Source: B. D. O. Anderson, J. B. Moore,
+    Optimal Filtering, Prentice-Hall 1979.
+    """
+
+    def __init__(self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float):  # fmt: skip
+        from scipy.linalg import expm, solve_discrete_are
+
+        n = A.shape[0]
+        unit = np.append(np.ones(n), torque_walk)  # the torque in steps of a second, for a well-scaled equation
+        F = np.block([[A, -E[:, None]], [np.zeros((1, n + 1))]]) * unit / unit[:, None]
+        G = np.append(B, 0.0)[:, None]
+        H = np.column_stack([C, np.zeros(C.shape[0])])
+        Q = drive_walk**2 * G @ G.T
+        Q[n, n] += 1.0
+        both = expm(np.block([[-F, Q], [np.zeros_like(F), F.T]]) * period)  # C. F. Van Loan, IEEE Trans. Autom. Control 23 (1978) 395-404
+        over = both[n + 1 :, n + 1 :].T
+        walk = over @ both[: n + 1, n + 1 :]
+        R = np.diag(np.asarray(noise, float) ** 2)
+        P = solve_discrete_are(over.T, H.T, 0.5 * (walk + walk.T), R)
+        self.gain = unit[:, None] * np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        self.rows = H
+        F, scaled = F * unit[:, None] / unit, G
+        self.first, self.first_drive = held(F, scaled, delay)
+        self.rest, self.rest_drive = held(F, scaled, period - delay)
+        self.first_drive, self.rest_drive = self.first_drive.ravel(), self.rest_drive.ravel()
+        self.z = np.zeros(n + 1)
+
+    def correct(self, y: np.ndarray) -> np.ndarray:
+        """The estimate at a sample with measurement y; (x, T)."""
+        self.z = self.z + self.gain @ (y - self.rows @ self.z)
+        return self.z
+
+    def arrival(self, last: float) -> np.ndarray:
+        """The estimate at the instant at which the command of this sample arrives; `last` is the command that acts until then."""
+        return self.first @ self.z + self.first_drive * last
+
+    def predict(self, last: float, command: float) -> None:
+        """Go to the next sample, the last command acting until the new one arrives."""
+        self.z = self.rest @ self.arrival(last) + self.rest_drive * command

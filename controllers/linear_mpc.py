@@ -1,0 +1,130 @@
+"""Linear model predictive control of the top drive: a plan of torques on the string with its rock linearised at the set-point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
+from controllers.quadratic_program import QuadraticProgram
+from controllers.string_model import StringModel, drilling_point, without_actuators
+from toolbox import HybridSystem
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearMPC(Predictive):
+    """`Predictive` on x_(k+1) = A x_k + B u_k - E T, the slope of the rock at `reference` in A and its torque beyond that, T, constant over the plan.
+
+        min sum_(k=1)^(N-1) e_k' Q e_k + sum_(k=0)^(N-1) ((u_k - u_s) / torque_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + (e_N, u_(N-1) - u_s)' P (...)
+
+    e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant
+    torque. Without active limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its
+    matrices. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source: J. B. Rawlings, D. Q. Mayne,
+    M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
+    """
+
+    def design(self, plant: HybridSystem) -> PlannedLinear:
+        """The callable law for the plant."""
+        return PlannedLinear(self, without_actuators(plant))
+
+
+class PlannedLinear(PredictiveLaw):
+    """A designed `LinearMPC`: the unknowns are the torques in units of `torque_size`, then the excess of speed and of twist."""
+
+    def __init__(self, law: LinearMPC, plant: HybridSystem):
+        model, _, _, A = drilling_point(plant, law.reference)
+        super().__init__(law, plant, model, A)
+        n, N, unit = A.shape[0], law.horizon, law.torque_size
+        step, drive = held(A, np.column_stack([model.B, -model.E]), law.period)
+        P, self.gain, Q = riccati(step, drive[:, 0], law, model)
+        # states of the plan as  x_k = free_k x_0 + forced_k U - loaded_k T
+        free, loaded, forced = np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, N))
+        a, b, c = np.eye(n), np.zeros(n), np.zeros((n, N))
+        for k in range(N):
+            a, b, c = step @ a, step @ b + drive[:, 1], step @ c
+            c[:, k] += drive[:, 0] * unit
+            free[k], loaded[k], forced[k] = a, b, c
+        self.target = np.array(
+            [np.append(*steady(A, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]
+        ).T  # (x_s, u_s) per reference and per T
+        rows = _limits(law, model)
+        slacks = len(rows) if law.soft else 0
+        H, width = np.zeros((N + slacks, N + slacks)), N + slacks
+        moves = np.eye(N) - np.eye(N, k=-1)
+        # what the program is given: theta = (x_0, last torque, T, reference)
+        G = np.zeros((width, n + 3))
+        start, last, load, wish = slice(0, n), n, n + 1, n + 2
+
+        def deviation(k: int) -> np.ndarray:
+            """x_k - x_s as rows of theta, for U = 0."""
+            out = np.zeros((n, n + 3))
+            out[:, start], out[:, load], out[:, wish] = free[k], loaded[k] - self.target[:n, 1], -self.target[:n, 0]
+            return out
+
+        for k in range(N - 1):
+            H[:N, :N] += forced[k].T @ Q @ forced[k]
+            G[:N] += forced[k].T @ Q @ deviation(k)
+        H[:N, :N] += np.eye(N) + (unit / law.move_size) ** 2 * moves.T @ moves
+        G[:N, load] -= self.target[n, 1] / unit
+        G[:N, wish] -= self.target[n, 0] / unit
+        G[0, last] -= unit / law.move_size**2
+        # behind the horizon: (x_N - x_s, u_(N-1) - u_s)
+        final = np.vstack([forced[-1], unit * np.eye(N)[-1]])
+        off = np.vstack([deviation(N - 1), np.zeros((1, n + 3))])
+        off[n, load], off[n, wish] = -self.target[n, 1], -self.target[n, 0]
+        H[:N, :N] += final.T @ P @ final
+        G[:N] += final.T @ P @ off
+        for i in range(slacks):
+            H[N + i, N + i] = law.priority
+        self.linear = np.zeros(width)
+        self.linear[N:] = law.priority
+        # bounds of the unknowns, then of the rows: moves, speed, twist
+        self.low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
+        self.high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))
+        pieces, known = [], []
+        if np.isfinite(self.rate):
+            piece = np.zeros((N, width))
+            piece[:, :N] = moves
+            pieces.append(piece)
+            offset = np.zeros((N, n + 3))
+            offset[0, last] = -1.0 / unit
+            known.append(offset)
+            self.low, self.high = np.append(self.low, np.full(N, -self.rate / unit)), np.append(self.high, np.full(N, self.rate / unit))
+        for i, (row, lowest, highest, size) in enumerate(rows):
+            for side in (1, -1) if np.isfinite(lowest) and law.soft else (1,):
+                piece, offset = np.zeros((N, width)), np.zeros((N, n + 3))
+                for k in range(N):
+                    piece[k, :N] = row @ forced[k] / size
+                    offset[k, start], offset[k, load] = row @ free[k] / size, row @ loaded[k] / size
+                if law.soft:
+                    piece[:, N + i] = -side
+                pieces.append(piece)
+                known.append(offset)
+                lower = lowest / size if not law.soft or side < 0 else -np.inf
+                upper = highest / size if side > 0 else np.inf
+                self.low, self.high = np.append(self.low, np.full(N, lower)), np.append(self.high, np.full(N, upper))
+        self.slope = G
+        self.known = np.vstack(known) if known else np.zeros((0, n + 3))
+        self.program = QuadraticProgram(H, np.vstack(pieces) if pieces else np.zeros((0, width)), law.solver, warm=law.warm)
+
+    def plan(self, z: np.ndarray) -> tuple[float | None, str]:
+        theta = np.concatenate([z[:-1], (self.last, z[-1], self.law.reference)])
+        shift = self.known @ theta
+        low, high = self.low.copy(), self.high.copy()
+        low[-shift.size or low.size :] -= shift
+        high[-shift.size or high.size :] -= shift
+        answer = self.program.solve(self.slope @ theta + self.linear, low, high)
+        self.record.answer = answer
+        self.record.programs += 1
+        return (float(answer.z[0]) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
+
+
+def _limits(law: Predictive, model: StringModel) -> list[tuple[np.ndarray, float, float, float]]:
+    """(row of x, lowest, highest, size) of the limits of top speed and twist that are given."""
+    rows = []
+    if law.highest_speed is not None:
+        rows.append((model.top, -np.inf, law.highest_speed, law.top_size))
+    if law.highest_twist is not None:
+        rows.append((twist_row(model), -law.highest_twist, law.highest_twist, 1.0))
+    return rows

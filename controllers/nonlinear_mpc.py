@@ -1,0 +1,235 @@
+"""Nonlinear model predictive control of the top drive, on the set-valued model of the rock.
+
+Why not tanh: a prediction with a regularised law whose peak lies below the break-away torque believes in a release that does not come, parks the string
+just below it, and its solver reports success for ever. Here the prediction either keeps the exact modes, with release and re-sticking where the
+model has them, or regularises with the peak of the set-valued law. In both, a rock that holds more than the model allows raises the estimate of its
+strength, and while the bit is predicted to be stuck the plan winds up the string at the set-point instead of resting at the steady torque.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, steady, twist_row
+from controllers.quadratic_program import QuadraticProgram
+from controllers.string_model import drilling_point, string_model, without_actuators
+from toolbox import HybridSystem, SceneError, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearMPC(Predictive):
+    """`Predictive` on the hybrid model: in each sample a plan is rolled out, linearised along its own motion and improved by one quadratic program.
+
+    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning); with `iterations` above
+    1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
+    width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
+    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
+    `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
+    times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
+    torque between 0.5 and 2, is estimated: in sliding from the torque that the filter sees, in the time `strength_time`; at rest from the torque
+    that it has held, `margin` more than that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
+    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
+    """
+
+    width: float | None = quantity(None, "rad/s", "width of regularised friction", above=0)
+    matched: bool = True
+    adapt: bool = True
+    iterations: int = 1
+    steps: int = 4
+    rest_speed: float = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
+    strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
+    margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+
+    def check(self):
+        super().check()
+        for name in ("iterations", "steps"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise SceneError(f"Argument `{name}` must be an integer >= 1, but it is {value!r}.")
+        if not self.soft:
+            raise SceneError("Argument `soft` must be True for a nonlinear law: its limits of speed and twist give way where they must.")
+
+    def design(self, plant: HybridSystem) -> PlannedNonlinear:
+        """The callable law for the plant."""
+        return PlannedNonlinear(self, without_actuators(plant))
+
+
+class PlannedNonlinear(PredictiveLaw):
+    """A designed `NonlinearMPC`; `torques`, `states`, `modes` are the plan of the last sample, `value` its cost, `strength` the factor on the rock's torque."""
+
+    def __init__(self, law: NonlinearMPC, plant: HybridSystem):
+        from toolbox.rollout import Rollout, regularised
+
+        model, _, _, A = drilling_point(plant, law.reference)
+        super().__init__(law, plant, model, string_model(plant).A)
+        self.settings = law
+        n, N = A.shape[0], law.horizon
+        step, drive = held(A, model.B[:, None], law.period)
+        P, self.gain, _ = riccati(step, drive[:, 0], law, model)
+        self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
+        values, vectors = np.linalg.eigh(P)
+        self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+        self.speeds, self.torques_of_rock = _rock(plant)
+        free = string_model(plant).A
+        self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
+        self.place = int(np.flatnonzero(model.bit)[0])
+        steps = law.steps
+        if law.width is not None:
+            # a Runge-Kutta step of order four is stable up to 2.78 over the steepest slope of the regularised rock
+            steepest = 1.3 * self.torques_of_rock[0] / law.width * float(model.E @ model.bit)
+            steps = max(steps, int(np.ceil(law.period * steepest / 2.0)))
+        self.rollout = Rollout(
+            plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched)
+        )
+        self.contact = [element.name for element in plant.elements].index("bit")
+        limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
+        limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
+        limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
+        count = len(limits)
+        self.limit_rows = np.array([row for row, _, _ in limits]).reshape(count, n)
+        self.limit_low, self.limit_high = (np.array([limit[i] for limit in limits], float) for i in (1, 2))
+        width, many = N + count, N + 2 * count * N
+        self.H, self.rows = np.zeros((width, width)), np.zeros((many, width))
+        self.rows[:N, :N] = np.eye(N) - np.eye(N, k=-1)
+        for i in range(count):
+            self.H[N + i, N + i] = law.priority
+            self.rows[N + 2 * i * N : N + (2 * i + 1) * N, N + i] = -1.0
+            self.rows[N + (2 * i + 1) * N : N + (2 * i + 2) * N, N + i] = 1.0
+        self.g, self.low, self.high = np.zeros(width), np.full(width + many, -np.inf), np.full(width + many, np.inf)
+        self.g[N:], self.low[N:width] = law.priority, 0.0
+        self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
+        self._clear()
+        for speed in (0.0, law.reference):  # loads what is compiled, which no sample should wait for
+            self.plan(speed * np.append(model.bit, 0.0))
+        self._clear()
+
+    def _clear(self) -> None:
+        """The memory of a law that has not seen a sample."""
+        N, n = self.law.horizon, self.top.size
+        self.strength, self.resting, self.value = 1.0, True, np.inf
+        self.rollout.scale[:] = 1.0
+        self.torques, self.states, self.modes = np.zeros((N, 1)), np.zeros((N + 1, n)), np.zeros((N + 1, self.rollout.contacts))
+        self.record = Record()
+        self.drive.rest()
+
+    def plan(self, z: np.ndarray) -> tuple[float | None, str]:
+        from controllers.condensing import condense, regulated, wound_up
+
+        law, N, unit = self.settings, self.law.horizon, self.law.torque_size
+        x, load = z[:-1].copy(), float(z[-1])
+        self.resting = resting = abs(x[self.place]) < law.rest_speed
+        if law.adapt:
+            self._learn(x[self.place], load, resting)
+        if resting and law.width is None:
+            x[self.place] = 0.0
+        wish = self.target @ (law.reference, self.strength * self._rock_torque(law.reference))
+        x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
+        around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
+        shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
+        U, value, X, M = self._valued(x, shifted, around)
+        if not self.samples:
+            value = np.inf  # there is no last plan
+        # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
+        roll = self.rollout
+        P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
+        P_X[0], P_M[0] = x, roll.modes(x)
+        call = (roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
+        limits = (self.lowest, self.highest, self.rate)
+        if resting:
+            wound_up(*call, self.top, law.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
+        else:
+            regulated(*call, x_s, u_s, self.gain, self.last, *limits)
+        other = self._cost(P_X, P_U, P_M, around)
+        if other < value:
+            U, value, X, M = P_U, other, P_X, P_M
+        for _ in range(law.iterations):
+            X, A, B, M = roll.advance(x, U)
+            free = self._free(X, M)
+            condense(X, A, B, U, free, *around, self._first(X), self.rate, self.H, self.g, self.rows, self.low, self.high)
+            self.low[:N], self.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
+            self.program.update(self.H, self.rows)
+            answer = self.program.solve(self.g, self.low, self.high)
+            self.record.answer = answer
+            self.record.programs += 1
+            if not answer.sound:
+                return None, answer.reason
+            change = answer.z[:N, None] * unit
+            factor = 1.0
+            while factor > 0.05:
+                trial = self._valued(x, U + factor * change, around)
+                if trial[1] < value:
+                    break
+                factor *= 0.5
+            else:
+                break
+            settled = float(np.abs(trial[0] - U).max()) < 1e-6 * unit
+            U, value, X, M = trial
+            if settled:
+                break
+        self.torques, self.states, self.modes, self.value = U, X, M, value
+        return float(U[0, 0]), ""
+
+    def _valued(self, x: np.ndarray, U: np.ndarray, around: tuple[Any, ...]) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        X, M = self.rollout.states(x, U)
+        return U, self._cost(X, U, M, around), X, M
+
+    def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, around: tuple[Any, ...]) -> float:
+        from controllers.condensing import cost
+
+        value = cost(X, U, self._free(X, M), *around, self._first(X), self.law.priority)
+        return value if np.isfinite(value) else np.inf
+
+    def _first(self, X: np.ndarray) -> np.ndarray:
+        """The stage from which each limit holds: for the bit, the first one that is fast enough, where a bit turns now."""
+        first = np.zeros(self.limit_rows.shape[0], np.int64)
+        fast = X[1:, self.place] >= self.settings.slowest * self.settings.reference
+        first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
+        return first
+
+    def _free(self, X: np.ndarray, M: np.ndarray) -> np.ndarray:
+        """What each stage weighs (see `controllers.condensing`): a bit at rest is wound up first, and what follows its release comes later."""
+        free = np.ones(X.shape[0] - 1, np.int64)
+        if not self.settings.matched:
+            return free
+        turns = M[1:, self.contact] != 0.0 if self.settings.width is None else np.abs(X[1:, self.place]) > self.settings.rest_speed
+        if self.resting:
+            free[:] = 0
+            free[np.cumsum(turns) > 0] = -1
+        else:
+            free[~turns] = 2
+        return free
+
+    def _rock_torque(self, speed: float) -> float:
+        return float(np.interp(abs(speed), self.speeds, self.torques_of_rock))
+
+    def _learn(self, speed: float, load: float, resting: bool) -> None:
+        """The strength of the rock from its estimated torque."""
+        law = self.settings
+        if resting:
+            self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
+        elif abs(speed) > 2.0 * law.rest_speed:
+            seen = np.sign(speed) * load / self._rock_torque(speed)
+            self.strength += (seen - self.strength) * min(1.0, law.period / law.strength_time)
+        self.strength = float(np.clip(self.strength, 0.5, 2.0))
+        self.rollout.scale[self.contact] = self.strength
+
+
+_NONE = np.empty((0, 0, 0))
+
+
+def _rock(plant: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds [rad/s] from 0, and the torque of the declared rock there; at 0 its bound."""
+    rock = next(element for element in plant.elements if element.name == "bit")
+    speeds = np.append(0.0, np.geomspace(1e-3, 100.0, 2000))
+    row = np.array(ca.DM(ca.jacobian(rock.slip, plant.x))).ravel()
+    function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, rock.static])
+    inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
+    kinetic, static = function(row[:, None] * speeds[None, :], inputs, plant.values, modes, 0.0)
+    torque = np.array(kinetic).ravel()
+    torque[0] = float(np.array(static).ravel()[0])
+    return speeds, torque

@@ -1,0 +1,253 @@
+"""What predictive laws share: numbers, limits, the estimate they start from, the drive that stands in for them, and the record they keep."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from controllers.disturbance_filter import DisturbanceFilter, held
+from controllers.quadratic_program import SOLVERS, Answer
+from controllers.string_model import StringModel, string_model, without_actuators
+from controllers.torque_limits import TorqueLimits
+from toolbox import HybridSystem, SceneError, quantity
+from toolbox.parts import check_fields
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predictive(TorqueLimits):
+    """A law that plans the torques of `horizon` samples, applies the first one and plans again.
+
+    It minimises, over the plan, squares of deviations in units of their sizes (Bryson): top speed and bit speed from `reference`, torque from the steady
+    torque, torque from one sample to the next; with the Riccati solution as cost of what comes after the horizon. Limits of torque and of its rate
+    are kept exactly. Limits of speed and twist hold for the predicted string and, with `soft`, give way where they must, at a cost per unit that
+    no other gain can outweigh (`priority`); without `soft` they may leave no answer.
+
+    measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
+    constant torque that the model does not know leaves no error. delay: how long after its sample a command reaches the plant, as the law knows it.
+
+    Every answer of the solver must pass the KKT conditions. Where none does, a soft-torque drive acts, from the torque that was. `run.laws[0].record` tells
+    when and why, and how long each sample took. Sampled only, at `period`.
+    """
+
+    sensors: tuple[str, ...] = ("top.speed",)
+    noise: tuple[float, ...] = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
+    period: float = quantity(0.1, "s", "sample time", above=0)
+    delay: float = quantity(0.0, "s", "time until a command reaches the plant, at most one period", at_least=0)
+    horizon: int = 40
+    top_size: float = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    torque_size: float = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
+    move_size: float = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
+    highest_speed: float | None = quantity(None, "rad/s", "highest top speed", above=0)
+    highest_twist: float | None = quantity(None, "rad", "highest twist of the string, either way", above=0)
+    soft: bool = True
+    priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
+    torque_walk: float = quantity(8000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    solver: str = "daqp"
+    warm: bool = True
+
+    drives: ClassVar[tuple[str, ...]] = ("top.torque",)
+
+    @property
+    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the law measures: its sensors."""
+        return self.sensors
+
+    def check(self):
+        super().check()
+        if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 1:
+            raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
+        if len(self.noise) != len(self.sensors) or not self.sensors:
+            raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
+        if self.delay > self.period:
+            raise SceneError(f"Argument `delay` must be <= the period {self.period:g} s, but it is {self.delay!r}.")
+        if self.solver not in SOLVERS:
+            raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
+
+
+@dataclass
+class Record:
+    """What a predictive law did: `fallbacks` (time [s], why), `seconds` per sample, `iterations` of programs solved, `answers` the last one.
+
+    print(record) gives the count of fallbacks and median, 99th percentile and maximum of the time per sample.
+    """
+
+    fallbacks: list[tuple[float, str]] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    programs: int = 0
+    answer: Answer | None = None
+
+    @property
+    def median(self) -> float:
+        """Median time of a sample [s]."""
+        return float(np.median(self.seconds))
+
+    @property
+    def p99(self) -> float:
+        """99th percentile of the time of a sample [s]."""
+        return float(np.percentile(self.seconds, 99))
+
+    @property
+    def longest(self) -> float:
+        """Longest time of a sample [s]."""
+        return float(np.max(self.seconds))
+
+    def __str__(self) -> str:
+        if not self.seconds:
+            return "no samples"
+        when = f", first at {self.fallbacks[0][0]:g} s: {self.fallbacks[0][1]}" if self.fallbacks else ""
+        return (
+            f"{len(self.seconds)} samples, {len(self.fallbacks)} fallbacks{when}; per sample median {1e3 * self.median:.3g} ms, "
+            f"p99 {1e3 * self.p99:.3g} ms, longest {1e3 * self.longest:.3g} ms"
+        )
+
+
+class SoftDrive:
+    """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was."""
+
+    def __init__(self, law: Predictive, plant: HybridSystem):
+        try:
+            inertia, stiffness = plant.parameter("chain.inertia"), plant.parameter("chain.stiffness")
+        except SceneError as error:
+            raise SceneError(f"{type(law).__name__} falls back on soft torque, which is designed on a chain of inertias: {error}") from None
+        series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
+        self.proportional, self.integral = float(np.sqrt(series * below)), series / below * float(inertia[0])
+        self.offset: float | None = None
+
+    def torque(self, error: float, last: float, period: float) -> float:
+        """The torque for a speed error [rad/s]; `last` [N m] is where it starts after `rest`."""
+        if self.offset is None:
+            self.offset = last - self.proportional * error
+        self.offset += self.integral * period * error
+        return self.offset + self.proportional * error
+
+    def rest(self) -> None:
+        """Forget the integral: the predictive law acts again."""
+        self.offset = None
+
+
+class PredictiveLaw:
+    """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason."""
+
+    measures: tuple[str, ...]
+    drives = ("top.torque",)
+
+    def __init__(self, law: Predictive, plant: HybridSystem, model: StringModel, A: np.ndarray):
+        check_fields(law)
+        self.law, self.measures = law, law.sensors
+        self.model = model
+        sensors = sensor_rows(plant, law.sensors)
+        self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+        self.drive = SoftDrive(law, plant)
+        self.top = sensor_rows(plant, ("top.speed",))[0]
+        self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
+        self.highest = np.inf if law.highest_torque is None else law.highest_torque
+        self.rate = np.inf if law.torque_rate is None else law.torque_rate * law.period
+        self.last, self.samples = 0.0, 0
+        self.record = Record()
+
+    def design(self, plant: HybridSystem) -> PredictiveLaw:
+        """Itself: it is designed."""
+        return self
+
+    def plan(self, z: np.ndarray) -> tuple[float | None, str]:
+        """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""
+        raise NotImplementedError
+
+    def __call__(self, t: float, y: Any) -> float:
+        began = time.perf_counter()
+        if self.samples and abs(t - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
+            raise SceneError(
+                f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
+            )
+        estimate = self.filter.correct(np.asarray(y, float))
+        wanted, reason = self.plan(self.filter.arrival(self.last))
+        if wanted is None:
+            self.record.fallbacks.append((float(t), reason))
+            wanted = self.drive.torque(self.law.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
+        else:
+            self.drive.rest()
+        command = self.within(wanted, self.last)
+        self.filter.predict(self.last, command)
+        self.last = command
+        self.samples += 1
+        self.record.seconds.append(time.perf_counter() - began)
+        return command
+
+    def within(self, torque: float, last: float) -> float:
+        """The torque inside its limits, exactly."""
+        return float(min(max(min(max(torque, last - self.rate), last + self.rate), self.lowest), self.highest))
+
+
+def sensor_rows(plant: HybridSystem, sensors: tuple[str, ...]) -> np.ndarray:
+    """Rows that give the sensors from the states of the string; raises SceneError for one that is unknown or not linear in the states."""
+    rows = []
+    for name in sensors:
+        found = plant.rows(name)
+        if found is not None and found[1] is None:
+            rows.append(np.eye(plant.x.numel())[found[0]])
+            continue
+        expression = plant.expression(name)
+        slope = ca.jacobian(expression, plant.x)
+        if expression.numel() != 1 or ca.depends_on(slope, plant.x) or ca.depends_on(expression, ca.vertcat(plant.u, plant.F, plant.t)):
+            raise SceneError(f"A predictive law measures single signals that are linear in the states, but `{name}` is not one.")
+        rows.append(np.array(ca.Function("row", [plant.p], [ca.densify(slope)])(plant.values)).ravel())
+    return np.array(rows)
+
+
+def twist_row(model: StringModel) -> np.ndarray:
+    """The row that gives the twist of the whole string."""
+    return np.array([float(name.startswith("chain.twist")) for name in model.states])
+
+
+def riccati(A: np.ndarray, B: np.ndarray, law: Predictive, model: StringModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(P, K, Q) of the regulator on (x, last torque) in N m, whose input is the change of the torque.
+
+    P: cost of what comes after the horizon, K: its gain, change = -K (x, last torque);  Q: cost of x in one sample.
+    """
+    from scipy.linalg import solve_discrete_are
+
+    n = A.shape[0]
+    F = np.block([[A, B[:, None]], [np.zeros((1, n)), np.ones((1, 1))]])
+    G = np.append(B, 1.0)[:, None]
+    Q = np.outer(model.top, model.top) / law.top_size**2 + np.outer(model.bit, model.bit) / law.bit_size**2
+    effort = 1.0 / law.torque_size**2
+    cost = np.zeros((n + 1, n + 1))
+    cost[:n, :n], cost[n, n] = Q, effort
+    cross = np.zeros((n + 1, 1))
+    cross[n, 0] = effort
+    own = np.array([[effort + 1.0 / law.move_size**2]])
+    unit = np.append(np.ones(n), law.torque_size)  # torques in their size, for a well-scaled equation
+    F, G = F * unit / unit[:, None], G * law.torque_size / unit[:, None]
+    cost, cross, own = cost * np.outer(unit, unit), cross * unit[:, None] * law.torque_size, own * law.torque_size**2
+    P = solve_discrete_are(F, G, cost, own, s=cross)
+    K = np.linalg.solve(own + G.T @ P @ G, G.T @ P @ F + cross.T)
+    return P / np.outer(unit, unit), (law.torque_size * K / unit).ravel(), Q
+
+
+def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -> tuple[np.ndarray, float]:
+    """(x, u) of the string turning at `reference` under the torque T on its bit: 0 = A x + B u - E T, top speed = reference."""
+    n = A.shape[0]
+    matrix = np.vstack([np.column_stack([A, model.B]), np.append(model.top, 0.0)])
+    found = np.linalg.lstsq(matrix, np.append(model.E * torque, reference), rcond=1e-13)[0]
+    return found[:n], float(found[n])
+
+
+__all__ = [
+    "Predictive",
+    "PredictiveLaw",
+    "Record",
+    "held",
+    "riccati",
+    "sensor_rows",
+    "steady",
+    "string_model",
+    "twist_row",
+    "without_actuators",
+]

@@ -1,0 +1,204 @@
+"""Dense quadratic programs of predictive laws, solved again and again with other vectors, and the check that every answer must pass.
+
+    minimise 1/2 z' H z + g' z   subject to   low <= (z, A z) <= high
+
+An answer counts only if it passes its own Karush-Kuhn-Tucker conditions here, whatever the solver says of it: a solver may report success with violated
+bounds, most of all when it is started warm.
+
+Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order)
+is good in the median and bad in the tail where many limits are active; qrqp often fails on these programs, which the check notices. `studies/mpc_speed.py`
+measures it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox import SceneError
+
+SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
+"""Solvers by name: osqp through its own interface, the others as they ship with casadi."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """How far an answer is from optimal, each relative to the size of what it compares.
+
+    stationarity: |H z + g + y_z + A' y_A|;  violation: how far outside its bounds (z, A z) is;  complementarity: the largest multiplier times its distance
+    from its bound. All are 0 at the optimum, and inf where the answer is not finite.
+    """
+
+    stationarity: float
+    violation: float
+    complementarity: float
+
+    @property
+    def largest(self) -> float:
+        """The largest of the three."""
+        return max(self.stationarity, self.violation, self.complementarity)
+
+
+def residuals(H: np.ndarray, A: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray, z: np.ndarray, y: np.ndarray) -> Residuals:
+    """The KKT residuals of z with multipliers y (of the bounds on z, then on A z; positive at `high`, negative at `low`)."""
+    if not (np.isfinite(z).all() and np.isfinite(y).all()):
+        return Residuals(np.inf, np.inf, np.inf)
+    n = z.size
+    curved, pushed = H @ z, y[:n] + y[n:] @ A
+    size = 1.0 + max(np.abs(curved).max(), np.abs(g).max(), np.abs(pushed).max())
+    value = np.concatenate([z, A @ z])
+    reach = 1.0 + np.abs(value)
+    below, above = value - low, high - value
+    outside = np.maximum(-np.minimum(below, above), 0.0)
+    distance = np.where(y > 0.0, above, below)
+    standing = np.abs(y) / size
+    near = np.isfinite(distance)
+    standing[near] *= np.abs(distance[near]) / reach[near]
+    return Residuals(float(np.abs(curved + g + pushed).max() / size), float((outside / reach).max()), float(standing.max()))
+
+
+@dataclass(frozen=True)
+class Answer:
+    """z and its multipliers, whether they passed the check, and why not."""
+
+    z: np.ndarray
+    multipliers: np.ndarray
+    sound: bool
+    reason: str
+    residuals: Residuals
+
+
+class QuadraticProgram:
+    """A program of n unknowns and m rows for one of `SOLVERS`; H and A may change in place between solutions.
+
+    tolerance: the largest KKT residual of an answer that counts (default 1e-6, 1e-3 for osqp and proxqp, which are of first order);  warm: start from the last
+    sound answer. Raises SceneError for an unknown solver.
+    """
+
+    def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", tolerance: float | None = None, warm: bool = True):
+        if solver not in SOLVERS:
+            raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {solver!r}.")
+        self.solver, self.warm = solver, warm
+        self.tolerance = tolerance or (1e-3 if solver in ("osqp", "proxqp") else 1e-6)
+        self.H, self.A = np.array(H, float), np.array(A, float).reshape(-1, H.shape[0])
+        self._start()
+
+    def _start(self) -> None:
+        self._call: Any = (_Osqp if self.solver == "osqp" else _Plugin)(self.solver, self.H, self.A)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A program travels without its solver, which starts again, cold."""
+        return {name: value.copy() if isinstance(value, np.ndarray) else value for name, value in self.__dict__.items() if name != "_call"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._start()
+
+    def update(self, H: np.ndarray, A: np.ndarray) -> None:
+        """Other matrices of the same shape, in place."""
+        self.H[:], self.A[:] = H, A
+        self._call.matrices(self.H, self.A)
+
+    def solve(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> Answer:
+        """The answer for these vectors; it does not raise where there is none."""
+        if not (np.isfinite(g).all() and not np.isnan(low).any() and not np.isnan(high).any()):
+            nothing = np.full(g.size + self.A.shape[0], np.nan)
+            return Answer(nothing[: g.size], nothing, False, "the problem is not finite", Residuals(np.inf, np.inf, np.inf))
+        try:
+            z, y = self._call(g, low, high)
+        except RuntimeError as error:  # a plug-in that gives up
+            z, y = np.full(g.size, np.nan), np.full(low.size, np.nan)
+            self._call.forget()
+            return Answer(z, y, False, f"{self.solver} stopped: {str(error).splitlines()[-1]}", Residuals(np.inf, np.inf, np.inf))
+        found = residuals(self.H, self.A, g, low, high, z, y)
+        sound = found.largest <= self.tolerance
+        if not sound or not self.warm:
+            self._call.forget()
+        reason = "" if sound else f"KKT residual {found.largest:.1e} of the answer of {self.solver}, violation {found.violation:.1e}"
+        return Answer(z, y, sound, reason, found)
+
+
+class _Plugin:
+    """A solver that ships with casadi, called through buffers that stay where they are."""
+
+    def __init__(self, solver: str, H: np.ndarray, A: np.ndarray):
+        n, m = H.shape[0], A.shape[0]
+        quiet = {"print_iter": False, "print_header": False, "print_info": False}
+        special: dict[str, dict[str, Any]] = {
+            "qrqp": quiet | {"max_iter": 200},
+            "daqp": {"daqp": {"iter_limit": 400}},
+            "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}},
+        }
+        options = {"error_on_fail": False, "print_time": False} | special.get(solver, {})
+        self.function = ca.conic("program", solver, {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(m, n)}, options)
+        buffer: Any
+        buffer, self.trigger = self.function.buffer()
+        self.buffer = buffer
+        self.given = {name: np.zeros(self.function.numel_in(name)) for name in self.function.name_in()}
+        self.found = {name: np.zeros(self.function.numel_out(name)) for name in self.function.name_out()}
+        for i, array in enumerate(self.given.values()):
+            buffer.set_arg(i, array.data)
+        for i, array in enumerate(self.found.values()):
+            buffer.set_res(i, array.data)
+        self.n = n
+        self.fresh = solver == "hpipm"  # called twice through buffers, it repeats violated bounds (casadi 3.8.2)
+        self.matrices(H, A)
+
+    def matrices(self, H: np.ndarray, A: np.ndarray) -> None:
+        self.given["h"][:], self.given["a"][:] = H.ravel(), A.T.ravel()
+
+    def forget(self) -> None:
+        for name in ("x0", "lam_x0", "lam_a0"):
+            self.given[name][:] = 0.0
+
+    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        given, found, n = self.given, self.found, self.n
+        given["g"][:] = g
+        given["lbx"][:], given["ubx"][:], given["lba"][:], given["uba"][:] = low[:n], high[:n], low[n:], high[n:]
+        if self.fresh:
+            matrices = {"h": given["h"].reshape(n, n), "a": given["a"].reshape(n, -1).T}
+            for name, value in self.function(**given | matrices).items():
+                found[name][:] = np.array(value).ravel()
+        else:
+            self.trigger()
+        for name in ("x", "lam_x", "lam_a"):
+            given[f"{name}0"][:] = found[name]
+        return found["x"].copy(), np.concatenate([found["lam_x"], found["lam_a"]])
+
+
+class _Osqp:
+    """OSQP through its own interface, matrices updated in place, started from its last answer (B. Stellato et al., Math. Prog. Comp. 12 (2020))."""
+
+    def __init__(self, solver: str, H: np.ndarray, A: np.ndarray):
+        import osqp
+
+        self.program = osqp.OSQP()
+        self.n = H.shape[0]
+        self.upper = np.triu(np.ones_like(H)).T.astype(bool)  # transposed: scipy stores columns
+        P, rows = self._sparse(H, A)
+        many = rows.shape[0]
+        self.program.setup(P, np.zeros(self.n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-5, eps_rel=1e-5)  # fmt: skip
+
+    def _sparse(self, H: np.ndarray, A: np.ndarray) -> tuple[Any, Any]:
+        from scipy.sparse import csc_matrix
+
+        # every entry is kept, zeros too, so that other numbers fit into the same pattern
+        upper = csc_matrix(np.triu(np.ones_like(H)))
+        upper.data = H.T[self.upper]
+        dense = csc_matrix(np.ones((self.n + A.shape[0], self.n)))
+        dense.data = np.vstack([np.eye(self.n), A]).T.ravel()
+        return upper, dense
+
+    def matrices(self, H: np.ndarray, A: np.ndarray) -> None:
+        self.program.update(Px=H.T[self.upper], Ax=np.vstack([np.eye(self.n), A]).T.ravel())
+
+    def forget(self) -> None:
+        self.program.warm_start(x=np.zeros(self.n), y=np.zeros(self.program.m))
+
+    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.program.update(q=g, l=np.maximum(low, -1e30), u=np.minimum(high, 1e30))
+        result = self.program.solve(raise_error=False)
+        return np.asarray(result.x, float), np.asarray(result.y, float)

@@ -1,0 +1,340 @@
+"""Predictive laws: the regulator they become, limits, answers that do not pass, disturbances, and the trap of a lowered peak."""
+
+import copy
+import pickle
+
+import control
+import numpy as np
+import pytest
+
+from controllers import LinearMPC, NonlinearMPC
+from controllers.predictive import Record, held
+from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
+from controllers.string_model import drilling_point
+from models import BitRock, TorsionalChain, wells
+from toolbox import Sampled, SceneError, compose, simulate
+
+WEIGHT = 97_347.0
+RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
+LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
+STATES = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "noise": (1e-3, 1e-3, 1e-3)}
+HEAVIER = {"bit.weight": 1.1 * WEIGHT}
+
+
+def drilling(speed, weight=WEIGHT):
+    """The steady state of the rig at a speed, and its torque."""
+    plant = compose(wells.JANSEN_2, BitRock(weight=weight))
+    _, x, u, _ = drilling_point(plant, speed)
+    return dict(zip(("chain.twist.0", "chain.speed.0", "chain.speed.1"), x, strict=True)), u
+
+
+# --- without limits
+
+
+@pytest.mark.parametrize("horizon", [1, 7, 40])
+def test_without_active_limits_the_linear_law_is_the_regulator_of_the_riccati_equation_at_any_horizon(horizon):
+    law = LinearMPC(reference=8.0, horizon=horizon, top_size=2.0, torque_size=3000.0, move_size=4000.0, **STATES)
+    planned = law.design(RIG)
+    model, x_s, u_s, A = drilling_point(RIG, 8.0)
+    F, G = held(A, model.B[:, None], 0.1)
+    # the same problem for another solver: states (x, last torque) with torques in kN m, input the change of the torque
+    F = np.block([[F, 1e3 * G], [np.zeros((1, 3)), np.ones((1, 1))]])
+    G = np.append(1e3 * G, 1.0)[:, None]
+    Q = np.zeros((4, 4))
+    Q[:3, :3] = np.outer(model.top, model.top) / 2.0**2 + np.outer(model.bit, model.bit) / 2.0**2
+    Q[3, 3] = 1 / 3.0**2
+    K, _, _ = control.dlqr(F, G, Q, [[1 / 3.0**2 + 1 / 4.0**2]], np.array([[0.0], [0.0], [0.0], [1 / 3.0**2]]))
+    # a state off the steady one, and the torque T of the rock that the law takes for constant
+    T = float(np.linalg.lstsq(model.E[:, None], A @ x_s + model.B * u_s, rcond=None)[0][0])
+    x, last = x_s + np.array([1.5, -0.7, 0.9]), u_s + 700.0
+    planned.last = last
+    torque, reason = planned.plan(np.append(x, T))
+    assert reason == ""
+    expected = last - 1e3 * float((K @ np.append(x - x_s, (last - u_s) / 1e3)).item())
+    assert torque == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_cost_of_a_longer_iteration_is_never_above_that_of_a_single_one():
+    values = []
+    for iterations in (1, 3, 30):
+        law = NonlinearMPC(reference=4.0, iterations=iterations, **LIMITS, **STATES).design(RIG)
+        law.last = 9000.0
+        law.plan(np.array([26.0, 3.0, 4.0, 8000.0]))
+        values.append(law.value)
+        assert law.record.programs <= iterations
+    assert values[0] >= values[1] >= values[2]
+    assert values[2] < values[0]
+
+
+def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():
+    law = NonlinearMPC(reference=4.0, steps=8, adapt=False, **LIMITS, **STATES).design(RIG)
+    law.last = 9000.0
+    law.plan(np.array([26.0, 3.0, 4.0, 8000.0]))
+    times = np.arange(41) * 0.1
+    start = dict(zip(("chain.twist.0", "chain.speed.0", "chain.speed.1"), law.states[0], strict=True))
+    held_torques = (np.repeat(times, 2)[1:-1], np.repeat(law.torques[:, 0], 2))
+    run = simulate(RIG, 4.0, start=start, inputs={"top.torque": held_torques}, output_times=times, accuracy=1e-10)
+    assert np.abs(run.states - law.states).max() < 1e-5
+
+
+# --- limits
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_limits_of_torque_and_rate_are_kept_exactly_while_they_bind(law):
+    numbers = {"lowest_torque": 2000.0, "highest_torque": 15_000.0, "torque_rate": 10_000.0}
+    run = simulate(RIG, 40.0, controller=law(reference=8.0, **numbers, **STATES), sample_time=0.1)
+    torques = np.array(run.answers[0]).ravel()
+    assert torques[0] >= 0.0  # the first one starts from rest, within the rate
+    assert torques.max() == 15_000.0
+    assert torques[10:].min() >= 2000.0
+    changes = np.abs(np.diff(torques))
+    assert changes.max() <= 1000.0 * (1 + 1e-12)
+    assert np.isclose(changes, 1000.0).sum() > 5
+    free = simulate(RIG, 40.0, controller=law(reference=8.0, **STATES), sample_time=0.1)
+    torques = np.array(free.answers[0]).ravel()
+    assert torques.max() > 15_000.0  # the twin without limits goes beyond
+    assert np.abs(np.diff(torques)).max() > 1000.0
+
+
+def test_a_limit_of_the_top_speed_is_kept_by_the_prediction_and_passed_without_it():
+    start, _ = drilling(4.0)
+    speeds = {}
+    for limit in (None, 8.2):
+        law = LinearMPC(reference=8.0, highest_speed=limit, top_size=20.0, **LIMITS, **STATES)
+        run = simulate(RIG, 30.0, start=start, controller=law, sample_time=0.1)
+        speeds[limit] = run["top.speed"].max()
+        assert not run.laws[0].record.fallbacks
+    assert speeds[None] > 8.5
+    assert speeds[8.2] < 8.25  # the slope of the rock changes on the way, which the linear law does not know
+
+
+def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_recorded_and_a_soft_one_gives_way():
+    start, _ = drilling(8.0)
+    runs = {}
+    for soft in (True, False):
+        law = LinearMPC(reference=8.0, highest_twist=5.0, soft=soft, **LIMITS, **STATES)
+        runs[soft] = simulate(RIG, 5.0, start=start, controller=law, sample_time=0.1)
+    assert start["chain.twist.0"] > 5.0
+    assert not runs[True].laws[0].record.fallbacks
+    record = runs[False].laws[0].record
+    assert [when for when, _ in record.fallbacks][:3] == pytest.approx([0.0, 0.1, 0.2])
+    assert "KKT" in record.fallbacks[0][1] or "stopped" in record.fallbacks[0][1]
+    assert "fallbacks, first at 0 s" in str(record)
+    first = runs[False].answers[0][0][0]
+    assert 0.0 < first < 100.0  # from the torque that was, 0, without a jump
+
+
+# --- answers that must not count
+
+
+def program(seed=1, n=8, m=12):
+    random = np.random.default_rng(seed)
+    root, A = random.normal(size=(n, n)), random.normal(size=(m, n))
+    low, high = np.append(np.full(n, -0.3), np.full(m, -0.5)), np.append(np.full(n, 0.3), np.full(m, 0.5))
+    return root @ root.T + np.eye(n), A, 3.0 * random.normal(size=n), low, high
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_every_solver_gives_the_same_answer_or_none(solver):
+    H, A, g, low, high = program()
+    exact = QuadraticProgram(H, A).solve(g, low, high)
+    assert exact.sound and (np.abs(exact.multipliers) > 1e-6).any()
+    found = QuadraticProgram(H, A, solver)
+    answer = found.solve(g, low, high)
+    if solver == "qrqp" and not answer.sound:
+        assert "KKT residual" in answer.reason  # it says that it succeeded
+        return
+    assert answer.sound
+    assert answer.z == pytest.approx(exact.z, abs=1e-3 if solver in ("osqp", "proxqp") else 1e-5)
+    found.update(2.0 * H, A)  # in place
+    assert found.solve(2.0 * g, low, high).z == pytest.approx(exact.z, abs=1e-3 if solver in ("osqp", "proxqp") else 1e-5)
+
+
+def test_the_check_rejects_answers_that_are_corrupted_in_any_way():
+    H, A, g, low, high = program()
+    answer = QuadraticProgram(H, A).solve(g, low, high)
+    z, y = answer.z, answer.multipliers
+    assert residuals(H, A, g, low, high, z, y).largest < 1e-9
+    assert residuals(H, A, g, low, high, z + 1e-3, y).stationarity > 1e-6
+    active = np.flatnonzero(np.abs(y) > 1e-6)[0]
+    assert residuals(H, A, g, low, high, z, np.where(np.arange(y.size) == active, -y, y)).largest > 1e-6  # a wrong sign
+    assert residuals(H, A, g, 0.5 * low, 0.5 * high, z, y).violation > 1e-3
+    assert residuals(H, A, g, 2.0 * low, 2.0 * high, z, y).complementarity > 1e-3
+    assert residuals(H, A, g, low, high, np.full_like(z, np.nan), y).largest == np.inf
+
+
+def test_a_program_without_answer_is_not_sound_for_any_solver():
+    H, A, g, low, high = program()
+    impossible = low.copy()
+    impossible[8:] = 1e3
+    for solver in SOLVERS:
+        assert not QuadraticProgram(H, A, solver).solve(g, impossible, np.maximum(high, impossible + 1.0)).sound
+    assert not QuadraticProgram(H, A).solve(np.full(8, np.nan), low, high).sound
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(law, monkeypatch):
+    from controllers import quadratic_program
+
+    honest = quadratic_program._Plugin.__call__
+    count = []
+
+    def lying(self, g, low, high):
+        count.append(0)
+        z, y = honest(self, g, low, high)
+        return (z + 0.1, y) if 20 <= len(count) <= 24 else (z, y)
+
+    monkeypatch.setattr(quadratic_program._Plugin, "__call__", lying)
+    run = simulate(RIG, 10.0, controller=law(reference=8.0, **LIMITS, **STATES), sample_time=0.1)
+    fallbacks = run.laws[0].record.fallbacks
+    assert len(fallbacks) == 5
+    assert fallbacks[0][0] > 1.0  # not before the lie, and not after it
+    assert np.diff([when for when, _ in fallbacks]) == pytest.approx([0.1] * 4)
+    assert all("KKT residual" in why for _, why in fallbacks)
+
+
+@pytest.mark.parametrize("solver", ["daqp", "piqp", "hpipm"])
+def test_a_warm_start_changes_nothing_but_time(solver):
+    runs = [
+        simulate(RIG, 15.0, controller=LinearMPC(reference=6.0, solver=solver, warm=warm, **LIMITS, **STATES), sample_time=0.1)
+        for warm in (True, False)
+    ]
+    answers = [np.array(run.answers[0]).ravel() for run in runs]
+    assert not any(run.laws[0].record.fallbacks for run in runs)
+    assert answers[0].max() > 19_999.0  # the limit is active
+    assert np.abs(answers[0] - answers[1]).max() < 1.0  # N m
+
+
+# --- disturbances, estimates, delay
+
+
+def test_the_linear_law_has_no_offset_under_a_torque_that_its_model_does_not_know():
+    start, _ = drilling(8.0)
+    ends = {}
+    for walk in (8000.0, 1e-3):
+        law = LinearMPC(reference=8.0, torque_walk=walk, **LIMITS)
+        run = simulate(RIG, 80.0, start=start, inputs=HEAVIER, controller=law, sample_time=0.1)
+        ends[walk] = run["top.speed"][-1]
+    assert ends[8000.0] == pytest.approx(8.0, abs=1e-6)
+    assert abs(ends[1e-3] - 8.0) > 0.5  # a filter that believes in a constant torque of zero
+
+
+def test_the_nonlinear_law_has_no_offset_either_and_learns_the_strength_of_the_rock():
+    start, _ = drilling(8.0)
+    runs = {
+        adapt: simulate(
+            RIG, 80.0, start=start, inputs=HEAVIER, controller=NonlinearMPC(reference=8.0, adapt=adapt, **LIMITS), sample_time=0.1
+        )
+        for adapt in (True, False)
+    }
+    assert runs[True]["top.speed"][-1] == pytest.approx(8.0, abs=1e-4)
+    assert runs[True].laws[0].strength == pytest.approx(1.1, abs=1e-3)
+    assert abs(runs[False]["top.speed"][-1] - 8.0) > 0.05
+
+
+def test_the_filter_knows_when_a_late_command_arrives():
+    free = compose(wells.JANSEN_2, BitRock(weight=0.0))
+    errors = {}
+    for known in (0.03, 0.0):
+        law = LinearMPC(reference=4.0, delay=known, **LIMITS, **STATES).design(free)
+        missed = []
+
+        def watched(t, y, law=law, missed=missed):
+            missed.append(np.abs(law.filter.rows @ law.filter.z - y).max())
+            return law(t, y)
+
+        watched.measures, watched.drives = law.measures, law.drives
+        simulate(free, 10.0, controller=Sampled(watched, 0.1, delay=0.03), accuracy=1e-10)
+        errors[known] = max(missed)
+    assert errors[0.03] < 1e-8
+    assert errors[0.0] > 1e-2
+
+
+# --- the stiction trap
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
+def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_success(speed):
+    naive = NonlinearMPC(reference=speed, width=0.5, matched=False, adapt=False, **LIMITS, **STATES)
+    run = simulate(RIG, 120.0, inputs=HEAVIER, controller=naive, sample_time=0.1)
+    record = run.laws[0].record
+    assert run.time_in("bit", "stick") == 120.0
+    assert not record.fallbacks and record.answer.sound  # every program was solved to its KKT conditions
+    assert abs(run.at(120.0)["top.speed"]) < 0.05  # it stands
+    assert run.at(120.0)["top.load"] < 0.8 * 1.1 * WEIGHT * 0.155575  # below what would break the bit free
+    assert run["top.torque"][-1] < 19_000.0  # and the drive could
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
+@pytest.mark.parametrize("width", [None, 0.2], ids=["exact modes", "matched peak"])
+def test_exact_modes_and_matched_peaks_free_the_bit_and_hold_it(speed, width):
+    law = NonlinearMPC(reference=speed, width=width, **LIMITS, **STATES)
+    run = simulate(RIG, 90.0, inputs=HEAVIER, controller=law, sample_time=0.1)
+    assert run.time_in("bit", "stick", after=45.0) == 0.0
+    assert run.at(90.0)["bit.speed"] == pytest.approx(speed, abs=0.02)
+    assert not run.laws[0].record.fallbacks
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
+def test_exact_modes_free_the_bit_on_the_top_speed_alone(speed):
+    run = simulate(RIG, 90.0, inputs=HEAVIER, controller=NonlinearMPC(reference=speed, **LIMITS), sample_time=0.1)
+    assert run.time_in("bit", "stick", after=45.0) == 0.0
+    assert run.at(90.0)["bit.speed"] == pytest.approx(speed, abs=0.02)
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
+def test_the_linear_law_frees_the_bit_too(speed):
+    run = simulate(RIG, 90.0, inputs=HEAVIER, controller=LinearMPC(reference=speed, **LIMITS, **STATES), sample_time=0.1)
+    assert run.time_in("bit", "stick", after=45.0) == 0.0
+
+
+# --- an ordinary controller
+
+
+def test_a_run_starts_with_a_fresh_law_keeps_it_and_is_repeated_by_its_error():
+    law = LinearMPC(reference=8.0, **LIMITS, **STATES)
+    first, second = (simulate(RIG, 20.0, controller=law, sample_time=0.1) for _ in range(2))
+    assert np.array_equal(first.states[-1], second.states[-1])
+    assert len(first.laws[0].record.seconds) == 200
+    assert first.error < 1e-5
+    designed = law.design(RIG)
+    third = simulate(RIG, 20.0, controller=designed, sample_time=0.1)
+    assert np.array_equal(first.states[-1], third.states[-1])
+    assert designed.samples == 0  # the run worked on a copy
+    assert first.laws[0].record.median > 0 and "200 samples" in str(first.laws[0].record)
+    assert str(Record()) == "no samples"
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_designed_laws_copy_and_pickle_with_their_memory(law):
+    designed = law(reference=8.0, **LIMITS, **STATES).design(RIG)
+    y = np.array([1.0, 0.5, 3.0])
+    for k in range(3):
+        designed(0.1 * k, y)
+    twins = [copy.deepcopy(designed), pickle.loads(pickle.dumps(designed))]
+    torques = [twin(0.3, y) for twin in (designed, *twins)]
+    assert torques[1] == pytest.approx(torques[0], abs=1e-6) and torques[2] == pytest.approx(torques[0], abs=1e-6)
+
+
+def test_bad_arguments_are_named():
+    for wrong, words in (
+        ({"horizon": 0}, "horizon"),
+        ({"noise": (0.1, 0.1)}, "noise"),
+        ({"delay": 0.2}, "delay"),
+        ({"solver": "best"}, "solver"),
+        ({"period": -1.0}, "period"),
+        ({"highest_torque": -5.0, "lowest_torque": 0.0}, "highest_torque"),
+    ):
+        with pytest.raises(SceneError, match=f"`.*{words}` must"):
+            simulate(RIG, 1.0, controller=LinearMPC(**wrong), sample_time=0.1)
+    with pytest.raises(SceneError, match="`sample_time` must be 0.1 s"):
+        simulate(RIG, 1.0, controller=LinearMPC(), sample_time=0.05)
+    with pytest.raises(SceneError, match="`sample_time`"):
+        simulate(RIG, 1.0, controller=LinearMPC())
+    with pytest.raises(SceneError, match="`iterations` must"):
+        simulate(RIG, 1.0, controller=NonlinearMPC(iterations=0), sample_time=0.1)
+    with pytest.raises(SceneError, match="drill string with a rock"):
+        simulate(compose(TorsionalChain()), 1.0, controller=LinearMPC(), sample_time=0.1)
+    with pytest.raises(SceneError, match="linear in the states, but `bit.torque`"):
+        simulate(RIG, 1.0, controller=LinearMPC(sensors=("bit.torque",)), sample_time=0.1)

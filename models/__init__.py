@@ -1,6 +1,6 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
-from models import oscillators, wells
+from models import closed_forms, oscillators, wells
 from models.bar import OscillatorOnBar
 from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
 from models.bristles import Dahl, Dankowicz, LuGre
@@ -41,6 +41,7 @@ __all__ = [
     "TorsionalChain",
     "TwoDisks",
     "averaged_friction",
+    "closed_forms",
     "oscillators",
     "wells",
 ]

@@ -8,9 +8,11 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.simulate import simulate
+from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
@@ -34,9 +36,14 @@ __all__ = [
     "ZenoError",
     "compose",
     "energy_audit",
+    "equilibria",
     "equilibrium",
+    "hopf_curve",
+    "hopf_points",
     "linearise",
+    "onset",
     "overshoot",
+    "pole_locus",
     "quantity",
     "ramp",
     "settling",

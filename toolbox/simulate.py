@@ -32,7 +32,10 @@ MAX_STEPS = 20_000_000
 
 @dataclass
 class Run:
-    """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times."""
+    """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times.
+
+    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
+    """
 
     plant: HybridSystem
     system: HybridSystem
@@ -45,6 +48,7 @@ class Run:
     accuracy: float
     output_times: np.ndarray | None
     longest_step: float
+    resume: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def simulate(
@@ -356,6 +360,9 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
             first_output = program.held_slot + update.first_held
             defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
             p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
+    memory = np.zeros(memory_size)
+    if run.resume is not None:
+        memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((len(u.names) for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
@@ -375,7 +382,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
-        samplers=samplers, clocks=clocks, memory=np.zeros(memory_size), queue=np.zeros((len(system.updates), depth, widest)),
+        samplers=samplers, clocks=clocks, memory=memory, queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
 
 
@@ -452,6 +459,7 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, 
         last_mode=work.m,
         end=float(work.reals[loop.TIME]),
         answers=answers,
+        memory=work.memory.copy(),
         steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
         merged=int(work.ints[loop.MERGED]),
         wall_time=clock.perf_counter() - began,

@@ -139,7 +139,7 @@ class Trajectory(Samples):
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
     end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
     merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
-    can be resolved;  answers: what each Python controller returned, sample by sample.
+    can be resolved;  answers: what each Python controller returned, sample by sample;  memory: states of the sampled laws at the end.
     """
 
     def __init__(
@@ -159,6 +159,7 @@ class Trajectory(Samples):
         steps: tuple[int, int],
         merged: int,
         wall_time: float,
+        memory: np.ndarray | None = None,
     ):
         super().__init__(program, time, states, mode, held, parameters, False)
         self.run = run
@@ -170,6 +171,7 @@ class Trajectory(Samples):
         self._last_mode = last_mode
         self.end = end
         self.answers = answers
+        self.memory = memory
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
@@ -179,7 +181,7 @@ class Trajectory(Samples):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers")
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory")
         data = {name: getattr(self, name) for name in names}
         return _restored, (self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 

@@ -89,11 +89,11 @@ def test_beyond_the_hopf_speed_of_veraszto_and_stepan_the_hard_loss_makes_a_bist
 
 def test_a_sampled_law_is_judged_as_it_runs(rig, soft):
     law = SoftTorque(reference=9.95)
-    fast = onset(rig, "top.reference", (3.0, 9.0), controller=law, sample_time=0.02, values=3, tolerance=0.1)
+    fast = onset(rig, "top.reference", (3.0, 9.0), controller=law, sample_time=0.02, values=3, tolerance=0.1, duration=300.0)
     assert fast.loss == pytest.approx(soft.loss, abs=0.2) and fast.end == pytest.approx(soft.end, abs=0.3)
     assert any("continuous form" in note for note in fast.notes)
     # half a second late, the loop is another one, though its continuous form is the same
-    late = onset(rig, "top.reference", (3.0, 9.0), controller=Sampled(law, 0.02, 0.5), values=3, tolerance=0.1)
+    late = onset(rig, "top.reference", (3.0, 9.0), controller=Sampled(law, 0.02, 0.5), values=3, tolerance=0.1, duration=300.0)
     assert late.hopf[0].value == fast.hopf[0].value
     assert late.loss != pytest.approx(fast.loss, abs=0.3)
 

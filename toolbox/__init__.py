@@ -5,6 +5,7 @@ from toolbox.compose import compose
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
+from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import energy_audit, overshoot, settling, severity, stick_intervals
@@ -40,12 +41,14 @@ __all__ = [
     "equilibrium",
     "hopf_curve",
     "hopf_points",
+    "impedance",
     "linearise",
     "onset",
     "overshoot",
     "pole_locus",
     "quantity",
     "ramp",
+    "reflection",
     "settling",
     "severity",
     "simulate",

@@ -35,8 +35,14 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
                     transform=ax.get_xaxis_transform())  # fmt: skip
         branches = ((found.sticking, LINES[1], "s", "from stick-slip"), (found.smooth, LINES[0], "o", "from smooth running"))
         for branch, style, marker, label in branches:
-            ax.plot(found.values, [judged.severity for judged in branch], label=label, marker=marker, markersize=4.0 if marker == "o" else 5.0,
-                    markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **style)  # fmt: skip
+            # a line across a border would show severities that nothing has
+            x, y = [float(found.values[0])], [branch[0].severity]
+            for value, before, after in zip(found.values[1:], branch, branch[1:], strict=False):
+                jump = before.verdict != after.verdict
+                x += [np.nan, float(value)] if jump else [float(value)]
+                y += [np.nan, after.severity] if jump else [after.severity]
+            look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
+            ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
         ax.set_xlabel(_words(found.parameter) + unit)
         ax.set_ylabel(f"severity of {_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])

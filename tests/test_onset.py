@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, closed_forms, oscillators, wells
+from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, compose, hopf_points, measure, onset, simulate
 from toolbox.onset import Border, Comparison
 from toolbox.scene import Scene
@@ -109,6 +109,26 @@ def test_a_gain_and_a_weight_can_be_what_varies(rig):
     assert found.end < found.loss
     gain = onset(rig, "pi.proportional", (200.0, 20_000.0), controller=PI(proportional=4000.0, integral=300.0, reference=5.0), values=4)
     assert gain.unit == "N m s/rad" and gain.at == 4000.0
+
+
+def test_under_a_constant_torque_the_bit_stays_stuck_up_to_its_break_away_torque():
+    # on this string stick-slip itself ends at a lower torque, and standstill is what lasts
+    bound = 0.8 * 97_347.0 * 0.155575
+    plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
+    found = onset(plant, "top.torque", (6000.0, 14_000.0), inputs={"top.torque": 8000.0}, values=5, tolerance=10.0)
+    assert found.end == pytest.approx(bound, abs=11.0) and found.ends[-1].safe == "above"
+    assert found.sticking[0].verdict == "stuck" and found.smooth[0].verdict == "none"
+    assert found.verdict(6500.0) == "stuck" and found.verdict(11_800.0) == "bistable" and found.verdict(13_000.0) == "free"
+
+
+def test_a_limit_of_the_motor_frees_a_bit_that_the_same_law_without_limit_keeps(stiff):
+    limited = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=15_000.0))
+    guess = {"chain.speed": (9.95, 9.95), "drive.speed": 9.95}  # the limit hides the steady state from a search that begins at rest
+    found = onset(limited, "top.reference", (4.0, 13.0), controller=StiffPI(reference=9.95), guess=guess, values=5, tolerance=0.1)
+    assert found.hopf[0].value == pytest.approx(stiff.hopf[0].value, rel=1e-3)  # small swings never meet the limit
+    assert found.end < stiff.end - 1.0
+    with pytest.raises(SceneError, match="no steady running"):
+        onset(limited, "top.reference", (4.0, 12.0), controller=StiffPI(), values=3)
 
 
 def test_a_machine_without_falling_friction_is_free_everywhere():

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, closed_forms, oscillators, wells
-from toolbox import SceneError, compose, linearise, measure, simulate
+from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
+from toolbox import SceneError, compose, linearise, measure, simulate, sine
 from toolbox.stability import critical_pole, equilibria, friction_slopes, hopf_curve, hopf_points, pole_locus
 
 RIG = (wells.JANSEN_2, BitRock())
@@ -196,12 +196,51 @@ def test_the_cycle_of_a_block_is_the_closed_form():
     assert sticks[0][1] - sticks[0][0] == pytest.approx(cycle.stick, rel=1e-8)
 
 
+def test_the_cycle_of_two_disks_is_the_closed_form():
+    disks = TwoDisks(rotor_inertia=1e9, damping=0.0, friction=Coulomb(static=0.4, kinetic=0.3))
+    cycle = closed_forms.driven_disks_cycle(disks, 2.0)
+    z = 1000.0 * 0.1 * 0.1 * math.sqrt(2000.0 / 0.02) / (2000.0 * 2.0)
+    assert cycle.period * math.sqrt(2000.0 / 0.02) / (2 * math.pi) == pytest.approx(1 + (z - math.atan(z)) / math.pi, rel=1e-14)
+    run = simulate(compose(disks), 1.0, start={"disks.rotor_speed": 2.0, "disks.stator_speed": 2.0}, accuracy=1e-10)
+    sticks = measure.stick_intervals(run, "disks", 0.5)[1:-1]
+    assert sticks[1][0] - sticks[0][0] == pytest.approx(cycle.period, rel=1e-6)
+    assert sticks[0][1] - sticks[0][0] == pytest.approx(cycle.stick, rel=1e-6)
+
+
+@pytest.mark.parametrize("r", [0.7, 1.3])
+def test_den_hartogs_amplitude_is_that_of_the_run(r):
+    block = BlockOnBelt(mass=2.0, stiffness=8.0, belt_speed=0.0, friction=Coulomb(static=0.3, kinetic=0.3))
+    run = simulate(compose(block), 400.0, inputs={"block.force": sine(0.0, 1.0, 2 * r / (2 * math.pi))}, accuracy=1e-9)
+    found = measure.extent(run, "block.position", 380.0)
+    assert (found.maximum - found.minimum) / 2 == pytest.approx(closed_forms.den_hartog_amplitude(block, 1.0, 2 * r), rel=1e-5)
+
+
 def test_den_hartogs_amplitude_is_refused_where_the_motion_has_stops():
     block = BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=0.9, kinetic=0.9))
     with pytest.raises(SceneError, match="without stops"):
         closed_forms.den_hartog_amplitude(block, 1.0, 0.7)
     free = dataclasses.replace(block, friction=Coulomb(static=0.0, kinetic=0.0))
     assert closed_forms.den_hartog_amplitude(free, 1.0, 0.5) == pytest.approx(1 / (1 - 0.25), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "word"),
+    [
+        (lambda: closed_forms.belt_cycle(BlockOnBelt()), "friction"),
+        (lambda: closed_forms.belt_cycle(BlockOnBelt(friction=Coulomb(), damping=0.1)), "damping"),
+        (lambda: closed_forms.belt_cycle(BlockOnBelt(friction=Coulomb(), belt_speed=0.0)), "speed"),
+        (lambda: closed_forms.driven_disks_cycle(TwoDisks(friction=Coulomb()), 2.0), "damping"),
+        (lambda: closed_forms.stick_slip_speed(BlockOnBelt()), "CubicStribeck"),
+        (lambda: closed_forms.slip_amplitude(dataclasses.replace(oscillators.THOMSEN_FIDLIN, belt_speed=0.1)), "sticks"),
+        (lambda: closed_forms.den_hartog_amplitude(BlockOnBelt(belt_speed=0.0), 1.0, 0.5), "static = kinetic"),
+        (lambda: closed_forms.den_hartog_bound(BlockOnBelt(belt_speed=0.0), 1.0), "frequency"),
+        (lambda: closed_forms.bearable_fall(wells.NAVARRO_LOPEZ_4), "2 inertias"),
+        (lambda: closed_forms.hopf_speed_of_string(wells.JANSEN_2, BitRock(friction=Coulomb())), "Exponential"),
+    ],
+)
+def test_a_closed_form_is_refused_outside_of_its_range(call, word):
+    with pytest.raises(SceneError, match=word):
+        call()
 
 
 # --- mistakes

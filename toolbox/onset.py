@@ -35,6 +35,9 @@ from toolbox.trajectory import Trajectory
 if TYPE_CHECKING:
     from toolbox.scene import Scene
 
+STICKING = ("stick-slip", "stuck")
+"""Verdicts from which a machine must be freed."""
+
 PERIODS = 100
 """Periods of the least damped motion that a run lasts; stick phases are counted in the second half."""
 
@@ -125,7 +128,7 @@ class Onset:
             ]
             middle = inside[len(inside) // 2]
             safe = self._side(self.losses, (low + high) / 2, self.smooth[middle].verdict == "smooth")
-            sticks = not self._side(self.ends, (low + high) / 2, self.sticking[middle].verdict != "stick-slip")
+            sticks = not self._side(self.ends, (low + high) / 2, self.sticking[middle].verdict not in STICKING)
             if safe and sticks:
                 if bands and bands[-1][1] == low:
                     low = bands.pop()[0]
@@ -141,7 +144,7 @@ class Onset:
         return (value > nearest.value) == (nearest.safe == "above")
 
     def verdict(self, value: float) -> str:
-        """What the machine does at a value of the parameter within the range: "free", "bistable", "swing", or "stick-slip".
+        """What the machine does at a value of the parameter within the range: "free", "bistable", "swing", "stick-slip" or "stuck".
 
         By the nearest value that was simulated on the same side of all borders. Raises SceneError outside of the range.
         """
@@ -153,9 +156,9 @@ class Onset:
         apart = [sum(min(v, value) < cut <= max(v, value) for cut in cuts) for v in self.values]
         near = min(range(self.values.size), key=lambda i: (apart[i], abs(self.values[i] - value)))
         smooth = self._side(self.losses, value, self.smooth[near].verdict == "smooth")
-        sticks = not self._side(self.ends, value, self.sticking[near].verdict != "stick-slip")
+        sticks = not self._side(self.ends, value, self.sticking[near].verdict not in STICKING)
         if sticks:
-            return "bistable" if smooth else "stick-slip"
+            return "bistable" if smooth else self.sticking[near].verdict if self.sticking[near].verdict in STICKING else "stick-slip"
         return "free" if smooth else self.smooth[near].verdict
 
     @property
@@ -166,10 +169,10 @@ class Onset:
             return f"The working point {shown} is outside of the range."
         words = {
             "free": "is free: a disturbance dies, and stick-slip that has begun ends.",
-            "bistable": "is bistable: smooth until something disturbs it, and stick-slip that has begun never ends by itself.",
+            "bistable": "is bistable: smooth until something disturbs it, and stick-slip or standstill that has begun never ends by itself.",
             "stick-slip": "sticks and slips: the least disturbance grows into it.",
             "swing": "swings without stick: the least disturbance grows, and stick-slip that has begun turns into it.",
-            "stuck": "comes to rest for good.",
+            "stuck": "comes to rest for good, and does not break away.",
         }
         verdict = self.verdict(self.at)
         margins = []
@@ -223,7 +226,7 @@ class Onset:
 
     def _nowhere(self, name: str) -> str:
         branch, calm = (self.smooth, "smooth") if name.startswith("smooth") else (self.sticking, "stick-slip")
-        same = {judged.verdict == calm for judged in branch}
+        same = {judged.verdict in (STICKING if calm == "stick-slip" else (calm,)) for judged in branch}
         everywhere = same == {True}
         if calm == "smooth":
             return (
@@ -274,6 +277,7 @@ def onset(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
+    guess: Mapping[str, Any] | None = None,
     element: str | None = None,
     signal: str | None = None,
     values: int = 13,
@@ -287,7 +291,8 @@ def onset(
 
     machine: a plant, or a scene whose controller is named by `controller` (its first one without).  parameter, between: what is varied and its range
     in SI; any input, any parameter of the plant or the law.  controller, sample_time, parameters: as in `simulate`; a sampled law also needs its
-    continuous form, for the steady state.  inputs: numbers.  mode: of the steady state, as in `equilibrium`.  element, signal: the contact and
+    continuous form, for the steady state.  inputs: numbers.  mode: of the steady state, as in `equilibrium`.  guess: {state: value} near
+    the steady state at the working point, where none is found without, as under a drive with limits.  element, signal: the contact and
     the speed to judge; without, those of the scene, or the first contact and its speed.  values: how many values both branches are simulated at.
     tolerance: of the borders; a thousandth of the range without.  at: the working point; the declared value without.  duration: of a run [s];
     without, 100 periods of the least damped motion.  perturbation: of smooth running, in parts of the steady slip.
@@ -342,16 +347,20 @@ def onset(
             accuracy=1e-6 if accuracy is None else accuracy,
         ),
         knob=knob,
-        followed=Followed(closed, knob, inputs or {}, mode),
+        followed=Followed(closed, knob, inputs or {}, mode, guess),
         element=contact,
         signal=speed,
         perturbation=float(perturbation),
     )  # fmt: skip
+    if low <= at <= high:
+        search.followed(at)  # first, because a guess is near this one
     steady = [point for point in (search.followed(float(value)) for value in grid) if point is not None]
     if not steady:
         raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {search.followed.reason}")
     try:
-        hopf = hopf_points(closed, parameter, (low, high), inputs=inputs, mode=mode)
+        hopf = hopf_points(
+            closed, parameter, (low, high), inputs=inputs, mode=mode, guess=None if not steady else state_values(closed, steady[-1].states)
+        )
     except SceneError as error:
         hopf = []
         search.notes.append(f"no Hopf point: {error}")
@@ -362,9 +371,11 @@ def onset(
     smooth = [search.smooth(value) for value in numbers]
     losses = search.borders(numbers, [judged.verdict == "smooth" for judged in smooth], search.is_smooth, tolerance)
     for _ in numbers:
+        for value in [v for v, judged in search.found.items() if judged.verdict not in STICKING and search.inside.get(v)]:
+            del search.found[value]
         sticking = search.sweep(numbers)
-        ends = search.borders(numbers, [judged.verdict != "stick-slip" for judged in sticking], search.is_free, tolerance)
-        if all(judged.verdict == "stick-slip" for value, judged in zip(numbers, sticking, strict=True) if value in search.inside):
+        ends = search.borders(numbers, [judged.verdict not in STICKING for judged in sticking], search.is_free, tolerance)
+        if all(judged.verdict in STICKING for value, judged in zip(numbers, sticking, strict=True) if search.inside.get(value)):
             break  # else the search for a border arrived in stick-slip where a larger step of the sweep had lost it
     if laws and any(isinstance(each, Sampled) for each in laws):
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
@@ -413,7 +424,7 @@ class _Search:
     duration: float = 0.0
     runs: int = 0
     notes: list[str] = field(default_factory=list)
-    inside: dict[float, _End] = field(default_factory=dict)
+    inside: dict[float, dict[str, _End]] = field(default_factory=dict)
     found: dict[float, Judged] = field(default_factory=dict)
 
     def run(self, value: float, begin: _End, longer: float = 1.0, finer: float = 1.0) -> tuple[Judged, _End | None]:
@@ -473,8 +484,8 @@ class _Search:
         if rest is None:
             return Judged("none")
         judged, end = self.run(value, self.disturbed(rest), **changes)
-        if judged.verdict == "stick-slip" and end is not None:
-            self.inside.setdefault(value, end)
+        if judged.verdict in STICKING and end is not None:
+            self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
         return judged
 
     def is_smooth(self, value: float, origin: float, **changes: float) -> bool:
@@ -521,24 +532,22 @@ class _Search:
         """Verdicts from inside stick-slip: sweeps up and down, each run from the end of the one before while that stuck and slipped."""
         found = self.found
         for row in (values, values[::-1]):
-            before: _End | None = None
+            before: dict[str, _End] = {}
             for value in row:
-                known = found.get(value)
-                if known is not None and known.verdict == "stick-slip":
-                    before = self.inside[value]
-                    continue
-                tries = [before, self.inside.get(value), *([] if known is not None else self.stuck(value))]
-                before = None
-                for begin in tries:
-                    if begin is None:
-                        continue
+                own = self.inside.setdefault(value, {})
+                first = value not in found
+                # standstill and stick-slip may both last: each is continued, the others are tried until stick-slip is found
+                begins = [begin for verdict, begin in before.items() if verdict not in own]
+                for begin in [*begins, *((*own.values(), *self.stuck(value)) if first else ())]:
                     judged, end = self.run(value, begin)
-                    if known is None or judged.verdict == "stick-slip":
-                        known = found[value] = judged
-                    if judged.verdict == "stick-slip":
-                        before = self.inside[value] = end  # type: ignore[assignment]
+                    if value not in found or _worse(judged, found[value]):
+                        found[value] = judged
+                    if judged.verdict in STICKING and end is not None:
+                        own[judged.verdict] = end
+                    if judged.verdict == "stick-slip" and not any(begin is one for one in begins[:-1]):  # all of the neighbour's are tried
                         break
                 found.setdefault(value, Judged("none"))
+                before = dict(own)
         return [found[value] for value in values]
 
     def stuck(self, value: float) -> list[_End]:
@@ -554,10 +563,13 @@ class _Search:
 
     def is_free(self, value: float, origin: float, **changes: float) -> bool:
         """Whether stick-slip, continued from where it was found, ends at a value."""
-        judged, end = self.run(value, self.inside[origin], **changes)
-        if judged.verdict == "stick-slip" and end is not None:
-            self.inside.setdefault(value, end)
-        return judged.verdict != "stick-slip"
+        free = True
+        for begin in list(self.inside[origin].values()):
+            judged, end = self.run(value, begin, **changes)
+            if judged.verdict in STICKING and end is not None:
+                self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
+                free = False
+        return free
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
@@ -575,22 +587,22 @@ class _Search:
                         good = middle
                     else:
                         bad = middle
-                wrong = self.contradicted(good, bad, test, longer)
+                wrong = self.contradicted(good, bad, test)
                 confirmed = wrong is None
                 if confirmed:
                     break
                 if wrong in (outer_good, outer_bad):
                     break
                 # the verdict came too early: the search goes on between there and the neighbour, with longer runs
-                longer = min(5 * longer, 25.0)
+                longer = 5.0
                 good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)
             found.append(Border((good + bad) / 2, abs(good - bad) / 2, "above" if good > bad else "below", confirmed))
         return found
 
     @staticmethod
-    def contradicted(good: float, bad: float, test: Callable[..., bool], longer: float) -> float | None:
+    def contradicted(good: float, bad: float, test: Callable[..., bool]) -> float | None:
         """The side of a border that longer or finer runs judge otherwise; None where both agree."""
-        for changes in ({"longer": 5 * longer}, {"longer": longer, "finer": 0.01}):
+        for changes in ({"longer": 5.0}, {"finer": 0.01}):
             if not test(good, bad, **changes):
                 return good
             if test(bad, bad, **changes):
@@ -599,7 +611,13 @@ class _Search:
 
 
 ROUNDS = 6
-"""How often the search for a border is taken up again, with runs up to 25 times as long."""
+"""How often the search for a border is taken up again, with runs five times as long."""
+
+
+def _worse(judged: Judged, other: Judged) -> bool:
+    """Whether a verdict is more of a stick-slip than another."""
+    rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
+    return rank.index(judged.verdict) > rank.index(other.verdict)
 
 
 def _held(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
@@ -642,8 +660,11 @@ def _contact(closed: HybridSystem, element: str | None) -> str:
 
 
 def _speed(closed: HybridSystem, contact: str) -> str:
-    speed = f"{contact}.speed"
-    return speed if speed in closed.signals else f"{contact}.slip"
+    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
+    import casadi as ca
+
+    speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
+    return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"
 
 
 @dataclass(frozen=True)

@@ -34,12 +34,13 @@ from toolbox.linear import (
     _function,
     _holding,
     _input_values,
+    _modes_at,
     _numbers,
     _residual,
     equilibrium,
     linearise,
 )
-from toolbox.simulate import checked_run
+from toolbox.simulate import checked_run, place_start
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
@@ -252,21 +253,23 @@ def hopf_points(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
+    guess: Mapping[str, Any] | None = None,
     values: int = 33,
 ) -> list[HopfPoint]:
     """Every Hopf point of steady running in a range of one parameter or input, in order; exact to round-off.
 
     parameter: of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.  controller: laws in
-    their continuous form.  mode: modes of the steady state, as in `equilibrium`.  values: how many values of the parameter are looked
-    at; two crossings between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
+    their continuous form.  mode: modes of the steady state, as in `equilibrium`.  guess: {state: value} of one steady state in the range, where
+    none is found without, as under a drive whose limits hide it.  values: how many values of the parameter are looked at; two crossings
+    between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
     passed over. Raises SceneError for unknown names, a range that is none, and a plant without any steady state in the range.
     """
     low, high = checked_range(between)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)
-    followed = Followed(closed, knob, inputs or {}, mode)
+    followed = Followed(closed, knob, inputs or {}, mode, guess)
     grid = np.linspace(low, high, max(int(values), 2))
-    for value in grid:
+    for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
         followed(float(value))
     if not any(followed.known.values()):
         raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {followed.reason}")
@@ -277,9 +280,9 @@ def hopf_points(
             continue
         counts = [int((growths > 0).sum()) for growths in (left, right)]
         for k in range(min(counts), max(counts)):
-            guess = _crossing(followed, k, a, b)
-            if guess is not None:
-                found.append(_solved(followed, guess, "below" if counts[0] < counts[1] else "above"))
+            near = _crossing(followed, k, a, b)
+            if near is not None:
+                found.append(_solved(followed, near, "below" if counts[0] < counts[1] else "above"))
     return sorted(found, key=lambda point: point.value)
 
 
@@ -353,27 +356,77 @@ def pole_locus(
 class Followed:
     """The steady states of a closed loop over one knob, each found once, from its neighbour where it is not found by itself."""
 
-    def __init__(self, closed: HybridSystem, knob: Knob, inputs: Mapping[str, float], mode: Mapping[str, str] | None):
+    def __init__(
+        self,
+        closed: HybridSystem,
+        knob: Knob,
+        inputs: Mapping[str, float],
+        mode: Mapping[str, str] | None,
+        guess: Mapping[str, Any] | None = None,
+    ):
         self.closed, self.knob, self.inputs, self.mode = closed, knob, inputs, mode
+        self.guess: np.ndarray | None = None
+        if guess:
+            self.guess = np.zeros(closed.x.numel())
+            for name, number in guess.items():
+                place_start(closed, self.guess, name, number)
         self.known: dict[float, Equilibrium | None] = {}
+        self.alone: set[float] = set()
         self.reason = ""
 
     def __call__(self, value: float) -> Equilibrium | None:
         """The steady state at a value of the knob; None where none is found (`reason` then says why)."""
-        if value not in self.known:
-            arguments = self.knob.arguments(value, self.inputs)
-            near = min((v for v, point in self.known.items() if point is not None), key=lambda v: abs(v - value), default=None)
-            starts = [None] if near is None else [None, state_values(self.closed, self.known[near].states)]  # type: ignore[union-attr]
-            self.known[value] = None
-            for start in starts:
-                try:
-                    self.known[value] = equilibrium(self.closed, start=start, mode=self.mode, **arguments)
-                    break
-                except SceneError as error:
-                    if "no steady state" not in str(error):
-                        raise
-                    self.reason = str(error)
+        if value not in self.known or (value in self.alone and any(self.known.values())):
+            self.alone.discard(value)
+            if not any(self.known.values()):
+                self.alone.add(value)  # to be tried again once a neighbour is known
+            self.known[value] = self._found(value, None) or self._approached(value)
+            if self.known[value] is not None:
+                self.alone.discard(value)
         return self.known[value]
+
+    def _found(self, value: float, start: np.ndarray | None) -> Equilibrium | None:
+        begin = None if start is None else state_values(self.closed, start)
+        try:
+            return equilibrium(self.closed, start=begin, mode=self.mode, **self.knob.arguments(value, self.inputs))
+        except SceneError as error:
+            if "no steady state" not in str(error):
+                raise
+            self.reason = str(error)
+            return None
+
+    def _approached(self, value: float) -> Equilibrium | None:
+        """From the nearest known steady state in ever smaller steps, or by letting the machine relax where none is known."""
+        known = [(abs(v - value), v, point) for v, point in self.known.items() if point is not None]
+        if not known:
+            found = self._found(value, self.guess) if self.guess is not None else None
+            return found or self._found(value, self._relaxed(value))
+        _, near, point = min(known, key=lambda entry: entry[0])
+        for steps in (1, 4, 16, 64):
+            reached: Equilibrium | None = point
+            for k in range(1, steps + 1):
+                reached = self._found(near + (value - near) * k / steps, reached.states) if reached is not None else None
+            if reached is not None:
+                return reached
+        return None
+
+    def _relaxed(self, value: float) -> np.ndarray:
+        """Where implicit Euler steps of growing length lead from rest with all contacts in slip: limits and layers of a law do not stop them."""
+        arguments = self.knob.arguments(value, self.inputs)
+        plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
+        u = _input_values(plant, arguments["inputs"])
+        residual, slopes = _residual(plant)
+        x = np.zeros(plant.x.numel())
+        m = _modes_at(plant, x, u, self.mode, resting=True)
+        a = np.array(slopes(0.0, x, u, plant.values, m)[0])
+        step = 0.1 / max(float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)), 1e-9) if np.isfinite(a).all() else 1e-3
+        for _ in range(300):
+            flow, a = np.array(residual(0.0, x, u, plant.values, m)[0]).ravel(), np.array(slopes(0.0, x, u, plant.values, m)[0])
+            if not (np.isfinite(flow).all() and np.isfinite(a).all()):
+                break
+            x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
+            step *= 1.08
+        return np.nan_to_num(x)
 
     def growths(self, value: float) -> np.ndarray | None:
         """Real parts of all pairs of poles at a value [1/s], largest first; None without a steady state."""

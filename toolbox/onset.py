@@ -61,6 +61,7 @@ class Judged:
 class Border:
     """A border between two verdicts: `value` +- `tolerance`; safe: "above" or "below", the side without stick-slip or with stable running.
 
+    tolerance: one and a half of the last interval, because each step of the parameter shakes the machine by as much again.
     confirmed: whether runs of five times the duration, and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
     """
 
@@ -449,6 +450,24 @@ class _Search:
             judged = dataclasses.replace(judged, verdict="stuck")
         return judged, _End(state_values(run.program.system, run.states[-1]), _held(run))
 
+    def walked(self, begin: _End, origin: float, value: float) -> _End:
+        """Where the machine is after the knob went from one value to another in small steps: a jump at once would shake it out of its cycle."""
+        if value == origin:
+            return begin
+        for k in range(1, STEPS):
+            middle = origin + (value - origin) * k / STEPS
+            changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume}
+            if self.knob.is_input:
+                changes["inputs"] = {**self.base.inputs, self.knob.name: middle}
+            else:
+                changes["system"] = self.base.system.with_parameters({self.knob.name: middle})
+            try:
+                run = again(self.base, duration=2.3 * self.period, longest_step=self.period / 256, **changes)
+            except SimulationError:
+                return begin
+            begin = _End(state_values(run.program.system, run.states[-1]), _held(run))
+        return begin
+
     def judged(self, run: Trajectory, value: float) -> Judged:
         """The verdict on the second half of a run."""
         from toolbox import measure
@@ -533,11 +552,12 @@ class _Search:
         found = self.found
         for row in (values, values[::-1]):
             before: dict[str, _End] = {}
+            last = row[0]
             for value in row:
                 own = self.inside.setdefault(value, {})
                 first = value not in found
                 # standstill and stick-slip may both last: each is continued, the others are tried until stick-slip is found
-                begins = [begin for verdict, begin in before.items() if verdict not in own]
+                begins = [self.walked(begin, last, value) for verdict, begin in before.items() if verdict not in own]
                 for begin in [*begins, *((*own.values(), *self.stuck(value)) if first else ())]:
                     judged, end = self.run(value, begin)
                     if value not in found or _worse(judged, found[value]):
@@ -547,7 +567,7 @@ class _Search:
                     if judged.verdict == "stick-slip" and not any(begin is one for one in begins[:-1]):  # all of the neighbour's are tried
                         break
                 found.setdefault(value, Judged("none"))
-                before = dict(own)
+                before, last = dict(own), value
         return [found[value] for value in values]
 
     def stuck(self, value: float) -> list[_End]:
@@ -565,7 +585,7 @@ class _Search:
         """Whether stick-slip, continued from where it was found, ends at a value."""
         free = True
         for begin in list(self.inside[origin].values()):
-            judged, end = self.run(value, begin, **changes)
+            judged, end = self.run(value, self.walked(begin, origin, value), **changes)
             if judged.verdict in STICKING and end is not None:
                 self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
                 free = False
@@ -581,7 +601,7 @@ class _Search:
             good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
             longer, confirmed = 1.0, False
             for _ in range(ROUNDS):
-                while abs(good - bad) > 2 * tolerance:
+                while 1.5 * abs(good - bad) > tolerance:
                     middle = (good + bad) / 2
                     if test(middle, bad, longer=longer):
                         good = middle
@@ -596,7 +616,7 @@ class _Search:
                 # the verdict came too early: the search goes on between there and the neighbour, with longer runs
                 longer = 5.0
                 good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)
-            found.append(Border((good + bad) / 2, abs(good - bad) / 2, "above" if good > bad else "below", confirmed))
+            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", confirmed))
         return found
 
     @staticmethod
@@ -609,6 +629,9 @@ class _Search:
                 return bad
         return None
 
+
+STEPS = 12
+"""Steps in which the parameter goes from one value to the next, with a little more than two periods at each."""
 
 ROUNDS = 6
 """How often the search for a border is taken up again, with runs five times as long."""

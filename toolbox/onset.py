@@ -600,7 +600,7 @@ class _Search:
                 continue
             good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
             longer, confirmed = 1.0, False
-            for _ in range(ROUNDS):
+            for attempt in range(ROUNDS):
                 while 1.5 * abs(good - bad) > tolerance:
                     middle = (good + bad) / 2
                     if test(middle, bad, longer=longer):
@@ -611,7 +611,7 @@ class _Search:
                 confirmed = wrong is None
                 if confirmed:
                     break
-                if wrong in (outer_good, outer_bad):
+                if wrong in (outer_good, outer_bad) or attempt == ROUNDS - 1:
                     break
                 # the verdict came too early: the search goes on between there and the neighbour, with longer runs
                 longer = 5.0

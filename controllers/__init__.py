@@ -1,6 +1,6 @@
 """Control laws, one per file, and observers."""
 
-from controllers import impedance, observers
+from controllers import observers
 from controllers.active_damping import ActiveDamping
 from controllers.h_infinity import HInfinity
 from controllers.implicit_sliding_mode import ImplicitSlidingMode
@@ -9,6 +9,7 @@ from controllers.lqg import LQG
 from controllers.lqr import LQR
 from controllers.nonlinear_mpc import NonlinearMPC
 from controllers.pi import PI, StiffPI
+from controllers.pipe import pipe_impedance
 from controllers.sliding_mode import IdealSlidingMode, SlidingMode
 from controllers.soft_torque import SoftTorque
 from controllers.super_twisting import ImpedanceSuperTwisting, SuperTwisting
@@ -30,6 +31,6 @@ __all__ = [
     "StiffPI",
     "SuperTwisting",
     "ZTorque",
-    "impedance",
     "observers",
+    "pipe_impedance",
 ]

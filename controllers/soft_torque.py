@@ -29,7 +29,7 @@ class SoftTorque(TorqueLimits):
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
         """The PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
 
-        zeta [N m s/rad] is the wave impedance of the pipe (`controllers.impedance.pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the
+        zeta [N m s/rad] is the wave impedance of the pipe (`pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the
         lowest frequency of the string: there the integral cancels the inertia and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source:
         U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
         """

@@ -1,6 +1,6 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
-from models import oscillators, wells
+from models import closed_forms, oscillators, wells
 from models.axial import AxialChain
 from models.bar import OscillatorOnBar
 from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
@@ -75,6 +75,7 @@ __all__ = [
     "TwoDisks",
     "WhirlingCollar",
     "averaged_friction",
+    "closed_forms",
     "oscillators",
     "parabolic_shares",
     "read_sections",

@@ -23,6 +23,8 @@ def pytest_configure(config):
         distribution("stickslip-toolbox")
     except PackageNotFoundError:
         config.stickslip_metadata = _registered()
+    if not config.pluginmanager.has_plugin("stickslip_pytest"):  # an installation registers it
+        config.pluginmanager.import_plugin("stickslip_pytest")
 
 
 def pytest_unconfigure(config):

@@ -22,12 +22,12 @@ from controllers import (
     SuperTwisting,
     ZTorque,
 )
-from controllers.impedance import impedance, pipe_impedance, reflection
+from controllers.pipe import pipe_impedance
 from controllers.string_model import drilling_point, string_model
 from controllers.z_torque import compensated
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from studies import chatter
-from toolbox import Sampled, SceneError, Takeover, compose, linearise, overshoot, simulate, sine
+from toolbox import Sampled, SceneError, Takeover, compose, impedance, linearise, overshoot, reflection, simulate, sine
 from toolbox.measure import severity
 
 STRING = compose(wells.JANSEN_2)
@@ -165,11 +165,11 @@ def test_z_torque_reflects_what_its_impedance_lacks_and_no_more(share):
     zeta = pipe_impedance(*PIPE)
     om = np.array([0.1, 1.0, 5.0])
     law = ZTorque.for_string(share * zeta, 2900.0, filter_time=1e-8)
-    np.testing.assert_allclose(np.abs(reflection(law, om, zeta, 2900.0)), abs(share - 1) / (share + 1), atol=2e-3)
+    np.testing.assert_allclose(np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)), abs(share - 1) / (share + 1), atol=2e-3)
     # its twin without compensation is inertia, and a stiff drive a wall
     bare = replace(law, inertia=0.0)
-    assert np.abs(reflection(bare, 5.0, zeta, 2900.0)) > 0.9
-    assert np.abs(reflection(StiffPI(), 1.0, zeta, 2900.0)) > 0.9
+    assert np.abs(reflection(impedance(bare, frequency=[5.0], inertia=2900.0), zeta)) > 0.9
+    assert np.abs(reflection(impedance(StiffPI(), frequency=[1.0], inertia=2900.0), zeta)) > 0.9
 
 
 def test_the_filter_of_z_torque_leaves_a_double_pole():
@@ -183,7 +183,7 @@ def test_the_filter_of_z_torque_leaves_a_double_pole():
 
 def test_the_impedance_of_a_pi_law_is_that_of_its_inertia_damper_and_spring():
     om = np.array([0.3, 1.0, 10.0])
-    Z = impedance(PI(proportional=4000.0, integral=1500.0), om, inertia=2122.0, drag=425.0)
+    Z = impedance(PI(proportional=4000.0, integral=1500.0), frequency=om, inertia=2122.0, drag=425.0)
     np.testing.assert_allclose(Z, 4425.0 + 1j * (om * 2122.0 - 1500.0 / om), rtol=1e-12)
 
 
@@ -191,15 +191,15 @@ def test_soft_torque_matches_at_the_frequency_of_the_string():
     # k / J_b = I / J_r: spring and inertia of the drive cancel there, sqrt(k J_b) stays
     law = SoftTorque().design(STRING)
     om = np.sqrt(473.0 / 374.0)
-    assert np.abs(reflection(law, om, np.sqrt(473.0 * 374.0), 2122.0)) == pytest.approx(0.0, abs=1e-12)
-    assert np.abs(reflection(StiffPI(), om, np.sqrt(473.0 * 374.0), 2122.0)) > 0.9
+    assert np.abs(reflection(impedance(law, frequency=om, inertia=2122.0), np.sqrt(473.0 * 374.0))) == pytest.approx(0.0, abs=1e-12)
+    assert np.abs(reflection(impedance(StiffPI(), frequency=om, inertia=2122.0), np.sqrt(473.0 * 374.0))) > 0.9
 
 
 def test_soft_torque_for_a_pipe_shows_four_times_its_impedance_at_its_frequency():
     zeta = pipe_impedance(*PIPE)
     law = SoftTorque.for_string(zeta, 2900.0, 0.2, highest_torque=3e4)
-    assert impedance(law, 2 * np.pi * 0.2, 2900.0)[0] == pytest.approx(4 * zeta)
-    assert np.abs(reflection(law, 2 * np.pi * 0.2, zeta, 2900.0))[0] == pytest.approx(3 / 5)
+    assert impedance(law, frequency=[2 * np.pi * 0.2], inertia=2900.0)[0] == pytest.approx(4 * zeta)
+    assert np.abs(reflection(impedance(law, frequency=[2 * np.pi * 0.2], inertia=2900.0), zeta))[0] == pytest.approx(3 / 5)
     assert law.highest_torque == 3e4
 
 
@@ -232,14 +232,14 @@ def test_a_wave_that_comes_up_a_pipe_leaves_it_through_z_torque_and_returns_from
     om = np.linspace(0.05, 60.0, 1200)
     share = np.abs(np.trapezoid(bump[1] * np.exp(-1j * om[:, None] * bump[0]), bump[0], axis=1)) ** 2
     for name, law in laws.items():
-        expected = np.trapezoid(share * np.abs(reflection(law, om, zeta, 2900.0)) ** 2, om) / np.trapezoid(share, om)
+        expected = np.trapezoid(share * np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)) ** 2, om) / np.trapezoid(share, om)
         assert left[name] == pytest.approx(expected, rel=0.1)
     assert left["matched"] < 0.15 < 0.9 < left["stiff"]
 
 
 def test_a_law_that_measures_the_bit_has_no_impedance():
     with pytest.raises(SceneError, match=r"bit\.speed|top\.load"):
-        impedance(SlidingMode().design(RIG), 1.0)
+        impedance(SlidingMode().design(RIG), frequency=[1.0])
 
 
 # --- the linear model

@@ -7,14 +7,17 @@ from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
+from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, step
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
 from toolbox.observed import Observed, Observer
+from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
+from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
@@ -48,13 +51,20 @@ __all__ = [
     "compose",
     "cycles",
     "energy_audit",
+    "equilibria",
     "equilibrium",
     "follow",
+    "hopf_curve",
+    "hopf_points",
+    "impedance",
     "limit_cycle",
     "linearise",
+    "onset",
     "overshoot",
+    "pole_locus",
     "quantity",
     "ramp",
+    "reflection",
     "sensitivity",
     "settling",
     "severity",

@@ -1,4 +1,4 @@
-"""The command `stickslip`: study a scene from file to verdict, figures and data; list the parts that scenes can name.
+"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends; list the parts.
 
 Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
@@ -14,8 +14,8 @@ import secrets
 import shutil
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,24 @@ def _parser() -> argparse.ArgumentParser:
         help="folder for the results; an earlier study in it is replaced, other files stay",
     )
     study.set_defaults(action=_study)
+    border = commands.add_parser(
+        "onset",
+        help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
+        description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
+        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and one table (csv) "
+        "per controller: all of it, or nothing.",
+        epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
+    )
+    border.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
+    border.add_argument("--from", dest="low", required=True, metavar="LOW", help="begin of its range: SI, or with a unit such as '10 rpm'")
+    border.add_argument("--to", dest="high", required=True, metavar="HIGH", help="end of its range")
+    border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
+    border.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
+    border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
+    border.add_argument("--out", type=Path, metavar="DIR", help="folder for figure, report and tables; those of an earlier search are replaced")
+    border.set_defaults(action=_onset)
     listing = commands.add_parser("list", help="list parts, control laws and friction laws with their parameters and units")
     listing.add_argument("name", nargs="?", help="show only the entries whose name contains this")
     listing.set_defaults(action=_list)
@@ -163,6 +181,94 @@ def _study(given: argparse.Namespace) -> int:
     return 1 if all(row.failed for row in rows) else 0
 
 
+# --- stickslip onset
+
+
+def _onset(given: argparse.Namespace) -> int:
+    from toolbox.errors import SimulationError
+    from toolbox.onset import Comparison, onset
+    from toolbox.scene import Scene
+    from toolbox.units import parse
+
+    scene = Scene.load(given.scene)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    units = {label: _unit(scene, label, given.parameter) for label in labels}
+    unit = next((word for word in units.values() if word is not None), None)
+    if unit is None:
+        _unit(scene, labels[0], given.parameter, complain=True)
+    number = {
+        word: None if text is None else parse(_plain(text), str(unit), f"--{word}")
+        for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
+    }
+    onsets, failures = {}, {}
+    stems = _stems(labels)
+    names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]
+    with whole_folder(given.out, names, _earlier_onset) if given.out else nullcontext() as folder:
+        with _progress(len(labels)) as reached:
+            for i, label in enumerate(labels):
+                reached(i, label)
+                if units[label] is None:
+                    failures[label] = f"it has no parameter or input `{given.parameter}`."
+                    continue
+                try:
+                    onsets[label] = onset(
+                        scene, given.parameter, (number["from"], number["to"]), controller=label,  # type: ignore[arg-type]
+                        values=given.values, tolerance=number["tolerance"], at=number["at"],
+                    )  # fmt: skip
+                except (SceneError, SimulationError) as error:
+                    if "Argument" in str(error):
+                        raise
+                    failures[label] = str(error)
+        found = Comparison(onsets, failures)
+        text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
+        if folder is not None:
+            (folder / "onset.txt").write_text(text, encoding="utf-8")
+            for label, stem in zip(labels, stems, strict=True):
+                if label in onsets:
+                    onsets[label].save(folder / f"{stem}_onset.csv")
+            if onsets:
+                from toolbox import study
+
+                study.draw_onsets(scene, onsets, folder / "onset.png")
+    print(text, end="")
+    if given.out:
+        print(f"\nFigure, report and tables are in {given.out}")
+    return 0 if onsets else 1
+
+
+ONSET_FILES = ("onset.png", "onset.txt")
+
+
+def _plain(text: str) -> Any:
+    """A number, or text with a unit for `units.parse`."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _unit(scene: Any, label: str, parameter: str, complain: bool = False) -> str | None:
+    """Unit of what varies under one controller; None where it has no such parameter or law, or the error that says why."""
+    from toolbox.stability import Knob, continuous_loop
+
+    try:
+        return Knob.of(continuous_loop(scene.plant(), scene.case(label).controller), parameter).unit
+    except SceneError:
+        if complain:
+            raise
+        return None
+
+
+def _earlier_onset(path: Path) -> set[str]:
+    """Names of the files that an earlier search for borders left in a folder, as its report tells."""
+    try:
+        if "Onset of stick-slip" not in (path / "onset.txt").read_text(encoding="utf-8"):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {file.name for file in [*path.glob("[0-9][0-9]_*_onset.csv"), *(path / name for name in ONSET_FILES)] if file.is_file()}
+
+
 def _stems(labels: Sequence[str]) -> list[str]:
     """Beginnings of file names: numbered, so that they differ and keep the order of the scene."""
     plain = [re.sub(r"[^a-z0-9]+", "_", label.lower()).strip("_")[:40] for label in labels]
@@ -187,17 +293,17 @@ def _progress(total: int) -> Iterator[Any]:
 
 
 @contextmanager
-def whole_folder(path: Path, names: Sequence[str]) -> Iterator[Path]:
+def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set[str]] | None = None) -> Iterator[Path]:
     """A temporary folder whose files `names` appear in `path` together when the block ends well, and vanish otherwise.
 
-    Files of an earlier study in `path` are replaced, other files stay. Raises SceneError, before the block runs, where `path` cannot be
-    written and where a file in the way is not from an earlier study.
+    Files of an earlier study in `path` are replaced, other files stay; left_by: function that names those of an earlier one.
+    Raises SceneError, before the block runs, where `path` cannot be written and where a file in the way is not from an earlier study.
     """
     path = path.absolute()
     if os.path.lexists(path) and not path.is_dir():
         raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
     exists = path.is_dir()
-    earlier = _earlier_study(path) if exists else set()
+    earlier = (left_by or _earlier_study)(path) if exists else set()
     for name in names:
         if exists and (path / name).exists() and name not in earlier:
             raise SceneError(f"Argument `--out` must not hide your own files, but `{path / name}` is not from an earlier study.")

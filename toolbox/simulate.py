@@ -38,7 +38,10 @@ METHODS = ("event", "explicit", "stiff")
 
 @dataclass
 class Run:
-    """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times."""
+    """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times.
+
+    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
+    """
 
     plant: HybridSystem
     system: HybridSystem
@@ -53,6 +56,7 @@ class Run:
     longest_step: float
     seeds: list[int]
     method: str = "event"
+    resume: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def simulate(
@@ -398,12 +402,14 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
             defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
             p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
+    memory = np.zeros(memory_size)
+    if run.resume is not None:
+        memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
-    memory = np.zeros(memory_size)
     for name, value in run.start.items():
         remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]
         if remembered:
@@ -513,6 +519,7 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, 
         last_mode=work.m,
         end=float(work.reals[loop.TIME]),
         answers=answers,
+        memory=work.memory.copy(),
         steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
         merged=int(work.ints[loop.MERGED]),
         wall_time=clock.perf_counter() - began,

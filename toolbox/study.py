@@ -14,6 +14,7 @@ from toolbox.errors import SimulationError
 
 if TYPE_CHECKING:
     from toolbox.hybrid import HybridSystem
+    from toolbox.onset import Onset
     from toolbox.scene import Scene
     from toolbox.trajectory import Trajectory
 
@@ -149,6 +150,14 @@ def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
     """Write the figure of the judged signal under every controller."""
     _write(_plot().comparison(runs, scene.signal, scene.element), scene.title, path)
+
+
+def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
+    """Write the figure of both branches under every controller."""
+    _plot()
+    from toolbox.diagram import onset_panels
+
+    _write(onset_panels(onsets), scene.title, path)
 
 
 def _plot() -> Any:

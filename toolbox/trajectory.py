@@ -140,7 +140,7 @@ class Trajectory(Samples):
     end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
     merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
     can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
-    what they recorded (they do not travel with a pickled trajectory).
+    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end.
     """
 
     laws: tuple[Any, ...] = ()
@@ -162,6 +162,7 @@ class Trajectory(Samples):
         steps: tuple[int, int],
         merged: int,
         wall_time: float,
+        memory: np.ndarray | None = None,
     ):
         super().__init__(program, time, states, mode, held, parameters, False)
         self.run = run
@@ -173,6 +174,7 @@ class Trajectory(Samples):
         self._last_mode = last_mode
         self.end = end
         self.answers = answers
+        self.memory = memory
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
@@ -182,7 +184,7 @@ class Trajectory(Samples):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers")
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory")
         data = {name: getattr(self, name) for name in names}
         return _restored, (self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 

@@ -1,0 +1,108 @@
+"""The command `stickslip onset`: both borders for every controller of a scene, from file to report, figure and tables."""
+
+import csv
+import math
+import re
+
+import pytest
+
+from models import oscillators
+from toolbox.command_line import main
+
+RIG = """
+title = "Two inertias"
+duration = "60 s"
+reference = "95 rpm"
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "constant torque"
+inputs = { "top.torque" = "12 kN m" }
+[[controllers]]
+label = "stiff PI"
+law = "StiffPI"
+[[controllers]]
+label = "soft torque"
+law = "SoftTorque"
+"""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG)
+    return str(path)
+
+
+RANGE = ["--parameter", "top.reference", "--from", "20 rpm", "--to", "150 rpm", "--values", "4", "--tolerance", "1 rpm"]
+
+
+def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(rig, tmp_path, capsys):
+    out = tmp_path / "borders"
+    assert main(["onset", rig, *RANGE, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    for word in ("Hopf point", "existing stick-slip ends", "Margin", "Checked", "bistable", "constant torque failed", "from stick-slip"):
+        assert word in printed
+    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "02_stiff_pi_onset.csv", "03_soft_torque_onset.csv"}
+    assert (out / "onset.txt").read_text() in printed
+    assert (out / "onset.png").read_bytes().startswith(b"\x89PNG")
+    with (out / "02_stiff_pi_onset.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    speeds = [float(row["top.reference [rad/s]"]) for row in rows]
+    assert speeds[0] == pytest.approx(20 * math.pi / 30) and speeds[-1] == pytest.approx(150 * math.pi / 30)
+    assert rows[0]["smooth verdict"] == "stick-slip" and rows[-1]["sticking verdict"] == "smooth"
+    # a second search takes the place of the first, and files of the user stay
+    (out / "mine.txt").write_text("keep")
+    assert main(["onset", rig, *RANGE, "--controller", "soft torque", "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "01_soft_torque_onset.csv", "mine.txt"}
+
+
+def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
+    scene = root / "studies" / "scenes" / "veraszto_stepan.toml"
+    assert (
+        main(
+            [
+                "onset",
+                str(scene),
+                "--parameter",
+                "block.belt_speed",
+                "--from",
+                "0.1",
+                "--to",
+                "400 mm/s",
+                "--values",
+                "3",
+                "--tolerance",
+                "0.02",
+            ]
+        )
+        == 0
+    )
+    hopf = float(re.search(r"Hopf point, hard loss +([0-9.]+) m/s", capsys.readouterr().out)[1])
+    assert hopf == pytest.approx(oscillators.hopf_speed(oscillators.VERASZTO_STEPAN), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (["--parameter", "top.refrence"], "top.reference"),
+        (["--from", "200 rpm"], "between"),
+        (["--from", "20 kN"], "--from"),
+        (["--to", "fast"], "--to"),
+        (["--values", "1"], "values"),
+        (["--controller", "softer"], "soft torque"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(rig, capsys, change, word):
+    assert main(["onset", rig, *RANGE, "--controller", "stiff PI", *change]) == 2
+    text = capsys.readouterr().err
+    assert word in text and text.count("\n") == 1
+
+
+def test_where_no_controller_has_a_steady_state_the_exit_code_is_1(rig, capsys):
+    # backwards torques below the bound turn nothing: there is no slipping steady state
+    arguments = ["--parameter", "top.torque", "--from", "100", "--to", "200", "--controller", "constant torque", "--values", "3"]
+    assert main(["onset", rig, *arguments]) == 1
+    assert "no steady running" in capsys.readouterr().out

@@ -1,0 +1,217 @@
+"""Both borders of stick-slip by simulation: against closed forms, against each other, and with the laws that move them."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers import PI, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
+from toolbox import Sampled, SceneError, compose, hopf_points, measure, onset, simulate
+from toolbox.onset import Border, Comparison
+from toolbox.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return compose(wells.JANSEN_2, BitRock())
+
+
+@pytest.fixture(scope="module")
+def stiff(rig):
+    return onset(rig, "top.reference", (2.0, 16.0), controller=StiffPI(reference=9.95), values=8)
+
+
+@pytest.fixture(scope="module")
+def soft(rig):
+    return onset(rig, "top.reference", (2.0, 16.0), controller=SoftTorque(reference=9.95), values=8)
+
+
+def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
+    block = oscillators.THOMSEN_FIDLIN
+    found = onset(compose(block), "block.belt_speed", (0.3, 0.5), values=6, tolerance=1e-3)
+    # smooth running is lost at v_b1 exactly; stick-slip ends at v_b0 to first order in damping and friction
+    assert found.loss == pytest.approx(oscillators.hopf_speed(block), abs=1.1e-3)
+    assert found.end == pytest.approx(closed_forms.stick_slip_speed(block), rel=0.02)
+    assert found.end < found.loss and found.bistable == []
+    assert found.hopf[0].value == pytest.approx(oscillators.hopf_speed(block), rel=1e-12) and found.hopf[0].kind == "soft"
+    assert found.verdict((found.end + found.loss) / 2) == "swing"
+    assert all(border.confirmed and border.safe == "above" for border in (*found.losses, *found.ends))
+
+
+def test_the_smooth_onset_of_a_stiff_drive_understates_the_danger_by_a_factor_of_about_three(stiff):
+    assert stiff.loss == pytest.approx(stiff.hopf[0].value, abs=2 * stiff.losses[0].tolerance)
+    assert 2.5 < stiff.end / stiff.loss < 3.5
+    assert stiff.bistable == [(stiff.loss, stiff.end)]
+    assert stiff.verdict(stiff.at) == "bistable"
+    assert all(border.confirmed for border in (*stiff.losses, *stiff.ends))
+
+
+def test_what_the_report_calls_bistable_is_so_in_plain_runs(rig, stiff):
+    law = StiffPI(reference=9.95)
+    rest = next(point for point in (stiff.hopf[0].point,))
+    assert rest["bit.speed"] == pytest.approx(stiff.hopf[0].value, rel=1e-9)
+    twist = (50.0 * 9.95 + 97_347.0 * 0.155575 * (0.5 + 0.3 * math.exp(-0.9 * 9.95))) / 473.0
+    smooth = {"chain.speed": (9.95, 9.95), "chain.twist": twist, "pi.angle": (425.0 * 9.95 + 473.0 * twist) / 2000.0}
+    calm = simulate(rig, 600.0, controller=law, start=smooth | {"chain.speed": (9.95, 9.9)})
+    begun = simulate(rig, 600.0, controller=law, start=smooth | {"chain.speed": (9.95, 0.0)})
+    assert measure.stick_intervals(calm, "bit") == []
+    assert measure.stuck_ratio(begun, "bit", 500.0) > 0.1
+
+
+def test_a_drive_that_gives_way_moves_both_borders_down(stiff, soft):
+    assert soft.loss < 0.9 * stiff.loss
+    assert soft.end < 0.75 * stiff.end
+    assert stiff.verdict(9.95) == "bistable" and soft.verdict(9.95) == "free"
+    assert soft.ends[0].margin(9.95) > 0 > stiff.ends[0].margin(9.95)
+
+
+def test_the_border_of_stick_slip_is_where_plain_runs_from_inside_change_their_fate(rig, soft):
+    # an independent way: a slow ramp of the set-point from stick-slip leaves it close to the border
+    law = SoftTorque(reference=6.0)
+    ramp = ((0.0, 200.0, 4200.0), (6.0, 6.0, 10.0))
+    run = simulate(rig, 4200.0, controller=law, inputs={"top.reference": ramp}, start={"chain.speed": (6.0, 0.0)})
+    last = measure.stick_intervals(run, "bit")[-1][1]
+    assert 6.0 + (last - 200.0) / 1000.0 == pytest.approx(soft.end, abs=0.1)
+
+
+def test_beyond_the_hopf_speed_of_veraszto_and_stepan_the_hard_loss_makes_a_bistable_band():
+    found = onset(compose(oscillators.VERASZTO_STEPAN), "block.belt_speed", (0.1, 0.5), values=6)
+    hopf = oscillators.hopf_speed(oscillators.VERASZTO_STEPAN)
+    assert found.loss == pytest.approx(hopf, abs=2 * found.losses[0].tolerance)
+    assert found.hopf[0].kind == "hard"
+    assert found.bistable == [(found.loss, found.end)] and found.end > 1.3 * hopf
+
+
+def test_a_sampled_law_is_judged_as_it_runs(rig, soft):
+    law = SoftTorque(reference=9.95)
+    fast = onset(rig, "top.reference", (3.0, 9.0), controller=law, sample_time=0.02, values=3, tolerance=0.1, duration=300.0)
+    assert fast.loss == pytest.approx(soft.loss, abs=0.2) and fast.end == pytest.approx(soft.end, abs=0.3)
+    assert any("continuous form" in note for note in fast.notes)
+    # half a second late, the loop is another one, though its continuous form is the same
+    late = onset(rig, "top.reference", (3.0, 9.0), controller=Sampled(law, 0.02, 0.5), values=3, tolerance=0.1, duration=300.0)
+    assert late.hopf[0].value == fast.hopf[0].value
+    assert late.loss != pytest.approx(fast.loss, abs=0.3)
+
+
+def test_a_gain_and_a_weight_can_be_what_varies(rig):
+    found = onset(rig, "bit.weight", (2000.0, 140_000.0), controller=StiffPI(reference=4.0), values=7, tolerance=500.0)
+    assert [border.safe for border in found.losses] == ["below"] and found.losses[0].margin(2000.0) > 0
+    # the slope that is lost does not depend on the speed: W exp(-0.9 w) is what it is at the Hopf speed of the declared weight
+    speed = hopf_points(rig, "top.reference", (2.0, 8.0), controller=StiffPI())[0].value
+    hopf = 97_347.0 * math.exp(-0.9 * (speed - 4.0))
+    assert found.hopf[0].value == pytest.approx(hopf, rel=1e-9)
+    assert found.loss == pytest.approx(hopf, abs=1000.0)
+    assert found.end < found.loss
+    gain = onset(rig, "pi.proportional", (200.0, 20_000.0), controller=PI(proportional=4000.0, integral=300.0, reference=5.0), values=4)
+    assert gain.unit == "N m s/rad" and gain.at == 4000.0
+
+
+def test_under_a_constant_torque_the_bit_stays_stuck_up_to_its_break_away_torque():
+    # on this string stick-slip itself ends at a lower torque, and standstill is what lasts
+    bound = 0.8 * 97_347.0 * 0.155575
+    plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
+    found = onset(plant, "top.torque", (6000.0, 14_000.0), inputs={"top.torque": 8000.0}, values=5, tolerance=10.0)
+    assert found.end == pytest.approx(bound, abs=11.0) and found.ends[-1].safe == "above"
+    assert found.sticking[0].verdict == "stuck" and found.smooth[0].verdict == "none"
+    assert found.verdict(6500.0) == "stuck" and found.verdict(11_800.0) == "bistable" and found.verdict(13_000.0) == "free"
+
+
+def test_a_limit_of_the_motor_frees_a_bit_that_the_same_law_without_limit_keeps(stiff):
+    limited = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=15_000.0))
+    guess = {"chain.speed": (9.95, 9.95), "drive.speed": 9.95}  # the limit hides the steady state from a search that begins at rest
+    found = onset(limited, "top.reference", (4.0, 13.0), controller=StiffPI(reference=9.95), guess=guess, values=5, tolerance=0.1)
+    assert found.hopf[0].value == pytest.approx(stiff.hopf[0].value, rel=1e-3)  # small swings never meet the limit
+    assert found.end < stiff.end - 1.0
+    with pytest.raises(SceneError, match="no steady running"):
+        onset(limited, "top.reference", (4.0, 12.0), controller=StiffPI(), values=3)
+
+
+def test_a_machine_without_falling_friction_is_free_everywhere():
+    plant = compose(BlockOnBelt(damping=0.1, friction=Coulomb(static=1.0, kinetic=1.0)))
+    found = onset(plant, "block.belt_speed", (0.1, 1.0), values=3)
+    assert found.losses == () and found.ends == () and found.hopf == () and found.bistable == []
+    assert math.isnan(found.loss) and math.isnan(found.end)
+    assert found.verdict(0.5) == "free" and "no stick-slip was found" in str(found)
+
+
+def test_a_single_release_is_not_stick_slip(rig):
+    # the bit starts stuck and breaks free once under soft torque: that run must not count
+    found = onset(rig, "top.reference", (10.0, 14.0), controller=SoftTorque(), values=3)
+    assert {judged.verdict for judged in (*found.smooth, *found.sticking)} == {"smooth"}
+    run = simulate(rig, 100.0, controller=SoftTorque(reference=10.0))
+    assert len(measure.stick_intervals(run, "bit")) >= 1
+
+
+def test_the_report_shows_both_branches_margins_and_what_was_checked(stiff):
+    text = str(stiff)
+    for word in (
+        "Hopf point",
+        "smooth running is lost",
+        "existing stick-slip ends",
+        "bistable",
+        "Margin",
+        "from smooth running",
+        "Checked",
+    ):
+        assert word in text
+    assert "NOT confirmed" not in text and f"{stiff.runs} runs" in text
+
+
+def test_a_scene_gives_its_plant_contact_and_law_by_label(root, tmp_path):
+    scene = Scene.load(root / "studies" / "scenes" / "jansen_2.toml")
+    found = onset(scene, "top.reference", (2.0, 16.0), controller="soft torque", values=4, tolerance=0.2)
+    assert found.element == "bit" and found.at == pytest.approx(95 * math.pi / 30)
+    path = found.save(tmp_path / "onset.csv")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    np.testing.assert_array_equal([float(row["top.reference [rad/s]"]) for row in rows], found.values)
+    assert {row["smooth verdict"] for row in rows} <= {"smooth", "stick-slip", "swing"}
+
+
+def test_a_comparison_names_every_controller(stiff, soft):
+    table = str(Comparison({"stiff": stiff, "soft": soft}, {"none": "no reference"}))
+    assert "bistable" in table and "free" in table and "none failed: no reference" in table
+    with pytest.raises(SceneError, match="soft"):
+        Comparison({"stiff": stiff, "soft": soft})["sofd"]
+
+
+def test_a_margin_is_positive_on_the_safe_side():
+    assert Border(10.0, 0.1, "above", True).margin(12.0) == pytest.approx(0.2)
+    assert Border(10.0, 0.1, "below", True).margin(12.0) == pytest.approx(-0.2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({"machine": 3}, "machine"),
+        ({"parameter": "top.referenc"}, "top.reference"),
+        ({"between": (5.0, 1.0)}, "between"),
+        ({"values": 2}, "values"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"duration": -1.0}, "duration"),
+        ({"perturbation": math.nan}, "perturbation"),
+        ({"at": math.inf}, "at"),
+        ({"element": "bitt"}, "bit"),
+        ({"signal": "bit.sped"}, "bit.speed"),
+        ({"controller": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
+        ({"inputs": {"bit.weight": math.nan}}, "bit.weight"),
+    ],
+)
+def test_a_mistake_is_named(rig, arguments, word):
+    given = {"machine": rig, "parameter": "top.reference", "between": (2.0, 8.0), "controller": StiffPI()} | arguments
+    with pytest.raises(SceneError, match=word):
+        onset(given.pop("machine"), given.pop("parameter"), given.pop("between"), **given)
+
+
+def test_a_scene_whose_input_moves_has_no_onset(root):
+    scene = Scene.load(root / "studies" / "scenes" / "jansen_2.toml")
+    from toolbox.scene import Waveform
+
+    moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("step", {"before": 1.0, "after": 2.0, "at": 1.0})})
+    with pytest.raises(SceneError, match=r"bit\.weight.*must be a number"):
+        onset(moving, "top.reference", (2.0, 8.0), controller="stiff PI")

@@ -1,0 +1,209 @@
+"""The pytest plugin: what a failed check says and draws, what the marker repeats, and that it costs nothing where nobody asks for it."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from controllers import SoftTorque, StiffPI
+from models import BitRock, wells
+from toolbox import SceneError, compose, measure, simulate
+from toolbox.checks import Checks, Perturbation
+
+pytest_plugins = "pytester"
+
+LIGHT = """
+import sys
+
+def test_nothing_heavy_is_loaded(request):
+    assert request.config.pluginmanager.has_plugin("stickslip_pytest")
+    heavy = [name for name in ("casadi", "numba", "numpy", "scipy", "matplotlib", "toolbox") if name in sys.modules]
+    assert heavy == []
+"""
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return compose(wells.JANSEN_2, BitRock())
+
+
+@pytest.fixture(scope="module")
+def stiff(rig):
+    return simulate(rig, 120.0, controller=StiffPI(reference=9.95))
+
+
+@pytest.fixture(scope="module")
+def soft(rig):
+    return simulate(rig, 200.0, controller=SoftTorque(reference=9.95))
+
+
+@pytest.fixture
+def checks(tmp_path):
+    return Checks(folder=tmp_path / "figures", name="some test")
+
+
+def failure(check, *arguments, **named):
+    with pytest.raises(AssertionError) as failed:
+        check(*arguments, **named)
+    return str(failed.value)
+
+
+def figure(text):
+    """The bytes of the figure that a message names."""
+    from pathlib import Path
+
+    return Path(re.search(r"Figure: (.+\.png)", text)[1]).read_bytes()
+
+
+# --- what a check says
+
+
+def test_a_bit_that_sticks_is_reported_with_times_and_a_figure(checks, stiff):
+    text = failure(checks.no_stick_slip, stiff, after=60.0)
+    sticks = measure.stick_intervals(stiff, "bit", 60.0)
+    assert f"sticks {len(sticks)} time(s)" in text and f"{sticks[0][0]:.4g} s" in text
+    assert figure(text).startswith(b"\x89PNG")
+
+
+def test_a_free_bit_passes(checks, soft):
+    checks.no_stick_slip(soft, after=100.0)
+    assert checks.severity_below(soft, 0.01, after=180.0) == measure.severity(soft, after=180.0)
+    assert checks.settles(soft, "bit.speed", 9.95, within=100.0) < 100.0
+    checks.energy_balances(soft)
+    assert not checks.folder.exists()
+
+
+def test_a_severity_is_reported_with_the_range_behind_it(checks, stiff):
+    text = failure(checks.severity_below, stiff, 0.5, after=60.0)
+    found = measure.extent(stiff, "bit.speed", 60.0)
+    assert f"{measure.severity(stiff, after=60.0):.4g}" in text and f"{found.maximum:.5g}" in text and "mean" in text
+
+
+def test_a_bound_counts_between_the_steps(checks, soft):
+    peak = measure.extent(soft, "top.torque")
+    checks.bounded(soft, "top.torque", high=peak.maximum)
+    text = failure(checks.bounded, soft, "top.torque", high=peak.maximum - 1.0)
+    assert f"{peak.maximum:.6g} N m at {peak.time_of_maximum:.4g} s" in text
+    low = failure(checks.respects_limits, soft, {"top.speed": (1.0, 20.0)})
+    assert "`top.speed` must be >= 1 rad/s" in low
+    checks.respects_limits(soft, {"top.torque": peak.maximum + 1.0})
+
+
+def test_what_never_settles_says_where_it_ends(checks, stiff):
+    assert "but it never does, and ends at" in failure(checks.settles, stiff, "bit.speed", 9.95, within=60.0)
+
+
+def test_an_energy_that_does_not_balance_shows_the_audit(checks, soft):
+    assert "residual" in failure(checks.energy_balances, soft, within=0.0)
+
+
+def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
+    assert checks.beats(soft, stiff, after=100.0) < 0.1
+    text = failure(checks.beats, stiff, soft, after=100.0)
+    assert "must beat the other" in text and figure(text).startswith(b"\x89PNG")
+
+
+def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
+    given = {"between": (3.0, 15.0), "values": 5, "tolerance": 0.2}
+    # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not
+    text = failure(checks.onset_below, rig, "top.reference", 9.0, controller=StiffPI(), **given)
+    assert "existing stick-slip ends at 12." in text and "smooth running is lost at" not in text.partition(".\n")[0]
+    assert figure(text).startswith(b"\x89PNG")
+    assert checks.onset_below(rig, "top.reference", 9.0, controller=SoftTorque(), **given).end < 9.0
+
+
+def test_a_figure_that_cannot_be_drawn_hides_nothing(stiff, tmp_path):
+    (tmp_path / "file").write_text("")
+    text = failure(Checks(folder=tmp_path / "file").no_stick_slip, stiff, after=60.0)
+    assert "must not stick" in text and "There is no figure" in text
+
+
+def test_a_mistake_in_a_check_is_no_failure_of_the_law(checks, soft, rig):
+    with pytest.raises(SceneError, match="bit"):
+        checks.no_stick_slip(soft, after=10.0, element="bitt")
+    with pytest.raises(SceneError, match="limit"):
+        checks.onset_below(rig, "top.reference", 99.0, between=(1.0, 9.0))
+    with pytest.raises(SceneError, match="limits"):
+        checks.respects_limits(soft, {})
+
+
+def test_a_perturbation_scales_declared_numbers(rig):
+    given = Perturbation({"bit.weight": 0.2, "chain.inertia": -0.5})(rig)
+    assert given["bit.weight"] == pytest.approx(1.2 * 97_347.0)
+    np.testing.assert_allclose(given["chain.inertia"], [1061.0, 187.0])
+    with pytest.raises(SceneError, match="bit.weight"):
+        Perturbation({"bit.wait": 0.1})(rig)
+
+
+# --- in a run of pytest
+
+
+OWN = """
+import pytest
+from models import BlockOnBelt
+from toolbox import compose, simulate
+
+BELT = compose(BlockOnBelt())
+
+def test_a_block_that_sticks(stickslip):
+    stickslip.no_stick_slip(simulate(BELT, 30.0), after=1.0)
+
+@pytest.mark.stickslip_perturbed({"block.mass": 0.2, "block.stiffness": 0.1})
+def test_masses(perturbed):
+    given = perturbed(BELT)
+    assert all(abs(value - 1.0) < 0.25 for value in given.values())
+"""
+
+
+def test_a_failure_shows_numbers_and_saves_its_figure_where_asked(pytester):
+    pytester.makepyfile(OWN)
+    result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--strict-markers", "--stickslip-figures", "seen")
+    result.assert_outcomes(passed=5, failed=1)
+    result.stdout.fnmatch_lines(
+        ["*`belt` must not stick after 1 s, but it sticks * time(s) for * s in all*", "*Figure: seen/*no_stick_slip.png"]
+    )
+    assert [path.name for path in (pytester.path / "seen").iterdir()] == ["test_a_block_that_sticks_no_stick_slip.png"]
+    assert "checks.py" not in result.stdout.str()  # the traceback ends in the user's line
+
+
+def test_the_marker_repeats_a_test_for_each_perturbation_by_name(pytester):
+    pytester.makepyfile(OWN)
+    result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--collect-only", "-q", "-k", "masses")
+    for word in ("declared", "block.mass +20 %", "block.mass -20 %", "block.stiffness +10 %", "block.stiffness -10 %"):
+        assert f"test_masses[{word}]" in result.stdout.str()
+
+
+@pytest.mark.parametrize("marker", ["", "@pytest.mark.stickslip_perturbed()", '@pytest.mark.stickslip_perturbed({"block.mass": -0.1})'])
+def test_a_marker_without_its_numbers_is_an_error_that_shows_how(pytester, marker):
+    pytester.makepyfile(f"import pytest\n{marker}\ndef test_it(perturbed): pass\n")
+    result = pytester.runpytest_inprocess("-p", "stickslip_pytest")
+    result.stdout.fnmatch_lines(["*needs the marker `stickslip_perturbed({*bit.weight*: 0.2})`*"])
+
+
+def test_a_start_of_pytest_with_the_plugin_imports_nothing_heavy(pytester, root):
+    pytester.makepyfile(LIGHT)
+    result = pytester.run(sys.executable, "-m", "pytest", "-q", "-p", "stickslip_pytest")
+    assert result.ret == 0, result.stdout.str()
+
+
+def test_the_plugin_is_registered_and_packed(root):
+    project = tomllib.loads((root / "pyproject.toml").read_text())
+    assert project["project"]["entry-points"]["pytest11"] == {"stickslip_pytest": "stickslip_pytest"}
+    assert "stickslip_pytest.py" in project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    code = "import sys, stickslip_pytest; print('casadi' in sys.modules or 'toolbox' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+        == "False"
+    )
+
+
+def test_the_severity_of_a_machine_at_rest_is_no_number_and_fails(checks, rig):
+    run = simulate(rig, 10.0)
+    assert math.isnan(measure.severity(run))
+    assert "must be below" in failure(checks.severity_below, run, 0.5, after=1.0)

@@ -338,3 +338,11 @@ def test_bad_arguments_are_named():
         simulate(compose(TorsionalChain()), 1.0, controller=LinearMPC(), sample_time=0.1)
     with pytest.raises(SceneError, match="linear in the states, but `bit.torque`"):
         simulate(RIG, 1.0, controller=LinearMPC(sensors=("bit.torque",)), sample_time=0.1)
+
+
+@pytest.mark.parametrize("seed", [101, 102])
+def test_with_noise_and_a_late_command_the_nonlinear_law_on_the_top_speed_alone_still_ends_stick_slip(seed):
+    law = NonlinearMPC(reference=4.0, delay=0.03, **LIMITS)
+    measured = Sampled(law, 0.1, delay=0.03, noise={"top.speed": 0.01}, seed=seed)
+    run = simulate(RIG, 120.0, inputs=HEAVIER, controller=measured)
+    assert run.time_in("bit", "stick", after=60.0) == 0.0

@@ -111,7 +111,7 @@ class PlannedNonlinear(PredictiveLaw):
     def _clear(self) -> None:
         """The memory of a law that has not seen a sample."""
         N, n = self.law.horizon, self.top.size
-        self.strength, self.resting, self.value = 1.0, True, np.inf
+        self.strength, self.resting, self.value, self.turning = 1.0, True, np.inf, 0
         self.rollout.scale[:] = 1.0
         self.torques, self.states, self.modes = np.zeros((N, 1)), np.zeros((N + 1, n)), np.zeros((N + 1, self.rollout.contacts))
         self.record = Record()
@@ -122,7 +122,9 @@ class PlannedNonlinear(PredictiveLaw):
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
         x, load = z[:-1].copy(), float(z[-1])
-        self.resting = resting = abs(x[self.place]) < law.rest_speed
+        self.turning = self.turning + 1 if abs(x[self.place]) >= law.rest_speed else 0
+        # an estimate passes noise: one large value is no release
+        self.resting = resting = self.turning < (1 if "bit.speed" in law.sensors else 3)
         if law.adapt:
             self._learn(x[self.place], load, resting)
         if resting and law.width is None:

@@ -47,7 +47,7 @@ class Predictive(TorqueLimits):
     highest_twist: float | None = quantity(None, "rad", "highest twist of the string, either way", above=0)
     soft: bool = True
     priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
-    torque_walk: float = quantity(8000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    torque_walk: float = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
     drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
     solver: str = "daqp"
     warm: bool = True

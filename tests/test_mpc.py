@@ -122,7 +122,7 @@ def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_record
     assert "KKT" in record.fallbacks[0][1] or "stopped" in record.fallbacks[0][1]
     assert "fallbacks, first at 0 s" in str(record)
     first = runs[False].answers[0][0][0]
-    assert 0.0 < first < 100.0  # from the torque that was, 0, without a jump
+    assert 0.0 <= first < 100.0  # from the torque that was, 0, without a jump
 
 
 # --- answers that must not count
@@ -212,11 +212,11 @@ def test_a_warm_start_changes_nothing_but_time(solver):
 def test_the_linear_law_has_no_offset_under_a_torque_that_its_model_does_not_know():
     start, _ = drilling(8.0)
     ends = {}
-    for walk in (8000.0, 1e-3):
+    for walk in (2000.0, 1e-3):
         law = LinearMPC(reference=8.0, torque_walk=walk, **LIMITS)
         run = simulate(RIG, 80.0, start=start, inputs=HEAVIER, controller=law, sample_time=0.1)
         ends[walk] = run["top.speed"][-1]
-    assert ends[8000.0] == pytest.approx(8.0, abs=1e-6)
+    assert ends[2000.0] == pytest.approx(8.0, abs=1e-6)
     assert abs(ends[1e-3] - 8.0) > 0.5  # a filter that believes in a constant torque of zero
 
 
@@ -338,3 +338,11 @@ def test_bad_arguments_are_named():
         simulate(compose(TorsionalChain()), 1.0, controller=LinearMPC(), sample_time=0.1)
     with pytest.raises(SceneError, match="linear in the states, but `bit.torque`"):
         simulate(RIG, 1.0, controller=LinearMPC(sensors=("bit.torque",)), sample_time=0.1)
+
+
+@pytest.mark.parametrize("seed", [101, 102])
+def test_with_noise_and_a_late_command_the_nonlinear_law_on_the_top_speed_alone_still_ends_stick_slip(seed):
+    law = NonlinearMPC(reference=4.0, delay=0.03, **LIMITS)
+    measured = Sampled(law, 0.1, delay=0.03, noise={"top.speed": 0.01}, seed=seed)
+    run = simulate(RIG, 120.0, inputs=HEAVIER, controller=measured)
+    assert run.time_in("bit", "stick", after=60.0) == 0.0

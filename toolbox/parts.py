@@ -126,19 +126,6 @@ def checked(part: Any) -> None:
         part.check()
 
 
-def bounds_checked(part: Any) -> None:
-    """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
-    for field in _fields(type(part)):
-        value = getattr(part, field.name)
-        if _nested(value):
-            bounds_checked(value)
-        elif field.numeric and value is not None:
-            for number in value if isinstance(value, tuple) else (value,):
-                broken = bounds_broken(number, field.spec.metadata)
-                if broken:
-                    raise SceneError(f"Argument `{field.name}` of {type(part).__name__} must be {broken}, but it is {number!r}.")
-
-
 def bounds_broken(value: Any, bounds: Mapping[str, Any]) -> str | None:
     """What a number must be and is not, by the bounds of a `quantity`; None where it is sound."""
     if not is_finite_number(value):
@@ -155,6 +142,19 @@ _BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
     ("above", lambda value, bound: value > bound, ">"),
     ("at_most", lambda value, bound: value <= bound, "<="),
 ]
+
+
+def bounds_checked(part: Any) -> None:
+    """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        if _nested(value):
+            bounds_checked(value)
+        elif field.numeric and value is not None:
+            for number in value if isinstance(value, tuple) else (value,):
+                broken = bounds_broken(number, field.spec.metadata)
+                if broken:
+                    raise SceneError(f"Argument `{field.name}` of {type(part).__name__} must be {broken}, but it is {number!r}.")
 
 
 def numbers_of(part: Any) -> list[float]:

@@ -96,5 +96,5 @@ class BristleContact(Component):
             elements=relays,
             stored=self.stiffness / n * ca.sumsqr(z) / 2,
             losses={"friction": -ca.dot(force, slider_slip)},
-            supplies={"plate drive": drag * plate_speed},
+            supplies={"plate drive": drag * plate_speed, "slider": -drag * v},
         )

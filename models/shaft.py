@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from models.sections import Section
+from toolbox import SceneError
 
 
 def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
@@ -19,9 +20,17 @@ def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: f
         angle(w) + atan(w J_bit / zeta) = k pi
 
     which the transcendental equation of the stepped shaft says too, but here no root can be missed. Accuracy: round-off. Source: textbook
-    (transfer matrices in the phase form of Pruefer).
+    (transfer matrices in the phase form of Pruefer). Raises SceneError without sections, for a count that is no whole number, and for an inertia below 0.
     """
     from scipy.optimize import brentq
+
+    if not sections:
+        raise SceneError("Argument `sections` must hold at least one section, but it is empty.")
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+        raise SceneError(f"Argument `count` must be a whole number >= 0, but it is {count!r}.")
+    for name, inertia in (("top_inertia", top_inertia), ("bit_inertia", bit_inertia)):
+        if not inertia >= 0:
+            raise SceneError(f"Argument `{name}` must be >= 0 kg m2, but it is {inertia!r}.")
 
     def phase(w: float) -> float:
         angle, before = _end(w, top_inertia, sections[0].impedance), sections[0].impedance

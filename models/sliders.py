@@ -31,7 +31,7 @@ class Slider(Component):
             flow={x: v, v: (pull - self.stiffness * x - self.damping * v + drag) / self.mass},
             stored=self.mass * v**2 / 2 + self.stiffness * x**2 / 2,
             losses={"damper": self.damping * v**2},
-            supplies={"pull": pull * v},  # what the plate does to the slider is booked by its contact
+            supplies={"pull": pull * v, "plate": drag * v},
         )
 
 
@@ -55,7 +55,7 @@ class PlateContact(Component):
             gives={"plate.drag": (plate.force, "N")},
             elements=[plate],
             losses={"friction": -plate.force * (v - plate_speed)},
-            supplies={"plate drive": plate.force * plate_speed},
+            supplies={"plate drive": plate.force * plate_speed, "slider": -plate.force * v},
         )
 
 

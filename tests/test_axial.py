@@ -142,6 +142,8 @@ def test_a_pendulum_is_a_chain_whose_table_is_too_heavy_to_change_its_speed():
         ({"stiffness": (1.0, 1.0)}, "stiffness"),
         ({"damping": (1.0, -1.0, 1.0)}, "damping"),
         ({"hook_load": 1.0}, "stiffness"),
+        ({"hook_load": math.nan}, "hook_load"),
+        ({"hook_load": -1.0}, "hook_load"),
         ({"hook_load": math.nan, "stiffness": (1.0, 1.0), "damping": (1.0, 1.0)}, "hook_load"),
         ({"drag": -1.0}, "drag"),
         ({"gravity": -9.81}, "gravity"),

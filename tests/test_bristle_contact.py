@@ -88,6 +88,13 @@ def test_a_closed_loop_costs_the_energy_that_it_encloses_and_the_audit_knows_it(
     assert area == pytest.approx(8 * (np.trapezoid(backbone, x) - backbone[-1] * swing / 2), rel=1e-6)
 
 
+def test_bristles_without_a_slider_book_what_drives_them():
+    run = simulate(compose(BristleContact(4)), 2.0, inputs={"slider.speed": sine(0.0, 1e-4, 1.0), "plate.speed": 2e-5}, accuracy=1e-9)
+    audit = energy_audit(run)
+    assert audit.turnover > 1e-6
+    assert abs(audit.residual) < 1e-8 * audit.turnover
+
+
 def test_the_edge_slips_first_and_the_middle_last():
     run = drawn(9, 1e-5)
     first = {event.element: event.time for event in run.events if event.after == "slip"}

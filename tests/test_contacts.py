@@ -285,6 +285,34 @@ def test_a_ball_on_a_shaking_table_follows_the_impact_map():
     np.testing.assert_allclose([event.time for event in run.events[:6]], times, rtol=1e-7)
 
 
+@pytest.mark.parametrize("accuracy", [1e-6, 1e-7, 1e-8, 1e-10])
+@pytest.mark.parametrize(("restitution", "lift"), [(0.3, 1.02), (0.5, 1.05), (0.9, 1.1)])
+def test_a_body_leaves_a_shaking_table_where_its_acceleration_reaches_gravity_and_settles_on_it_again(restitution, lift, accuracy):
+    @dataclass(frozen=True)
+    class Shaken(Component):
+        amplitude: float = quantity(0.025, "m")
+
+        def equations(self, signal):
+            from toolbox import time
+
+            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+            table, speed = self.amplitude * ca.sin(20 * time), 20 * self.amplitude * ca.cos(20 * time)
+            floor = UnilateralContact("table", table - x, speed - v, restitution=restitution)
+            return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
+
+    amplitude = lift * 10.0 / 20**2
+    plant = compose(Shaken(amplitude))
+    run = simulate(plant, 2.0, start={"ball.speed": 20 * amplitude}, accuracy=accuracy)
+    left = [event.time for event in run.events if event.before == "closed"]
+    turns = np.round((np.array(left) * 20 - np.arcsin(1 / lift)) / (2 * np.pi))
+    np.testing.assert_allclose(left, (np.arcsin(1 / lift) + 2 * np.pi * turns) / 20, rtol=1e-9)
+    assert len(left) >= 2
+    gap = run["ball.height"] - amplitude * np.sin(20 * run.time)
+    assert gap.min() > -1e-12
+    calm = simulate(compose(Shaken(0.999 * 10.0 / 20**2)), 2.0, start={"ball.speed": 0.999 * 10.0 / 20}, accuracy=accuracy)
+    assert calm.events == []
+
+
 @dataclass(frozen=True)
 class Heated(Component):
     """A room with a two-position heater: T' = (q - (T - outside)) / tau."""

@@ -312,6 +312,21 @@ def test_the_energy_of_a_string_with_friction_along_it_is_accounted_for():
 
 
 @pytest.mark.parametrize(
+    ("sections", "count", "ends", "word"),
+    [
+        ([], 1, {}, "sections"),
+        ([PIPE], -1, {}, "count"),
+        ([PIPE], 1.5, {}, "count"),
+        ([PIPE], 1, {"top_inertia": -1.0}, "top_inertia"),
+        ([PIPE], 1, {"bit_inertia": math.nan}, "bit_inertia"),
+    ],
+)
+def test_frequencies_of_a_shaft_that_cannot_be_are_refused_by_name(sections, count, ends, word):
+    with pytest.raises(SceneError, match=f"Argument `{word}`"):
+        shaft_frequencies(sections, count, **ends)
+
+
+@pytest.mark.parametrize(
     ("change", "word"),
     [
         ({"band": 0.0}, "band"),

@@ -58,3 +58,9 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
 def test_unknown_names_are_errors():
     with pytest.raises(SceneError, match="bit.sped"):
         Scene.load(SCENES / "jansen_2.toml").needs({"severity": ("bit.sped",)})
+
+
+@pytest.mark.parametrize("measures", [["bit.speed"], {"severity": "bit.speed"}])
+def test_measures_that_are_no_map_to_lists_of_names_are_refused(measures):
+    with pytest.raises(SceneError, match="Argument `measures` must map"):
+        needs(compose(TorsionalChain(), BitRock(weight=5e4)), measures)

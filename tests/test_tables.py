@@ -198,6 +198,7 @@ def test_a_section_that_cannot_be_is_refused_in_python_too(change):
         (((0.0, 1.0), (0.0, math.nan), (0.0, 0.0)), "inclination"),
         (((0.0, -1.0), (0.0, 0.0), (0.0, 0.0)), "depth"),
         (((0.0, 1.0), (0.0, 0.0), "ab"), "azimuth"),
+        ((7, (0.0, 0.0), (0.0, 0.0)), "depth"),
     ],
 )
 def test_a_survey_that_cannot_be_is_refused_in_python_too(stations, word):

@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.elements import Element, State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.parts import Component, Equations, Slot, Update, checked, numbers_of, structure_of, symbolic_copy
+from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, numbers_of, structure_of, symbolic_copy
 from toolbox.switching import check_rates
 
 
@@ -50,7 +50,14 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
         checked(component)
     shared = _COMPOSED.get(key)
     if shared is None:
-        shared = _Composer(components).system()
+        try:
+            shared = _Composer(components).system()
+        except SceneError:
+            raise
+        except Exception:  # a structure that does not fit its numbers, which `check` has not seen because one of them is out of bounds
+            for component in components:
+                bounds_checked(component)
+            raise
         if len(_COMPOSED) >= 256:
             _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
         _COMPOSED[key] = shared

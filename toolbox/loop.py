@@ -730,7 +730,10 @@ def _locate(w, h, low):
         width = high - low
         s = _candidate(w, h, w.g_low, w.g_high, width)
         if s > 1.0:
-            return -1.0
+            if high == 1.0:
+                return -1.0
+            _call(w.ints[STEP], t, high * h, w.x, w.k, w.p, w.m, w.y)  # below zero there, by what counts as round-off of a guard that starts at zero
+            return high * h
         if attempt > 12:
             s = 0.5
         fraction = low + s * width
@@ -843,12 +846,19 @@ def _strike(w, t):
         elif w.kind[i] == FRICTION:
             w.zero[i] = w.held[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
+    _nudge(w)
+    _call(w.ints[FIELD], t * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.z)
+    for i in range(ne):
+        w.held[i] = w.z[2 * n + 2 * i]
+    _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
+        w.held[i] = 64.0 * EPS * 1e7 * abs(w.held[i] - w.z[2 * n + 2 * i])
     _call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         if w.bounced[i]:
             after, fall = w.z[i], w.z[ne + i]
             # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
-            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * _size(w, 2 * i), -10.0 * w.g[2 * i]):
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * _size(w, 2 * i), -10.0 * w.g[2 * i], w.held[i]):
                 w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
     _project(w, t)
 

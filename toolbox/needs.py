@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import numbers_of
 
@@ -64,6 +65,8 @@ def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: in
 
     measures: {measure: names of the signals and elements that it reads}. Raises SceneError for a name that the plant does not have.
     """
+    if not isinstance(measures, Mapping) or any(isinstance(names, str) for names in measures.values()):
+        raise SceneError(f"Argument `measures` must map the names of measures to lists of signals and elements, but it is {measures!r}.")
     form = system.switching
     elements = [element.name for element in system.elements]
     memory = [update.memory for update in system.updates]

@@ -158,6 +158,19 @@ _BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
 ]
 
 
+def bounds_checked(part: Any) -> None:
+    """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
+    for field in _fields(type(part)):
+        value = getattr(part, field.name)
+        if _nested(value):
+            bounds_checked(value)
+        elif field.numeric and value is not None:
+            for number in value if isinstance(value, tuple) else (value,):
+                broken = bounds_broken(number, field.spec.metadata)
+                if broken:
+                    raise SceneError(f"Argument `{field.name}` of {type(part).__name__} must be {broken}, but it is {number!r}.")
+
+
 def numbers_of(part: Any) -> list[float]:
     """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
     out: list[float] = []

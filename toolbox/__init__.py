@@ -8,7 +8,7 @@ from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, Unilat
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
-from toolbox.inputs import ramp, sine, step
+from toolbox.inputs import ramp, sine, square, step, triangle
 from toolbox.linear import equilibrium, linearise
 from toolbox.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
 from toolbox.observed import Observed, Observer
@@ -70,8 +70,10 @@ __all__ = [
     "severity",
     "simulate",
     "sine",
+    "square",
     "state",
     "step",
     "stick_intervals",
     "time",
+    "triangle",
 ]

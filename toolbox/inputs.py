@@ -89,6 +89,33 @@ def sweep(mean: float, amplitude: float, start: float, end: float, duration: flo
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
 
 
+def square(mean: float, amplitude: float, frequency: float, until: float) -> Table:
+    """mean + amplitude in the first half of every period, mean - amplitude in the second; frequency in Hz, constant after the time `until` [s]."""
+    half = _half_periods("square", mean, amplitude, frequency, until)
+    times = np.repeat(half, 2)[1:-1]
+    sides = np.where(np.arange(half.size - 1) % 2 == 0, 1.0, -1.0)
+    return Table.of("square", times, mean + amplitude * np.repeat(sides, 2))
+
+
+def triangle(mean: float, amplitude: float, frequency: float, until: float) -> Table:
+    """From mean up to mean + amplitude, down to mean - amplitude and back in every period; frequency in Hz, constant after the time `until` [s]."""
+    half = _half_periods("triangle", mean, amplitude, frequency, until)
+    peaks = 0.5 * (half[1:] + half[:-1])
+    sides = np.where(np.arange(peaks.size) % 2 == 0, 1.0, -1.0)
+    return Table.of("triangle", np.append(0.0, peaks), mean + amplitude * np.append(0.0, sides))
+
+
+def _half_periods(kind: str, mean: float, amplitude: float, frequency: float, until: float) -> np.ndarray:
+    """Begins of all half periods up to the first one not before `until`."""
+    _checked(kind, mean, amplitude, frequency, until)
+    for name, value in (("frequency", frequency), ("until", until)):
+        if not value > 0:
+            raise SceneError(f"Argument `{name}` of a {kind} must be > 0, but it is {value!r}.")
+    if frequency * until > 1e6:
+        raise SceneError(f"Argument `until` of a {kind} must leave at most 1e6 periods, but there are {frequency * until:g}.")
+    return np.arange(int(np.ceil(2 * frequency * until * (1 - 1e-12))) + 1) / (2 * frequency)
+
+
 def _checked(kind: str, *numbers: Any) -> tuple[float, ...]:
     for number in numbers:
         if not is_finite_number(number):

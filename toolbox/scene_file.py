@@ -9,7 +9,7 @@ its unit. The keys, with those in brackets optional:
     [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
                       plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps
     [start]           state = value at the beginning; all else is at rest
-    [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, table = { times, values }
+    [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, table = { times, values }
     [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
     [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over
 """
@@ -43,6 +43,8 @@ _SHAPES: dict[str, dict[str, str]] = {
     "step": {"before": "", "after": "", "at": "s"},
     "ramp": {"start": "", "end": "", "begin": "s", "finish": "s"},
     "sine": {"mean": "", "amplitude": "", "frequency": "Hz", "phase": "rad"},
+    "square": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
+    "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
     "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
     "table": {"times": "s", "values": ""},
 }

@@ -21,7 +21,7 @@ class Table:
     values: np.ndarray
 
     @staticmethod
-    def of(name: str, times: Sequence[float], values: Sequence[float]) -> Table:
+    def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
         """A checked table; raises SceneError naming the input."""
         t, v = finite_array(times), finite_array(values)
         if t is None or v is None:

@@ -261,7 +261,7 @@ def _event_loop(run: Run, program: Program) -> Any:
         except AttributeError:  # another version of numba keeps its index elsewhere
             known = True
         if not known:
-            print("stickslip: compiling the event loop, once per machine (about 15 s) ...", file=sys.stderr, flush=True)
+            print("stickslip: compiling the event loop, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
         empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
         loop.advance(empty)
     return loop

@@ -12,7 +12,7 @@ Answer, with friction along the string and fifty elements as the measure: the pe
 by a sixth and the torque swing by a third, and ask for 150 rpm to end the stick-slip where finer strings need 110 to 120. Ten are within 5 per cent in period,
 severity and swing (stuck time: 25 against 28 per cent). With all friction at the bit, ten and more elements overstate the swing by 10 to 24 per cent. The
 cycles are irregular: the set-points of neighbouring levels differ by 10 rpm for no better reason, and by up to 30 rpm with all friction at the bit.
-Two hundred elements switch 63 000 times in 120 s, where fifty switch some 3000 times, and one run takes most of a minute.
+Two hundred elements switch 63 000 times in 120 s, where fifty switch 6500 times, and one run takes most of a minute.
 The sideways motion of the collar stays off the wall here: it changes period, severity and swing by 3 per cent at most, and costs ten times two
 elements, or twice ten; where the collar strikes, see studies/whirl.py.
 """

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, State, is_finite_number, time
+from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, numbers_of, structure_of, symbolic_copy
@@ -341,7 +341,7 @@ class _Composer:
         strangers = [s for s in ca.symvar(ca.vertcat(*bundle.values())) if not ca.depends_on(known, s)]
         if strangers:
             raise SceneError(f"The equations use symbols that nobody declared: {', '.join(map(str, strangers))}.")
-        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if hasattr(e, "closure")])
+        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed

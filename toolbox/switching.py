@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element
+from toolbox.elements import Element, Hysteresis, UnilateralContact
 from toolbox.errors import SceneError
 
 
@@ -114,7 +114,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
         guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
-    watched = [getattr(e, name) for e in elements for name in ("closure", "signal") if hasattr(e, name)]
+    watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks)
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
@@ -138,7 +138,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
 
 def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
     """For every friction the unilateral contact that, when open, leaves it without any load; -1 for none."""
-    contacts = [(j, e) for j, e in enumerate(elements) if hasattr(e, "closure")]
+    contacts = [(j, e) for j, e in enumerate(elements) if isinstance(e, UnilateralContact)]
     found = []
     for element in elements:
         symbols = [(j, ca.vertcat(e.multiplier, e.mode)) for j, e in contacts if element.law is not None]
@@ -152,7 +152,7 @@ def _impact(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as held take part."""
     held, elastic = ca.SX.sym("held", len(elements)), ca.SX.sym("elastic")
-    restitution = ca.vertcat(*[getattr(e, "restitution", 0) if e.unilateral else 0 for e in elements])
+    restitution = ca.vertcat(*[e.restitution if isinstance(e, UnilateralContact) and e.unilateral else 0 for e in elements])
     matrix = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held) + ca.diag((1 - held) * mode) @ coupling)
     impulses = masked_solve(matrix, -held * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
@@ -161,7 +161,7 @@ def _impact(
 
 def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:
     """Raise SceneError where the rate of a unilateral contact is not the time derivative of its closure, as numbers at random points show."""
-    contacts = [element for element in elements if hasattr(element, "closure")]
+    contacts = [element for element in elements if isinstance(element, UnilateralContact)]
     if not contacts:
         return
     closure, rate = (ca.vertcat(*[getattr(e, name) for e in contacts]) for name in ("closure", "rate"))

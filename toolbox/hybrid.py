@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -173,6 +173,11 @@ class HybridSystem:
         """True for a signal, an input, or one entry of a vector state."""
         return name in self.signals or name in self.inputs or self.rows(str(name)) is not None
 
+    def has_parameter(self, name: str) -> bool:
+        """True for a parameter, or one entry of a tuple of them."""
+        head, _, tail = name.rpartition(".")
+        return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
+
     def unit(self, name: str) -> str:
         """Unit of a signal, an input, or one entry of a vector state; raises SceneError for an unknown name."""
         rows = self.rows(name)
@@ -202,9 +207,9 @@ class HybridSystem:
         entry = self.parameters.get(name)
         if entry is not None:
             return entry
-        head, _, tail = name.rpartition(".")
-        whole = self.parameters.get(head)
-        if whole is not None and whole.size is not None and tail.isdigit() and int(tail) < whole.size:
+        if self.has_parameter(name):
+            head, _, tail = name.rpartition(".")
+            whole = self.parameters[head]
             return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
         raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
@@ -230,6 +235,53 @@ class HybridSystem:
         for part in changed.parts:
             checked(part)
         return changed
+
+    def varying(self, names: Sequence[str]) -> HybridSystem:
+        """The same plant with scalar parameters as inputs of the same names, so that a run may change them in time: rock that gets harder on the way.
+
+        Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends on: changing a spring or an inertia
+        in time does work that no part accounts for.
+        """
+        key = ("varying", *names)
+        found = self.kernels.get(key)
+        if found is None:
+            found = self.kernels[key] = self._released([self._parameter(name) for name in names])
+        released = copy.copy(found)
+        released.parts, released.values = self.parts, self.values
+        return released
+
+    def _released(self, entries: Sequence[Parameter]) -> HybridSystem:
+        symbols = []
+        for entry in entries:
+            if entry.size is not None:
+                raise SceneError(f"Argument `{entry.name}` must be one number to vary in time, but it has {entry.size} entries: name one, `{entry.name}.0`.")
+            for part, energy in self.stored.items():
+                if ca.depends_on(energy, self.p[entry.offset]):
+                    raise SceneError(f"Argument `{entry.name}` must not vary in time: the energy stored in `{part}` depends on it.")
+            symbols.append(ca.SX.sym(entry.name))
+        constants = [self.p[entry.offset] for entry in entries]
+
+        def of_time(expression: ca.SX) -> ca.SX:
+            return ca.substitute(expression, ca.vertcat(*constants), ca.vertcat(*symbols))
+
+        twin = copy.copy(self)
+        twin.flow = of_time(self.flow)
+        twin.elements = tuple(copy.copy(element) for element in self.elements)
+        for element in twin.elements:
+            for kind in element.expressions:
+                setattr(element, kind, of_time(getattr(element, kind)))
+        twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
+        twin.losses = {name: of_time(power) for name, power in self.losses.items()}
+        twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
+        twin.updates = tuple(
+            dataclasses.replace(update, following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates
+        )
+        inputs = {entry.name: Input(entry.name, s, entry.unit, c) for entry, s, c in zip(entries, symbols, constants, strict=True)}
+        twin.inputs = {**self.inputs, **inputs}
+        twin.u = ca.vertcat(self.u, *symbols)
+        twin.parameters = self.parameters | {entry.name: entry for entry in entries}
+        twin.kernels = {}
+        return twin
 
     def _offsets(self) -> Iterator[int]:
         offset = 0

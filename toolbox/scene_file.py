@@ -292,9 +292,11 @@ def _number(value: Any, unit: str, name: str) -> Number:
 
 
 def _input_unit(system: HybridSystem, name: str) -> str:
-    if name not in system.inputs and name not in system.signals:
-        raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
-    return system.unit(name)
+    if system.has_signal(name):
+        return system.unit(name)
+    if system.has_parameter(name):  # one that changes in time
+        return system._parameter(name).unit
+    raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
 
 
 def _tables(data: Mapping[str, Any], key: str) -> list[Any]:

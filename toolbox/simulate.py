@@ -75,9 +75,10 @@ def simulate(
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
     start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), whose states are taken.  inputs:
-    {signal: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of `toolbox.time`}.  parameters: {name: value} for
-    this run only; the controller keeps the plant's declared values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period,
-    delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
+    {signal, or parameter of the plant that changes in time: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of
+    `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared values.  controller: a Controller, a
+    callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.
+    method: "event" steps by an explicit method, or by a
     linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
     prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
@@ -135,7 +136,13 @@ def checked_run(
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
     system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
+    changing = [name for name in inputs or {} if not system.has_signal(name) and declared.has_parameter(name)]
+    if changing:
+        system = system.varying(changing)
     kinds, values = _input_kinds(system, inputs or {})
+    if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
+        for extreme in (min, max):
+            plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
     longest = float(duration) / 256
     return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
 
@@ -221,14 +228,9 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
         if isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
             value = Table.of(name, *value)
-        bounds = system.parameters.get(name)
         if isinstance(value, Table):
             kinds.append((name, "table"))
-            if bounds is not None:
-                bounds.check(value.values)
         elif isinstance(value, Shape):
-            if bounds is not None:
-                bounds.check(np.array(value.range()))
             kinds.append((name, (value.kind, len(value.coefficients))))
         elif isinstance(value, ca.SX):
             strangers = [str(s) for s in ca.symvar(value) if not ca.is_equal(s, system.t)]
@@ -238,12 +240,19 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
         elif is_finite_number(value):
             kinds.append((name, "number"))
             value = float(value)
-            if bounds is not None:
-                bounds.check(value)
         else:
             raise SceneError(f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}.")
+        if name in system.parameters:
+            system.parameters[name].check(np.array(_range(value)))
         values[name] = value
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values
+
+
+def _range(value: Any) -> tuple[float, ...]:
+    """Smallest and largest value of an input; none for a formula of time."""
+    if isinstance(value, Table):
+        return float(value.values.min()), float(value.values.max())
+    return value.range() if isinstance(value, Shape) else () if isinstance(value, ca.SX) else (value,)
 
 
 _LOADED: list[bool] = []

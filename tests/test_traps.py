@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -14,9 +15,11 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+import toolbox
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, wells
 from toolbox import (
+    Budget,
     Component,
     DryFriction,
     Equations,
@@ -26,7 +29,6 @@ from toolbox import (
     ZenoError,
     compose,
     quantity,
-    simulate,
     sine,
     state,
     time,
@@ -35,10 +37,8 @@ from toolbox import (
 pytestmark = pytest.mark.timeout(60)
 
 
-@pytest.fixture(autouse=True)
-def few_steps(monkeypatch):
-    """A run of this file that needs a million steps has been trapped, whatever it answers."""
-    monkeypatch.setattr(sys.modules["toolbox.simulate"], "MAX_STEPS", 1_000_000)
+simulate = partial(toolbox.simulate, budget=Budget(steps=1_000_000))
+"""A run of this file that needs a million steps has been trapped, whatever it answers."""
 
 
 @dataclass(frozen=True)

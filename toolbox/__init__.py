@@ -16,13 +16,14 @@ from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
-from toolbox.simulate import simulate
+from toolbox.simulate import Budget, simulate
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
     "Bifurcation",
     "Branch",
+    "Budget",
     "BudgetError",
     "Component",
     "Controller",

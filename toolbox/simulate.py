@@ -29,8 +29,28 @@ from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
 from toolbox.trajectory import Samples, Trajectory, output_function
 
-MAX_STEPS = 20_000_000
-"""Steps after which a run ends in a BudgetError."""
+
+@dataclass(frozen=True)
+class Budget:
+    """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
+
+    steps: tried, accepted or not;  events: switches of elements;  seconds: on the clock in the event loop, looked at about ten times a second.
+    Raises SceneError, when a run is given it, for anything but positive numbers.
+    """
+
+    steps: int = 20_000_000
+    events: float = np.inf
+    seconds: float = np.inf
+
+    def check(self) -> None:
+        """Raise SceneError unless all three are positive numbers; events and seconds may be infinite."""
+        for name in ("steps", "events", "seconds"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)) or not value > 0:
+                raise SceneError(f"Argument `budget.{name}` must be a number > 0, but it is {value!r}.")
+
+
+UNHURRIED = Budget()
 
 METHODS = ("event", "explicit", "stiff")
 """How a run may step."""
@@ -56,6 +76,7 @@ class Run:
     longest_step: float
     seeds: list[int]
     method: str = "event"
+    budget: Budget = UNHURRIED
     resume: tuple[np.ndarray, np.ndarray] | None = None
 
 
@@ -71,6 +92,7 @@ def simulate(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
+    budget: Budget = UNHURRIED,
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
@@ -82,6 +104,7 @@ def simulate(
     linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
     prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
+    budget: what the run may spend.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished.
@@ -89,7 +112,7 @@ def simulate(
     return _run(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
-            method=method, accuracy=accuracy, output_times=output_times,
+            method=method, accuracy=accuracy, output_times=output_times, budget=budget,
         )
     )  # fmt: skip
 
@@ -106,6 +129,7 @@ def checked_run(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Any = None,
+    budget: Budget = UNHURRIED,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
@@ -116,6 +140,9 @@ def checked_run(
         raise SceneError(f"Argument `method` must be one of {', '.join(map(repr, METHODS))}, but it is {method!r}.")
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
+    if not isinstance(budget, Budget):
+        raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {budget!r}.")
+    budget.check()
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     if isinstance(start, Samples):
@@ -144,7 +171,7 @@ def checked_run(
         for extreme in (min, max):
             plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
     longest = float(duration) / 256
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, budget)
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -296,26 +323,38 @@ def _run(run: Run) -> Trajectory:
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
     look = progress(loop, work)
-    following = FIRST_LOOK if _undecided(run) else MAX_STEPS
+    following = FIRST_LOOK if _undecided(run) else run.budget.steps
+    chunk = 200_000 if run.budget.seconds == np.inf else 100
     try:
         while True:
-            work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
+            tried = progress(loop, work)[1]
+            work.ints[loop.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
             status = loop.advance(work)
+            spent = clock.perf_counter() - began
+            if spent > run.budget.seconds and status != loop.DONE:
+                raise _exhausted(loop, run, program, work, began, answers)
             if status == loop.DONE:
                 done = _trajectory(loop, run, program, work, began, answers)
                 done.laws = tuple(laws)
                 return _sound(done, program)
+            if status == loop.EVENTS_FULL and work.ints[loop.EVENTS] > run.budget.events:
+                raise _exhausted(loop, run, program, work, began, answers)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
-                work = _grown(loop, work, status == loop.RECORDS_FULL)
+                work = _grown(loop, work, status == loop.RECORDS_FULL, run.budget)
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
-            elif status == loop.PAUSED and work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED] < MAX_STEPS:
+            elif status == loop.PAUSED:
+                if progress(loop, work)[1] >= run.budget.steps:
+                    raise _exhausted(loop, run, program, work, began, answers)
+                if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
+                    chunk = max(1, min(2 * chunk, int(0.1 * progress(loop, work)[1] / spent)))
                 if progress(loop, work)[1] >= following:
                     if pays(loop, run, program, work, look):
-                        return _run(dataclasses.replace(run, method="stiff"))
+                        left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
+                        return _run(dataclasses.replace(run, method="stiff", budget=left))
                     look = progress(loop, work)
                     following = 2 * look[1]
-                if bar is None and clock.perf_counter() - began > 1.0:
+                if bar is None and spent > 1.0:
                     from tqdm import tqdm
 
                     bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
@@ -425,6 +464,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
             _place_memory(system, memory[remembered[0] :], name, value)
         else:
             place_start(system, x, name, value)
+    events = _event_room(128 + 2 * ne, ne, run.budget)
     work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
@@ -434,7 +474,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
-        ev_t=np.empty(128 + 2 * ne), ev_i=np.empty(128 + 2 * ne, np.int32), ev_m=np.empty((128 + 2 * ne, 2), np.int8),
+        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.empty((events, 2), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
@@ -476,13 +516,19 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
     x[target] = array
 
 
-def _grown(loop: Any, work: Any, records: bool) -> Any:
+def _event_room(asked: int, elements: int, budget: Budget) -> int:
+    """Room for events, no more than the budget allows and one instant fills: the loop stops when it is full."""
+    return int(min(asked, budget.events + 2 * elements + 1))
+
+
+def _grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:
     """The work arrays with twice the room for records, or for events."""
     names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
     bigger = {}
     for name in names:
         old = getattr(work, name)
-        new = np.empty((2 * old.shape[0], *old.shape[1:]), old.dtype)
+        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], work.m.size, budget)
+        new = np.empty((room, *old.shape[1:]), old.dtype)
         new[: old.shape[0]] = old
         bigger[name] = new
     return work._replace(**bigger)
@@ -535,18 +581,26 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, 
     )
 
 
+def _exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> BudgetError:
+    """The error of a run that has spent its budget: what it spent and what it spent it on."""
+    so_far = _trajectory(loop, run, program, work, began, answers)
+    t, steps, events = progress(loop, work)
+    spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
+    if spent:
+        cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
+    else:
+        spent, names = f"{events} events", [element.name for element in program.system.elements]
+        often = np.bincount(work.ev_i[:events], minlength=len(names))
+        cause = f"most of them are of `{names[int(np.argmax(often))]}`"
+    return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
+
+
 def _failure(
     loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
 ) -> SimulationError:
     so_far = _trajectory(loop, run, program, work, began, answers)
     t = float(work.reals[loop.TIME])
     names = [element.name for element in program.system.elements]
-    if status == loop.PAUSED:
-        return BudgetError(
-            f"The run used {MAX_STEPS} steps and reached t = {t:.9g} s of {run.duration:g} s: steps of about {t / MAX_STEPS:.1g} s, which a fast "
-            "stiff part of the plant or a very short period asks for.",
-            so_far,
-        )
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
     if status in (loop.INCONSISTENT, loop.ENDLESS):
         bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(

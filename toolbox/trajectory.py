@@ -257,11 +257,12 @@ class Trajectory(Samples):
         """The same run with every step recorded (itself, unless output times were given)."""
         if self.run.output_times is None:
             return self
-        from toolbox.simulate import again
+        from toolbox.simulate import UNHURRIED, Budget, again
 
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
+        budget = UNHURRIED if self.end >= self.run.duration else Budget(steps=max(sum(self.steps), 1))  # as far, however long it takes
         try:
-            return again(self.run, output_times=None, laws=laws)
+            return again(self.run, output_times=None, laws=laws, budget=budget)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
             return failed.run
 
@@ -272,10 +273,11 @@ class Trajectory(Samples):
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """
-        from toolbox.simulate import again
+        from toolbox.simulate import UNHURRIED, again
 
         nodes = self.nodes
-        better = again(self.run, accuracy=self.accuracy / 100, method="event", output_times=None, longest_step=self.run.longest_step / 5.3)
+        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": self.run.longest_step / 5.3}
+        better = again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED)
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         late = 0.0
         if any(element.unilateral for element in self.program.system.elements):

@@ -1,8 +1,8 @@
 """Does every plant at every edge end with a right answer or with an error that says why?
 
 Structures are drawn at random: networks of masses, springs, dry contacts, rigid and elastic walls; drill strings with every rock, drive and law,
-continuous and sampled; the plants and laws of the shipped scenes. Each gets many draws of its numbers, every one of which may stay as it is, become 0, become huge or
-tiny (ten to the power of +-9), or move by up to ten times; starts and inputs likewise. A finding is
+continuous and sampled; the plants and laws of the shipped scenes. Each gets many draws of its numbers, every one of which may stay as it is,
+become 0, become huge or tiny (ten to the power of +-9), or move by up to ten times; starts and inputs likewise. A finding is
 
     crash       an exception that is none of the toolbox's own, or a process that dies
     hang        a run that outlives its budget of seconds more than tenfold
@@ -188,7 +188,8 @@ ROCKS: tuple[Component, ...] = (
     SmoothBitRock(weight=97_347.0),
 )
 DRIVES = (
-    "PI", "StiffPI", "SoftTorque", "ZTorque", "ActiveDamping", "SlidingMode", "IdealSlidingMode", "ImplicitSlidingMode", "SuperTwisting", "ImpedanceSuperTwisting", "LQR",
+    "PI", "StiffPI", "SoftTorque", "ZTorque", "ActiveDamping", "SlidingMode", "IdealSlidingMode", "ImplicitSlidingMode", "SuperTwisting",
+    "ImpedanceSuperTwisting", "LQR",
 )  # fmt: skip
 
 
@@ -316,9 +317,8 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
         if (over > 1e-5 * np.maximum(np.abs(bound[stuck]), np.abs(force).max() * 1e-3)).any():
             yield "bound", f"`{element.name}` holds {float(over.max()):.3g} more than its bound"
     audit = energy_audit(run)
-    if system.stored and audit.turnover > 0 and audit.relative > 1e3 * ACCURACY:
-        if run.error < 10 * ACCURACY:
-            yield "energy", f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error:.2g}"
+    if system.stored and audit.turnover > 0 and audit.relative > 1e3 * ACCURACY and run.error < 10 * ACCURACY:
+        yield "energy", f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error:.2g}"
     other = again("stiff")
     times = np.linspace(0.0, run.end, 51)
     mine, theirs = run.at(times).states, other.at(times).states

@@ -338,9 +338,9 @@ class _Composer:
         system.kernels = {}
         system.parts = ()
         known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
-        strangers = [s for s in ca.symvar(ca.vertcat(*bundle.values())) if not ca.depends_on(known, s)]
+        strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
-            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(map(str, strangers))}.")
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}.")
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")

@@ -27,12 +27,16 @@ from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
-from toolbox.trajectory import Samples, Trajectory, output_function
+from toolbox.time_stepping import MOREAU_JEAN, Theta
+from toolbox.trajectory import Samples, Stepped, Trajectory, output_function
 
 MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
 
-METHODS = ("event", "explicit", "stiff")
+MAX_RECORDS = 400_000
+"""Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
+
+METHODS = ("event", "explicit", "stiff", "time-stepping")
 """How a run may step."""
 
 
@@ -56,6 +60,7 @@ class Run:
     longest_step: float
     seeds: list[int]
     method: str = "event"
+    step: float | None = None
     resume: tuple[np.ndarray, np.ndarray] | None = None
 
 
@@ -71,6 +76,7 @@ def simulate(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
+    step: float | None = None,
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
@@ -79,16 +85,17 @@ def simulate(
     this run only; the controller keeps the plant's declared values.  controller: a Controller, a callable (t, y) -> u, `Sampled(law, period,
     delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
     linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
-    prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
+    prescribe one of the two. Both locate every switch as an event. "time-stepping" locates none (see `toolbox.time_stepping`): its `step` [s] is refined
+    until the accuracy is met, unless it is given.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
-    the trajectory so far in `.run`, for a run that cannot be finished.
+    the trajectory so far in `.run`, for a run that cannot be finished, and AccuracyError for a method that cannot meet the accuracy at a bearable price.
     """
     return _run(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
-            method=method, accuracy=accuracy, output_times=output_times,
+            method=method, accuracy=accuracy, output_times=output_times, step=step,
         )
     )  # fmt: skip
 
@@ -105,6 +112,7 @@ def checked_run(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Any = None,
+    step: Any = None,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
@@ -115,6 +123,12 @@ def checked_run(
         raise SceneError(f"Argument `method` must be one of {', '.join(map(repr, METHODS))}, but it is {method!r}.")
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
         raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
+    if step is not None:
+        if method != "time-stepping":
+            raise SceneError(f"Argument `step` must come with method='time-stepping', but the method is {method!r}.")
+        if not is_finite_number(step) or not step > 0 or duration / step > MAX_STEPS:
+            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / MAX_STEPS:.2g} s, {MAX_STEPS} steps, but it is {step!r}.")
+        step = float(step)
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     if isinstance(start, Samples):
@@ -137,7 +151,7 @@ def checked_run(
     system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
     kinds, values = _input_kinds(system, inputs or {})
     longest = float(duration) / 256
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method)
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step)
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -246,25 +260,34 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values
 
 
-_LOADED: list[bool] = []
+_LOADED: list[Any] = []
 
 
-def _event_loop(run: Run, program: Program) -> Any:
-    """The event loop, loaded by a run of no duration in each process; says so on stderr where this machine has to compile it first."""
+def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
+    """The file of the event loop, and the loop that steps with this program: loaded by a run of no duration in each process.
+
+    Says so on stderr where this machine has to compile it first.
+    """
     from toolbox import loop
 
-    if not _LOADED:
-        _LOADED.append(True)
+    name, advance = "event loop", loop.advance
+    if isinstance(program.pair, Theta):
+        from toolbox import stepping_loop
+
+        name, advance = "loop of time stepping", stepping_loop.advance
+
+    if advance not in _LOADED:
+        _LOADED.append(advance)
         try:
-            target = loop.advance.targetctx.codegen().magic_tuple()
-            known = any(target in key for key in loop.advance._cache._cache_file._load_index())
+            target = advance.targetctx.codegen().magic_tuple()
+            known = any(target in key for key in advance._cache._cache_file._load_index())
         except AttributeError:  # another version of numba keeps its index elsewhere
             known = True
         if not known:
-            print("stickslip: compiling the event loop, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+            print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
         empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
-        loop.advance(empty)
-    return loop
+        advance(empty)
+    return loop, advance
 
 
 def _undecided(run: Run) -> bool:
@@ -273,14 +296,20 @@ def _undecided(run: Run) -> bool:
 
 
 def _run(run: Run) -> Trajectory:
+    if run.method == "time-stepping" and run.step is None:
+        from toolbox.dial import refined
+
+        return refined(run)
     system = run.system
-    pair: Pair | Rosenbrock = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    pair: Pair | Rosenbrock | Theta = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
     if run.method == "stiff":
         pair = RODAS5P
+    if run.method == "time-stepping":
+        pair = MOREAU_JEAN
     program = program_of(system, run.kinds, pair)
-    loop = _event_loop(run, program)
+    loop, advance = _compiled_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
     laws = [_fresh(law) for law in run.laws]
@@ -291,7 +320,7 @@ def _run(run: Run) -> Trajectory:
     try:
         while True:
             work.ints[loop.BUDGET] = min(following - progress(loop, work)[1], 200_000)
-            status = loop.advance(work)
+            status = advance(work)
             if status == loop.DONE:
                 done = _trajectory(loop, run, program, work, began, answers)
                 done.laws = tuple(laws)
@@ -383,8 +412,11 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.COUPLED] = machine.coupled
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
+    if run.step is not None and run.output_times is None:
+        ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
+    reals[loop.STEP_SIZE] = run.step or 0.0
     reals[loop.END] = run.duration
     reals[loop.RTOL] = run.accuracy
     reals[loop.LAST_EVENT] = -np.inf
@@ -407,7 +439,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
+    room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
@@ -507,7 +539,8 @@ def _sample(
 
 def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
-    return Trajectory(
+    kind = Stepped if isinstance(program.pair, Theta) else Trajectory
+    return kind(
         run=run,
         program=program,
         time=work.rec_t[:r].copy(),

@@ -36,9 +36,9 @@ def refined(run: Run) -> Trajectory:
 
     if run.duration == 0.0:
         return again(run, step=1.0)
-    step = run.duration / FIRST_STEPS
+    step = min([run.duration / FIRST_STEPS, *(period for period, _ in run.clocks)])
     coarse, error, rate = attempt(step), math.inf, 0.0
-    for trial in range(100):
+    for trial in range(30):
         ratio = 4.0
         if trial >= 2 and rate > 0.5 and math.isfinite(error):
             ratio = min(max(1.3 * error / run.accuracy, 2.0), 16.0)
@@ -52,7 +52,7 @@ def refined(run: Run) -> Trajectory:
             )
         fine = attempt(step / ratio)
         found = coarse.difference(fine) / (ratio - 1.0)
-        rate = math.log(error / found, ratio) if found > 0.0 and math.isfinite(error) else 0.0
+        rate = math.log(error / found, ratio) if found > 0.0 and error > 0.0 and math.isfinite(error) else 0.0
         step, coarse, error = step / ratio, fine, found
         if trial >= 1 and error <= run.accuracy:
             break

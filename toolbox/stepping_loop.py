@@ -190,6 +190,7 @@ def _made(stamp: int) -> Any:
                 size = abs(w.y[n + i])
                 if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
                     w.guard_scale[2 * i] = size
+                w.held[ne + 1 + i] = 0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]  # the force of an impact does not last
                 if w.held[i] == 1.0 and w.m[i] == 0.0:
                     w.m[i] = 1.0
                 else:

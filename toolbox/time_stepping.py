@@ -2,7 +2,7 @@
 
 No switch is located. Over a step h the mean forces F and the change d of the state solve
 
-    d = h (f + theta (f_x d + f_t h) + B F)          theta = 1/2, f at the begin of the step
+    d = h (f + theta (f_x d + f_t h) + B F)          theta = 1/2, f and its derivatives at the begin of the step
     held:     slip(t + h, x) + slip_x d = 0,  of a rigid contact that is struck -e slip(t, x)
     sliding:  F + m kinetic = 0,              kinetic linearised about the begin, weighted by theta
 
@@ -48,7 +48,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     restitution] for given modes.
 
     marks: one per element, 1 where a rigid contact is thrown back, then 1 for laws linearised about the begin of the step, 0 for laws taken there: where friction
-    falls so steeply that a step outruns it, no modes agree with its slope. The forces are means over the step.
+    falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x. Forces are means over a step.
     """
     n, ne, theta = x.numel(), len(elements), method.theta
     h = ca.SX.sym("h")
@@ -57,8 +57,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
         return ca.vertcat(*values) if values else ca.SX(0, 1)
 
     force, mode, slip = (column([getattr(e, name) for e in elements]) for name in ("multiplier", "mode", "slip"))
-    marks = ca.SX.sym("marks", ne + 1)
-    elastic, ahead = marks[:ne], marks[ne]
+    marks = ca.SX.sym("marks", 2 * ne + 1)
+    elastic, ahead, last = marks[:ne], marks[ne], marks[ne + 1 :]
     restitution = column([e.restitution if isinstance(e, UnilateralContact) and e.unilateral else ca.SX(0) for e in elements])
     closure = column([e.closure if isinstance(e, UnilateralContact) else ca.SX(0) for e in elements])
     kinetic, static = column([e.kinetic for e in elements]), column([e.static for e in elements])
@@ -71,7 +71,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
         return ca.substitute(expression, force, none) if ne else expression
 
     def about(expression: ca.SX) -> ca.SX:
-        return ca.substitute(expression, force, form.force) if ne else expression
+        return ca.substitute(expression, force, last) if ne else expression
 
     frictions = [i for i, e in enumerate(elements) if e.holds and not e.unilateral]
 

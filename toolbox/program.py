@@ -98,7 +98,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         elements.append(twin)
     flow = closed(system.flow)
     form = switching(system.t, system.x, flow, elements)
-    x, excited = system.x, []
+    x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
     updates = []

@@ -13,8 +13,8 @@ from typing import Any
 
 from numba import njit
 
-from toolbox import loop
-from toolbox.loop import (  # isort: skip
+from toolbox import loop  # isort: skip
+from toolbox.loop import (
     ACCEPTED, BUDGET, CULPRIT, DONE, END, EVENTS, EVENTS_FULL, FIELD, INCONSISTENT, N, NE, NODES, OUTPUT, PAUSED, RECORDS,
     RECORDS_FULL, RIGID, SAMPLE_DUE, STARTED, STEP, STEP_SIZE, SWITCH, TIME, UNDERFLOW, _begin, _borrowed_all, _call, _jumps, _next_stop,
     _project, _record, _samples,

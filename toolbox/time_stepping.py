@@ -10,7 +10,8 @@ and the modes m are those with |F| <= static where held, m slip > 0 where slidin
 that closes. Modes are found by pivoting, all wrong ones at once and one by one where that cycles; every trial is one sparse elimination without search for
 pivots, in an order of minimum degree, so that a chain of contacts costs in proportion to its length.
 
-Between switches the error is O(h^2), and a switch is late by up to h, which makes it O(h) over a run. A sticking slip is zero to round-off. Bounces
+Inside a step with a switch the error is O(h), and a switch is known to a step. Where the momentum of such a step is right, as on a limit cycle, that error is
+not carried along, and away from switches O(h^2) is left. A sticking slip is zero to round-off. Bounces
 whose flight is shorter than a step close the contact. Where Newton's restitution with friction would add energy the impact is plastic.
 
 Source: M. Jean, The non-smooth contact dynamics method, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257; B. Brogliato, Nonsmooth Mechanics,
@@ -47,8 +48,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     """casadi Function (t, h, x, p, m, marks) -> [x after | slip after | force | bound | slip before | closure half a step on |
     restitution] for given modes.
 
-    marks: one per element, 1 where a rigid contact is thrown back, then 1 for laws linearised about the begin of the step, 0 for laws taken there: where friction
-    falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x. Forces are means over a step.
+    marks: one per element, 1 where a rigid contact is thrown back, then 1 for laws linearised about the begin of the step, 0 for laws taken there: where
+    friction falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x. Forces are means over a step.
     """
     n, ne, theta = x.numel(), len(elements), method.theta
     h = ca.SX.sym("h")
@@ -57,8 +58,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
         return ca.vertcat(*values) if values else ca.SX(0, 1)
 
     force, mode, slip = (column([getattr(e, name) for e in elements]) for name in ("multiplier", "mode", "slip"))
-    marks = ca.SX.sym("marks", 2 * ne + 1)
-    elastic, ahead, last = marks[:ne], marks[ne], marks[ne + 1 :]
+    elastic, ahead, last = ca.SX.sym("elastic", ne), ca.SX.sym("ahead"), ca.SX.sym("last", ne)
     restitution = column([e.restitution if isinstance(e, UnilateralContact) and e.unilateral else ca.SX(0) for e in elements])
     closure = column([e.closure if isinstance(e, UnilateralContact) else ca.SX(0) for e in elements])
     kinetic, static = column([e.kinetic for e in elements]), column([e.static for e in elements])
@@ -100,7 +100,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     change, found = solved[:n], solved[n:]
     bound = ca.substitute(static, force, found) if ne else static
     results = [x + change, later + ca.mtimes(to_slip, change), found, bound, slip, closure + 0.5 * h * slip, restitution]
-    return ca.Function("trial", [t, h, x, p, mode, marks], [ca.vertcat(*map(ca.densify, results))])
+    return ca.Function("trial", [t, h, x, p, mode, ca.vertcat(elastic, ahead, last)], [ca.vertcat(*map(ca.densify, results))])
 
 
 def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:

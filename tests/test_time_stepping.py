@@ -11,8 +11,21 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from studies import reference
-from toolbox import (  # isort: skip
-    Component, DryFriction, Equations, Relay, Sampled, SceneError, UnilateralContact, compose, energy_audit, quantity, simulate, sine, state, time,
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    Relay,
+    Sampled,
+    SceneError,
+    UnilateralContact,
+    compose,
+    energy_audit,
+    quantity,
+    simulate,
+    sine,
+    state,
+    time,
 )  # fmt: skip
 from toolbox.errors import AccuracyError
 

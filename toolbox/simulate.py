@@ -26,9 +26,10 @@ from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.smoothed import SmoothSystem, checked_widths, smoothed
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
 from toolbox.time_stepping import MOREAU_JEAN, Theta
-from toolbox.trajectory import Samples, Stepped, Trajectory, output_function
+from toolbox.trajectory import Samples, Smoothed, Stepped, Trajectory, output_function
 
 MAX_STEPS = 20_000_000
 """Steps after which a run ends in a BudgetError."""
@@ -36,7 +37,7 @@ MAX_STEPS = 20_000_000
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
-METHODS = ("event", "explicit", "stiff", "time-stepping")
+METHODS = ("event", "explicit", "stiff", "time-stepping", "smoothed")
 """How a run may step."""
 
 
@@ -44,6 +45,7 @@ METHODS = ("event", "explicit", "stiff", "time-stepping")
 class Run:
     """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times.
 
+    tolerance: of the integrator where it is not the accuracy.
     resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
     """
 
@@ -61,6 +63,8 @@ class Run:
     seeds: list[int]
     method: str = "event"
     step: float | None = None
+    widths: Mapping[str, float] | None = None
+    tolerance: float | None = None
     resume: tuple[np.ndarray, np.ndarray] | None = None
 
 
@@ -77,6 +81,7 @@ def simulate(
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
     step: float | None = None,
+    width: float | Mapping[str, float] | None = None,
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
@@ -86,7 +91,8 @@ def simulate(
     delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.  method: "event" steps by an explicit method, or by a
     linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
     prescribe one of the two. Both locate every switch as an event. "time-stepping" locates none (see `toolbox.time_stepping`): its `step` [s] is refined
-    until the accuracy is met, unless it is given.  accuracy: target for the global error, states scaled by their size.
+    until the accuracy is met, unless it is given. "smoothed" regularises friction (see `toolbox.smoothed`): so is its `width`, a slip speed or {element: slip
+    speed}.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
@@ -95,7 +101,7 @@ def simulate(
     return _run(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
-            method=method, accuracy=accuracy, output_times=output_times, step=step,
+            method=method, accuracy=accuracy, output_times=output_times, step=step, width=width,
         )
     )  # fmt: skip
 
@@ -113,6 +119,7 @@ def checked_run(
     accuracy: float = 1e-6,
     output_times: Any = None,
     step: Any = None,
+    width: Any = None,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
@@ -129,6 +136,8 @@ def checked_run(
         if not is_finite_number(step) or not step > 0 or duration / step > MAX_STEPS:
             raise SceneError(f"Argument `step` must be > 0 s and at least {duration / MAX_STEPS:.2g} s, {MAX_STEPS} steps, but it is {step!r}.")
         step = float(step)
+    if width is not None and method != "smoothed":
+        raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     if isinstance(start, Samples):
@@ -148,10 +157,21 @@ def checked_run(
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
-    system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
+    smooth = None if not isinstance(plant, SmoothSystem) else plant
+    sharp = [each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant)]
+    system, clocks, laws, seeds = _closed(*sharp, controller, sample_time)
+    widths = None
+    if method == "smoothed":
+        if smooth is not None:
+            raise SceneError("Argument `method` must not be 'smoothed' for a plant that is smooth already.")
+        widths = checked_widths(system, 1.0 if width is None else width)
+        if width is None:
+            widths = None
+    if smooth is not None:
+        system = smoothed(system, smooth.widths, matched=smooth.matched)
     kinds, values = _input_kinds(system, inputs or {})
     longest = float(duration) / 256
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step)
+    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths)
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -296,15 +316,19 @@ def _undecided(run: Run) -> bool:
 
 
 def _run(run: Run) -> Trajectory:
-    if run.method == "time-stepping" and run.step is None:
+    if (run.method == "time-stepping" and run.step is None) or (run.method == "smoothed" and run.widths is None):
         from toolbox.dial import refined
 
         return refined(run)
+    if run.method == "smoothed" and not isinstance(run.system, SmoothSystem):
+        from toolbox.dial import tolerance
+
+        run = dataclasses.replace(run, system=smoothed(run.system, run.widths or {}), tolerance=run.tolerance or tolerance(run))
     system = run.system
     pair: Pair | Rosenbrock | Theta = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
-    if run.method == "stiff":
+    if run.method in ("stiff", "smoothed"):
         pair = RODAS5P
     if run.method == "time-stepping":
         pair = MOREAU_JEAN
@@ -418,7 +442,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
     reals[loop.STEP_SIZE] = run.step or 0.0
     reals[loop.END] = run.duration
-    reals[loop.RTOL] = run.accuracy
+    reals[loop.RTOL] = run.tolerance or run.accuracy
     reals[loop.LAST_EVENT] = -np.inf
 
     samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
@@ -539,7 +563,7 @@ def _sample(
 
 def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
-    kind = Stepped if isinstance(program.pair, Theta) else Trajectory
+    kind = Stepped if run.method == "time-stepping" else Smoothed if run.method == "smoothed" else Trajectory
     return kind(
         run=run,
         program=program,

@@ -15,6 +15,7 @@ only shown: no force depends on it.
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -135,7 +136,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
     for kind in ("stored", "losses", "supplies"):
         setattr(made, kind, {name: smooth(expression) for name, expression in getattr(plant, kind).items()})
     made.updates = tuple(
-        _replaced(update, following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
+        dataclasses.replace(update, following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
     )
     made.p = ca.vertcat(plant.p, *widths, *peaks)
     made.parameters = dict(plant.parameters)
@@ -150,12 +151,6 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
     return made
 
 
-def _replaced(update: Any, **changes: Any) -> Any:
-    import dataclasses
-
-    return dataclasses.replace(update, **changes)
-
-
 def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) -> float:
     """b of the matched form for the numbers of a plant."""
     element = next(e for e in plant.elements if e.name == name)
@@ -165,7 +160,7 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     if function is None:
         v, w = ca.SX.sym("v"), ca.SX.sym("w")
         side = ca.tanh(v / w)
-        law = element.law.sliding(v * side, *[0] * len(element.law.breaks()))
+        law = element.law.sliding(v * side, *[ca.SX(0)] * len(element.law.breaks()))
         results = [side * law, side * ca.exp(-v * side / (2 * w)), ca.SX(element.law.breakaway())]
         function = template.kernels[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)

@@ -13,11 +13,40 @@ from typing import Any
 
 from numba import njit
 
-from toolbox import loop  # isort: skip
+from toolbox import loop
 from toolbox.loop import (
-    ACCEPTED, BUDGET, CULPRIT, DONE, END, EVENTS, EVENTS_FULL, FIELD, INCONSISTENT, N, NE, NODES, OUTPUT, PAUSED, RECORDS,
-    RECORDS_FULL, RIGID, SAMPLE_DUE, STARTED, STEP, STEP_SIZE, SWITCH, TIME, UNDERFLOW, _begin, _borrowed_all, _call, _jumps, _next_stop,
-    _project, _record, _samples,
+    ACCEPTED,
+    BUDGET,
+    CULPRIT,
+    DONE,
+    END,
+    EVENTS,
+    EVENTS_FULL,
+    FIELD,
+    INCONSISTENT,
+    NE,
+    NODES,
+    OUTPUT,
+    PAUSED,
+    RECORDS,
+    RECORDS_FULL,
+    RIGID,
+    SAMPLE_DUE,
+    STARTED,
+    STEP,
+    STEP_SIZE,
+    SWITCH,
+    TIME,
+    UNDERFLOW,
+    N,
+    _begin,
+    _borrowed_all,
+    _call,
+    _jumps,
+    _next_stop,
+    _project,
+    _record,
+    _samples,
 )  # fmt: skip
 
 
@@ -190,7 +219,9 @@ def _made(stamp: int) -> Any:
                 size = abs(w.y[n + i])
                 if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
                     w.guard_scale[2 * i] = size
-                w.held[ne + 1 + i] = 0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]  # the force of an impact does not last
+                w.held[ne + 1 + i] = (
+                    0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
+                )  # the force of an impact does not last
                 if w.held[i] == 1.0 and w.m[i] == 0.0:
                     w.m[i] = 1.0
                 else:

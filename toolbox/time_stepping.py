@@ -49,7 +49,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     restitution] for given modes.
 
     marks: one per element, 1 where a rigid contact is thrown back, then 1 for laws linearised about the begin of the step, 0 for laws taken there: where
-    friction falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x. Forces are means over a step.
+    friction falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x.
+    Forces are means over a step.
     """
     n, ne, theta = x.numel(), len(elements), method.theta
     h = ca.SX.sym("h")

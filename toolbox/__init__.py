@@ -5,7 +5,7 @@ from toolbox.compose import compose
 from toolbox.continuation import Bifurcation, Branch, follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
-from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
+from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -17,10 +17,12 @@ from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import Budget, simulate
+from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
+    "AccuracyError",
     "Bifurcation",
     "Branch",
     "Budget",
@@ -71,6 +73,7 @@ __all__ = [
     "severity",
     "simulate",
     "sine",
+    "smoothed",
     "square",
     "state",
     "step",

@@ -30,6 +30,10 @@ class BudgetError(SimulationError):
     """A run that used up its budget of steps."""
 
 
+class AccuracyError(SimulationError):
+    """A method that cannot reach the accuracy asked; `run` is the best it did, and its `error` says how good that is."""
+
+
 class GrazingError(SimulationError):
     """An event at which a run has no derivative: a guard that touches zero without crossing it, or two that reach zero at one instant."""
 

@@ -3,7 +3,7 @@
 Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubles:
 
     field    y = [ - | dx | guards | guard rates]                      at (t, x)
-    step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t)
+    step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t); of time stepping see `toolbox.time_stepping`
     project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
     burden   y = [size of what the forces of elements cancel]         of each slope
@@ -23,6 +23,7 @@ from toolbox.emit import Body, compiled, function_text, inline, literal
 from toolbox.rosenbrock import Rosenbrock, factors
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching
+from toolbox.time_stepping import Theta, trial_step
 
 UNROLLED = 600
 """Steps with at most this many state-stage products are written without loops."""
@@ -48,12 +49,13 @@ def machine(
     p: ca.SX,
     elements: Sequence[Element],
     form: Switching,
-    pair: Pair | Rosenbrock,
+    pair: Pair | Rosenbrock | Theta,
+    flow: ca.SX,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
 ) -> Machine:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
-    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z.
+    flow: the field with forces as symbols;  updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -69,8 +71,13 @@ def machine(
 
     bodies: dict[str, Body] = {}
     texts: list[str] = []
-    cost = len(pair.a) * (rhs.n_instructions() + n * len(pair.a)) + field.n_instructions()
-    if isinstance(pair, Rosenbrock):
+    stages = 0 if isinstance(pair, Theta) else len(pair.a)
+    cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
+    if isinstance(pair, Theta):
+        trial = trial_step(pair, t, x, p, flow, elements, form)
+        bodies["step"] = _trial(trial)
+        cost = trial.n_instructions()
+    elif isinstance(pair, Rosenbrock):
         force = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
         factor, solve = _factor(pair, t, x, p, m, force, form)
         bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
@@ -124,6 +131,16 @@ def _plain(function: ca.Function, offset: int) -> Body:
     (values,) = inline(body, function, _arguments(body, function))
     for i, value in enumerate(values):
         body.store(value, "%y", offset + i)
+    return body
+
+
+def _trial(function: ca.Function) -> Body:
+    body = Body()
+    places = [("%x", 2), ("%p", 3), ("%m", 4), ("%k", 5)]
+    given = [[body.load(pointer, j) for j in range(function.numel_in(i))] for pointer, i in places]
+    (values,) = inline(body, function, [["%t"], ["%h"], *given])
+    for i, value in enumerate(values):
+        body.store(value, "%y", i)
     return body
 
 

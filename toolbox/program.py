@@ -15,6 +15,7 @@ from toolbox.inputs import Shape
 from toolbox.rosenbrock import Rosenbrock
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching, switching
+from toolbox.time_stepping import Theta
 
 
 @dataclass
@@ -27,7 +28,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair | Rosenbrock
+    pair: Pair | Rosenbrock | Theta
     machine: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -48,7 +49,7 @@ class Program:
     form: Switching
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock) -> Program:
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta) -> Program:
     """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
     key = ("program", kinds, pair.name)
     found = system.kernels.get(key)
@@ -95,8 +96,11 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         for kind in element.expressions:
             setattr(twin, kind, closed(getattr(element, kind)))
         elements.append(twin)
-    form = switching(system.t, system.x, closed(system.flow), elements)
-    x, excited, form = _with_hidden_forces(system, elements, form)
+    flow = closed(system.flow)
+    form = switching(system.t, system.x, flow, elements)
+    x, excited = system.x, list[int]()
+    if not isinstance(pair, Theta):  # its forces are means over a step
+        x, excited, form = _with_hidden_forces(system, elements, form)
     updates = []
     for update in system.updates:
         following, outputs = (
@@ -109,7 +113,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        machine=machine(system.t, x, p, elements, form, pair, updates),
+        machine=machine(system.t, x, p, elements, form, pair, flow, updates),
         excited=np.array(excited, np.int64),
         kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),

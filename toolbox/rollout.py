@@ -61,8 +61,15 @@ def lacking(law: Any, width: float) -> Any:
         )
     except RuntimeError:
         raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
+    return missing_peak(base, width)
+
+
+def missing_peak(base: Callable[[np.ndarray], Any], width: float) -> float:
+    """b such that the peak of plain + b extra is the bound; base: speeds -> (plain, extra, bound)."""
     grid = np.linspace(1e-3, 30.0, 30_000) * width
     plain, extra, bound = (np.array(value).ravel() for value in base(grid))
+    if not plain.max() < bound[0]:
+        return 0.0
     low, high = 0.0, float(bound[0])
     while (plain + high * extra).max() < bound[0]:
         high *= 2.0

@@ -26,8 +26,10 @@ from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.smoothed import SmoothSystem, checked_widths, smoothed
 from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
-from toolbox.trajectory import Samples, Trajectory, output_function
+from toolbox.time_stepping import MOREAU_JEAN, Theta
+from toolbox.trajectory import Samples, Smoothed, Stepped, Trajectory, output_function
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,10 @@ class Budget:
 
 UNHURRIED = Budget()
 
-METHODS = ("event", "explicit", "stiff")
+MAX_RECORDS = 400_000
+"""Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
+
+METHODS = ("event", "explicit", "stiff", "time-stepping", "smoothed")
 """How a run may step."""
 
 
@@ -60,6 +65,7 @@ METHODS = ("event", "explicit", "stiff")
 class Run:
     """Arguments of a run, checked and resolved, so that it can be run again with another accuracy or other output times.
 
+    tolerance: of the integrator where it is not the accuracy.
     resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
     """
 
@@ -76,6 +82,9 @@ class Run:
     longest_step: float
     seeds: list[int]
     method: str = "event"
+    step: float | None = None
+    widths: Mapping[str, float] | None = None
+    tolerance: float | None = None
     budget: Budget = UNHURRIED
     resume: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -92,6 +101,8 @@ def simulate(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
+    step: float | None = None,
+    width: float | Mapping[str, float] | None = None,
     budget: Budget = UNHURRIED,
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
@@ -100,19 +111,20 @@ def simulate(
     {signal, or parameter of the plant that changes in time: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of
     `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared values.  controller: a Controller, a
     callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.
-    method: "event" steps by an explicit method, or by a
-    linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
-    prescribe one of the two. Both locate every switch as an event.  accuracy: target for the global error, states scaled by their size.
+    method: "event" steps by an explicit method, or by a linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in
+    Python stay explicit); "explicit" and "stiff" prescribe one of the two. All three locate every switch as an event. "time-stepping" locates none
+    (see `toolbox.time_stepping`): its `step` [s] is refined until the accuracy is met, unless it is given. "smoothed" regularises friction (see
+    `toolbox.smoothed`): so is its `width`, a slip speed or {element: slip speed}.  accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
     budget: what the run may spend.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
-    the trajectory so far in `.run`, for a run that cannot be finished.
+    the trajectory so far in `.run`, for a run that cannot be finished, and AccuracyError for a method that cannot meet the accuracy at a bearable price.
     """
     return _run(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
-            method=method, accuracy=accuracy, output_times=output_times, budget=budget,
+            method=method, accuracy=accuracy, output_times=output_times, step=step, width=width, budget=budget,
         )
     )  # fmt: skip
 
@@ -129,6 +141,8 @@ def checked_run(
     method: str = "event",
     accuracy: float = 1e-6,
     output_times: Any = None,
+    step: Any = None,
+    width: Any = None,
     budget: Budget = UNHURRIED,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
@@ -143,6 +157,14 @@ def checked_run(
     if not isinstance(budget, Budget):
         raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {budget!r}.")
     budget.check()
+    if step is not None:
+        if method != "time-stepping":
+            raise SceneError(f"Argument `step` must come with method='time-stepping', but the method is {method!r}.")
+        if not is_finite_number(step) or not step > 0 or duration / step > budget.steps:
+            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / budget.steps:.2g} s, {budget.steps} steps, but it is {step!r}.")
+        step = float(step)
+    if width is not None and method != "smoothed":
+        raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     if isinstance(start, Samples):
@@ -162,16 +184,30 @@ def checked_run(
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
-    system, clocks, laws, seeds = _closed(declared, plant, controller, sample_time)
+    smooth = None if not isinstance(plant, SmoothSystem) else plant
+    sharp, changed = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
+    system, clocks, laws, seeds = _closed(sharp, changed, controller, sample_time)
     changing = [name for name in inputs or {} if not system.has_signal(name) and declared.has_parameter(name)]
     if changing:
         system = system.varying(changing)
+    widths = None
+    if method == "smoothed":
+        if smooth is not None:
+            raise SceneError("Argument `method` must not be 'smoothed' for a plant that is smooth already.")
+        widths = checked_widths(system, 1.0 if width is None else width)
+        if width is None:
+            widths = None
+    if smooth is not None:
+        system = smoothed(system, smooth.widths, matched=smooth.matched)
     kinds, values = _input_kinds(system, inputs or {})
     if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
         for extreme in (min, max):
             plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
     longest = float(duration) / 256
-    return Run(plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, budget)
+    return Run(
+        plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths,
+        budget=budget,
+    )  # fmt: skip
 
 
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
@@ -282,25 +318,34 @@ def _range(value: Any) -> tuple[float, ...]:
     return value.range() if isinstance(value, Shape) else () if isinstance(value, ca.SX) else (value,)
 
 
-_LOADED: list[bool] = []
+_LOADED: list[Any] = []
 
 
-def _event_loop(run: Run, program: Program) -> Any:
-    """The event loop, loaded by a run of no duration in each process; says so on stderr where this machine has to compile it first."""
+def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
+    """The file of the event loop, and the loop that steps with this program: loaded by a run of no duration in each process.
+
+    Says so on stderr where this machine has to compile it first.
+    """
     from toolbox import loop
 
-    if not _LOADED:
-        _LOADED.append(True)
+    name, advance = "event loop", loop.advance
+    if isinstance(program.pair, Theta):
+        from toolbox import stepping_loop
+
+        name, advance = "loop of time stepping", stepping_loop.advance
+
+    if advance not in _LOADED:
+        _LOADED.append(advance)
         try:
-            target = loop.advance.targetctx.codegen().magic_tuple()
-            known = any(target in key for key in loop.advance._cache._cache_file._load_index())
+            target = advance.targetctx.codegen().magic_tuple()
+            known = any(target in key for key in advance._cache._cache_file._load_index())
         except AttributeError:  # another version of numba keeps its index elsewhere
             known = True
         if not known:
-            print("stickslip: compiling the event loop, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+            print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
         empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
-        loop.advance(empty)
-    return loop
+        advance(empty)
+    return loop, advance
 
 
 def _undecided(run: Run) -> bool:
@@ -309,14 +354,24 @@ def _undecided(run: Run) -> bool:
 
 
 def _run(run: Run) -> Trajectory:
+    if (run.method == "time-stepping" and run.step is None) or (run.method == "smoothed" and run.widths is None):
+        from toolbox.dial import refined
+
+        return refined(run)
+    if run.method == "smoothed" and not isinstance(run.system, SmoothSystem):
+        from toolbox.dial import tolerance
+
+        run = dataclasses.replace(run, system=smoothed(run.system, run.widths or {}), tolerance=run.tolerance or tolerance(run))
     system = run.system
-    pair: Pair | Rosenbrock = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
+    pair: Pair | Rosenbrock | Theta = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
     if system.updates and run.accuracy < 1e-9:
         pair = DOP853
-    if run.method == "stiff":
+    if run.method in ("stiff", "smoothed"):
         pair = RODAS5P
+    if run.method == "time-stepping":
+        pair = MOREAU_JEAN
     program = program_of(system, run.kinds, pair)
-    loop = _event_loop(run, program)
+    loop, advance = _compiled_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()
     laws = [_fresh(law) for law in run.laws]
@@ -329,7 +384,7 @@ def _run(run: Run) -> Trajectory:
         while True:
             tried = progress(loop, work)[1]
             work.ints[loop.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
-            status = loop.advance(work)
+            status = advance(work)
             spent = clock.perf_counter() - began
             if spent > run.budget.seconds and status != loop.DONE:
                 raise _exhausted(loop, run, program, work, began, answers)
@@ -431,10 +486,13 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.COUPLED] = machine.coupled
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
+    if run.step is not None and run.output_times is None:
+        ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
+    reals[loop.STEP_SIZE] = run.step or 0.0
     reals[loop.END] = run.duration
-    reals[loop.RTOL] = run.accuracy
+    reals[loop.RTOL] = run.tolerance or run.accuracy
     reals[loop.LAST_EVENT] = -np.inf
 
     samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
@@ -455,7 +513,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, n + 4 * ne, 5 * ne, memory_size + widest, n) + 8
+    room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
@@ -470,7 +528,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(ne + 1), bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(2 * ne + 1), bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
@@ -562,7 +620,8 @@ def _sample(
 
 def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
-    return Trajectory(
+    kind = Stepped if run.method == "time-stepping" else Smoothed if run.method == "smoothed" else Trajectory
+    return kind(
         run=run,
         program=program,
         time=work.rec_t[:r].copy(),

@@ -186,7 +186,7 @@ class Trajectory(Samples):
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
         names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory")
         data = {name: getattr(self, name) for name in names}
-        return _restored, (self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+        return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
     @property
     def duration(self) -> float:
@@ -237,20 +237,25 @@ class Trajectory(Samples):
 
     def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
-        from toolbox import loop
-
         numbers = finite_array(time)
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
             raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}.")
         nodes = self.nodes
+        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
+        states = nodes._between(times, row)
+        return Samples(self.program, times, states, nodes.mode[row], nodes.held[row], self.parameters, np.ndim(time) == 0)
+
+    def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
+        from toolbox import loop
+
         machine = self.program.machine
         states = np.empty((times.size, self.states.shape[1]))
         field, step, project, *_ = machine.addresses
-        loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, nodes.time, nodes.states, nodes.mode, nodes.held,
+        loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, self.time, self.states, self.mode, self.held,
                       self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
-        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
-        return Samples(self.program, times, states, nodes.mode[row], nodes.held[row], self.parameters, np.ndim(time) == 0)
+        return states
 
     @cached_property
     def nodes(self) -> Trajectory:
@@ -275,17 +280,31 @@ class Trajectory(Samples):
         """
         from toolbox.simulate import UNHURRIED, again
 
-        nodes = self.nodes
         finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": self.run.longest_step / 5.3}
-        better = again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED)
+        return self.difference(again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
+
+    def difference(self, better: Trajectory) -> float:
+        """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        nodes = self.nodes
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
+        times = times[times <= min(nodes.end, better.end)]
         late = 0.0
         if any(element.unilateral for element in self.program.system.elements):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
-        size = np.abs(theirs).max(axis=0)
-        difference = np.abs(mine - theirs).max(axis=0)
+        size = np.abs(theirs).max(axis=0, initial=0.0)
+        difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
+
+    @property
+    def _blur(self) -> float:
+        """Time about an impact within which states are not comparable [s]."""
+        return 1e-12 * self.end
+
+    def _jumps(self, least: float) -> np.ndarray:
+        """Times at which states jump by more than the part `least` of their size."""
+        change = np.abs(np.diff(self.states, axis=0)) / np.maximum(np.abs(self.states).max(axis=0), 1e-300)
+        return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
 
     def plot(self, *signals: str, ax: Any = None) -> Any:
         """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
@@ -356,21 +375,74 @@ class Trajectory(Samples):
         return "\n".join(lines)
 
 
-def _restored(pair: Any, data: dict[str, Any]) -> Trajectory:
+class Stepped(Trajectory):
+    """Result of time stepping: between its nodes states are interpolated linearly, and an event bears the time of the node at the end of its step.
+
+    `run.step` [s] is the length of a step;  steps: (steps taken, 0).
+    """
+
+    @property
+    def step(self) -> float:
+        """Length of a step [s]."""
+        return self.run.step
+
+    def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(times, self.time, self.states[:, i]) for i in range(self.states.shape[1])])
+
+    @cached_property
+    def error(self) -> float:
+        """Four thirds of the largest difference of a state to a second run with a quarter of the step: the error of a method of order one."""
+        from toolbox.simulate import again
+
+        return 4.0 / 3.0 * self.difference(again(self.run, step=self.run.step / 4, output_times=None))
+
+    @property
+    def _blur(self) -> float:
+        return 1.5 * self.run.step
+
+    def _jumps(self, least: float) -> np.ndarray:
+        nodes, (times, index, modes) = self.nodes, self._event_arrays
+        rigid = np.array([element.unilateral for element in self.program.system.elements])
+        times = np.unique(times[rigid[index] & (modes[:, 0] == 1)])
+        row = np.searchsorted(nodes.time, times)
+        change = np.abs(nodes.states[row] - nodes.states[row - 1]) / np.maximum(np.abs(nodes.states).max(axis=0), 1e-300)
+        return times[change.max(axis=1, initial=0.0) > max(least, 1e-3)]
+
+
+class Smoothed(Trajectory):
+    """Result of a run with smoothed friction: contacts are in mode "stick" while they creep, else in "slip"; `run.widths` {element: width} says how smooth."""
+
+    @property
+    def widths(self) -> dict[str, float]:
+        """Width of each smoothed element, in the unit of its slip."""
+        return dict(self.run.widths)
+
+    @cached_property
+    def error(self) -> float:
+        """Difference to the set-valued law: 5/3 of the largest difference of a state to a second run with a quarter of the width and of the tolerance.
+
+        5/3 belongs to an error that falls with the width to the power 2/3, as the passage of a peak makes it; where it falls in proportion it is 4/3.
+        """
+        from toolbox.simulate import again
+
+        widths = {name: width / 4 for name, width in self.run.widths.items()}
+        return 5.0 / 3.0 * self.difference(
+            again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+        )
+
+
+def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.program import program_of
 
     run = data["run"]
-    return Trajectory(program=program_of(run.system, run.kinds, pair), **data)
+    return kind(program=program_of(run.system, run.kinds, pair), **data)
 
 
 def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:
     """The times at which both runs have made the same impacts, and the largest distance between their impacts, relative to the duration."""
-    jumps = []
-    for nodes in (run, better):
-        change = np.abs(np.diff(nodes.states, axis=0)) / np.maximum(np.abs(nodes.states).max(axis=0), 1e-300)
-        jumps.append(nodes.time[1:][(np.diff(nodes.time) == 0.0) & (change.max(axis=1) > run.accuracy)])
-    late = 0.0
+    jumps = [nodes._jumps(run.accuracy) for nodes in (run, better)]
+    late, blur = 0.0, run._blur + better._blur
     for some, others in (jumps, jumps[::-1]):
         if not some.size:
             continue
@@ -379,7 +451,7 @@ def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tu
         right = np.minimum(np.searchsorted(others, some), others.size - 1)
         gap = np.minimum(np.abs(others[right] - some), np.abs(others[np.maximum(right - 1, 0)] - some))
         late = max(late, float(gap.max()) / run.end)
-        reach = 2.0 * gap + 1e-12 * run.end
+        reach = 2.0 * gap + blur
         within = np.searchsorted(np.sort(some - reach), times, side="right") > np.searchsorted(np.sort(some + reach), times, side="left")
         times = times[~within]
     return times, late

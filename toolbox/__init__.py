@@ -18,6 +18,7 @@ from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
+from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "SceneError",
     "Sensitivity",
     "SimulationError",
+    "Sweep",
     "Takeover",
     "Trajectory",
     "UnilateralContact",
@@ -74,6 +76,7 @@ __all__ = [
     "state",
     "step",
     "stick_intervals",
+    "sweep",
     "time",
     "triangle",
 ]

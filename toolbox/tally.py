@@ -64,11 +64,9 @@ class Measure:
             raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
         if self.kind in _OF_SIGNALS:
             system.unit(self.of)
-            if (
-                system.rows(self.of) is None
-                and system.expression(self.of).numel() != 1
-                or (system.rows(self.of) or (0, None))[1] is not None
-            ):
+            if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[
+                1
+            ] is not None:
                 raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
             if self.definition not in SEVERITIES:
                 raise SceneError(f"There is no definition of severity `{self.definition}`: {suggest(self.definition, SEVERITIES)}")
@@ -345,7 +343,8 @@ class Tally:
         ]
         self.whole = windows.index((0.0, duration)) if program.varying else 0
         names = [element.name for element in program.system.elements]
-        self.rows, asked = [-1] * len(self.measures), []
+        self.rows = [-1] * len(self.measures)
+        asked: list[tuple[float, ...]] = []
         for q, (m, span) in enumerate(zip(self.measures, spans, strict=True)):
             if m.kind not in _OF_SIGNALS:
                 i = names.index(m.of)

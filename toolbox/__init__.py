@@ -16,6 +16,7 @@ from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
+from toolbox.severity_map import SeverityMap, severity_map
 from toolbox.simulate import simulate
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.sweep import Sweep, sweep
@@ -43,6 +44,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Sensitivity",
+    "SeverityMap",
     "SimulationError",
     "Sweep",
     "Takeover",
@@ -70,6 +72,7 @@ __all__ = [
     "sensitivity",
     "settling",
     "severity",
+    "severity_map",
     "simulate",
     "sine",
     "square",

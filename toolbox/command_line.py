@@ -1,5 +1,5 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends;
-sweep it over a grid; list the parts.
+sweep it over a grid, map its severity; list the parts.
 
 Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
@@ -125,6 +125,25 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
     )
     many.set_defaults(action=_sweep)
+    chart = commands.add_parser(
+        "map",
+        help="severity of stick-slip over two parameters, with its borders",
+        description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
+        "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz); an interrupted map "
+        "that is called again goes on where it was.",
+        epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped",
+    )
+    chart.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    chart.add_argument(
+        "--x", required=True, metavar="NAME=LOW:HIGH", help="what varies along the first axis; SI, or with units (50kN:110kN)"
+    )
+    chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
+    chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
+    chart.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    chart.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
+    )
+    chart.set_defaults(action=_map)
     listing = commands.add_parser("list", help="list parts, control laws and friction laws with their parameters and units")
     listing.add_argument("name", nargs="?", help="show only the entries whose name contains this")
     listing.set_defaults(action=_list)
@@ -298,6 +317,49 @@ def _sweep(given: argparse.Namespace) -> int:
         print(f"{found}\n")
     print(f"Results are in {given.out}")
     return 1 if failed == len(labels) else 0
+
+
+def _map(given: argparse.Namespace) -> int:
+    from toolbox import study
+    from toolbox.scene import Scene
+    from toolbox.severity_map import severity_map
+
+    scene = Scene.load(given.scene)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    shape = given.shape.split("x")
+    if len(shape) != 2 or not all(word.isdigit() for word in shape):
+        raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
+    failures = {}
+    for label, stem in zip(labels, _stems(labels), strict=True):
+        over = {}
+        for word, text in (("x", given.x), ("y", given.y)):
+            name, _, span = text.partition("=")
+            ends = span.split(":")
+            if len(ends) != 2:
+                raise SceneError(f"Argument `--{word}` must be NAME=LOW:HIGH, but it is `{text}`.")
+            try:
+                over[name] = _ends(scene, label, name, ends)
+            except SceneError as error:
+                if "There is no parameter" not in str(error) or len(labels) == 1:
+                    raise
+                failures[label] = str(error)
+        if label in failures:
+            continue
+        folder = given.out / stem
+        try:
+            found = severity_map(scene, over, shape=(int(shape[0]), int(shape[1])), controller=label, out=folder)
+        except SceneError as error:
+            if "Argument" in str(error):
+                raise
+            failures[label] = str(error)
+            continue
+        (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+        study.draw_map(found, folder / "map.png")
+        print(f"{found}\n")
+    for label, text in failures.items():
+        print(f"{label}: {text}\n")
+    print(f"Figures, reports and data are in {given.out}")
+    return 1 if len(failures) == len(labels) else 0
 
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:

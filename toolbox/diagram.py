@@ -117,9 +117,9 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
     from toolbox.plot import _words
 
     looks: dict[str, tuple[str, dict[str, Any]]] = {
-        "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.3}),
-        "smooth": ("smooth running is lost", {"colors": LINES[0]["color"], "linestyles": "-", "linewidths": 1.6}),
-        "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.6}),
+        "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
+        "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
+        "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
     }
     with plt.rc_context(PAPER):
         if axes is None:
@@ -142,9 +142,10 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
             ax.set_xlabel(f"{_words(found.names[0])} [{scales[0][1]}]")
         axes[0].set_ylabel(f"{_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
-        bar = figure.colorbar(shade, ax=list(axes), label=f"severity of {_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max")
-        bar.set_ticks(bar.locator if hasattr(bar, "locator") and bar.locator else [])
-        bar.set_ticks([tick for tick in np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)])
+        bar = figure.colorbar(
+            shade, ax=list(axes), label=f"severity of {_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
+        )
+        bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
     return axes

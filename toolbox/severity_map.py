@@ -13,7 +13,6 @@ from __future__ import annotations
 import concurrent.futures
 import dataclasses
 import json
-import math
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -116,7 +115,9 @@ class SeverityMap:
             "none": "no steady running, or a run that failed",
         }
         lines += [
-            f"    {name:<11}{100 * where.sum() / size:5.1f} %   {words[name]}" for name, where in self.regions.items() if where.any() or name == "free"
+            f"    {name:<11}{100 * where.sum() / size:5.1f} %   {words[name]}"
+            for name, where in self.regions.items()
+            if where.any() or name == "free"
         ]
         lines += ["", f"  border                         {self.names[0]:>30}   {self.names[1]:>30}"]
         titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
@@ -161,7 +162,20 @@ class SeverityMap:
         """
         notes = {
             name: getattr(self, name)
-            for name in ("title", "names", "units", "element", "signal", "duration", "after", "accuracy", "resolution", "runs", "seconds", "notes")
+            for name in (
+                "title",
+                "names",
+                "units",
+                "element",
+                "signal",
+                "duration",
+                "after",
+                "accuracy",
+                "resolution",
+                "runs",
+                "seconds",
+                "notes",
+            )
         }
         notes["errors"] = [[*key, text] for key, text in self.errors.items()]
         arrays: dict[str, np.ndarray] = {"map": np.array(json.dumps(notes)), "growth": self.growth}
@@ -180,7 +194,8 @@ class SeverityMap:
             with np.load(path, allow_pickle=False) as data:
                 notes = json.loads(str(data["map"]))
                 branches = {
-                    branch: Branch(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(Branch)}) for branch in ("smooth", "sticking")
+                    branch: Branch(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(Branch)})
+                    for branch in ("smooth", "sticking")
                 }
                 borders = {name: data[f"border.{name}"] for name in ("linear", "smooth", "sticking")}
                 axes, growth = (data["axis.0"], data["axis.1"]), data["growth"]
@@ -189,7 +204,7 @@ class SeverityMap:
         errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
         for name in ("names", "units", "notes"):
             notes[name] = tuple(notes[name])
-        return SeverityMap(axes=axes, growth=growth, borders=borders, errors=errors, **branches, **notes)
+        return SeverityMap(axes=axes, growth=growth, borders=borders, errors=errors, **{**branches, **notes})
 
 
 def severity_map(
@@ -216,9 +231,9 @@ def severity_map(
 
     machine: a plant, or a scene whose controller is named by `controller` (its first one without).  over: {name: (low, high)}, two of them; the first gives
     the rows of all arrays.  shape: of the grid.  duration, after: of a run, and from when on it is judged [s]; those of the scene, or 120 s and half of it.
-    controller, sample_time, inputs, parameters: as in `simulate`, inputs as numbers; a sampled law also needs its continuous form, for the steady
-    state.  mode, guess: of the steady state in the middle of the map, as in `onset`.  element, signal: the contact and the speed to judge.  halvings: how often an
-    edge across a border is halved.  executor, out: as in `sweep`; an interrupted map goes on where it was.
+    controller, sample_time, inputs, parameters: as in `simulate`, inputs as numbers; a sampled law also needs its continuous form, for the
+    steady state.  mode, guess: of the steady state in the middle of the map, as in `onset`.  element, signal: the contact and the speed to judge.
+    halvings: how often an edge across a border is halved.  executor, out: as in `sweep`; an interrupted map goes on where it was.
 
     Stick-slip means stick phases that come back until the last quarter of the judged time. A cycle that takes longer than the run to die counts as
     alive: compare with a longer `duration` near the end of stick-slip. Raises SceneError for unknown names and ranges that are none, and where there is no
@@ -312,7 +327,8 @@ def _edges(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray) -
     """The edges between neighbours of which one is in `where` and the other not, both known."""
     x, y = axes
     number: dict[tuple[str, int, int], int] = {}
-    low, high = [], []
+    low: list[tuple[float, float]] = []
+    high: list[tuple[float, float]] = []
     for kind, di, dj in (("x", 1, 0), ("y", 0, 1)):
         for i in range(x.size - di):
             for j in range(y.size - dj):
@@ -331,7 +347,12 @@ def _edges(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray) -
                 cells.append(crossed)
             elif len(crossed) == 4:  # a saddle: two pieces around two opposite corners
                 cells += [[around[0], around[1]], [around[2], around[3]]]  # type: ignore[list-item]
-    return _Edges(np.array(low, float).reshape(-1, 2), np.array(high, float).reshape(-1, 2), np.zeros(len(low), int), np.array(cells, int).reshape(-1, 2))
+    return _Edges(
+        np.array(low, float).reshape(-1, 2),
+        np.array(high, float).reshape(-1, 2),
+        np.zeros(len(low), int),
+        np.array(cells, int).reshape(-1, 2),
+    )
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- the runs

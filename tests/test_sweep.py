@@ -378,3 +378,13 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys):
     assert "must be NAME=LOW:HIGH:N" in capsys.readouterr().err
     assert main(["sweep", command[1], "--vary", "bit.weight=1 m:2 m:3", "--out", str(tmp_path / "other")]) == 2
     assert "Argument `bit.weight` must be in N" in capsys.readouterr().err
+
+
+def test_runs_may_begin_each_in_its_own_state():
+    w = np.array([1.0, 2.0, 3.0])
+    found = sweep(
+        compose(Spring()), {"mass.frequency": w}, duration=2.0, start=lambda row: {"mass.speed": row["mass.frequency"]}, accuracy=1e-10,
+        measures={"end": tally.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
+    )  # fmt: skip
+    np.testing.assert_allclose(found["end"], np.sin(2 * w), atol=1e-8)
+    np.testing.assert_array_equal(found["called"], found["end"])

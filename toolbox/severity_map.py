@@ -14,7 +14,7 @@ import concurrent.futures
 import dataclasses
 import json
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ import numpy as np
 
 from toolbox import tally
 from toolbox.batch import Task
+from toolbox.borders import Edges, edges_of
 from toolbox.closed_loop import Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
@@ -267,18 +268,18 @@ def severity_map(
     growth = loop.growth(points).reshape(shape)
     names = ("smooth", "sticking")
     bad = [branches[0].verdict != SMOOTH, np.isin(branches[1].verdict, (STICK_SLIP, STUCK))]
-    edges = [_edges(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
+    edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
 
     def decide(points: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Whether smooth running is lost (owner 0), or stick-slip lasts (owner 1)."""
         _, _, verdict = judged(points, owner == 1)
         return np.where(owner == 1, np.isin(verdict, (STICK_SLIP, STUCK)), verdict != SMOOTH)
 
-    together = _Edges.joined(edges)
+    together = Edges.joined(edges)
     places = together.halved(decide, halvings)
     at = np.cumsum([0, *(len(each.low) for each in edges)])
     borders = {name: edges[k].segments(places[at[k] : at[k + 1]]) for k, name in enumerate(names)}
-    linear = _edges(axes, growth > 0, np.isfinite(growth))
+    linear = edges_of(axes, growth > 0, np.isfinite(growth))
     borders = {"linear": linear.segments(linear.halved(lambda points, _: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
     found = SeverityMap(
         title=loop.title, names=loop.names, units=loop.units, axes=axes, element=loop.element, signal=loop.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
@@ -289,70 +290,6 @@ def severity_map(
     if out is not None:
         found.save(Path(out) / "map.npz")
     return found
-
-
-# ------------------------------------------------------------------------------------------------------------------------------------- the borders
-@dataclass(frozen=True)
-class _Edges:
-    """Edges of a grid across which a verdict changes: ends with the one and the other verdict, shape (k, 2); owner: which border each belongs to.
-
-    cells: for every cell of the grid that a border passes, the pairs of its edges (rows) that belong together.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    owner: np.ndarray
-    cells: np.ndarray
-
-    @staticmethod
-    def joined(several: list[_Edges]) -> _Edges:
-        owner = np.concatenate([np.full(len(each.low), k) for k, each in enumerate(several)])
-        return _Edges(np.concatenate([e.low for e in several]), np.concatenate([e.high for e in several]), owner, np.empty((0, 2), int))
-
-    def halved(self, decide: Callable[[np.ndarray, np.ndarray], np.ndarray], times: int) -> np.ndarray:
-        """Where the verdict changes on every edge, all edges at once; decide: (points, owners) -> whether the verdict is that of `high`."""
-        low, high = self.low.copy(), self.high.copy()
-        for _ in range(times if len(low) else 0):
-            middle = 0.5 * (low + high)
-            there = decide(middle, self.owner)
-            high[there], low[~there] = middle[there], middle[~there]
-        return 0.5 * (low + high)
-
-    def segments(self, places: np.ndarray) -> np.ndarray:
-        """Straight pieces of the border, shape (k, 2, 2), through its places on the edges of each cell."""
-        return places[self.cells] if len(self.cells) else np.empty((0, 2, 2))
-
-
-def _edges(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray) -> _Edges:
-    """The edges between neighbours of which one is in `where` and the other not, both known."""
-    x, y = axes
-    number: dict[tuple[str, int, int], int] = {}
-    low: list[tuple[float, float]] = []
-    high: list[tuple[float, float]] = []
-    for kind, di, dj in (("x", 1, 0), ("y", 0, 1)):
-        for i in range(x.size - di):
-            for j in range(y.size - dj):
-                a, b = (i, j), (i + di, j + dj)
-                if where[a] != where[b] and known[a] and known[b]:
-                    number[kind, i, j] = len(low)
-                    ends = [(x[a[0]], y[a[1]]), (x[b[0]], y[b[1]])]
-                    low.append(ends[int(where[a])])
-                    high.append(ends[int(where[b])])
-    cells = []
-    for i in range(x.size - 1):
-        for j in range(y.size - 1):
-            around = [number.get(key) for key in (("x", i, j), ("y", i + 1, j), ("x", i, j + 1), ("y", i, j))]
-            crossed = [edge for edge in around if edge is not None]
-            if len(crossed) == 2:
-                cells.append(crossed)
-            elif len(crossed) == 4:  # a saddle: two pieces around two opposite corners
-                cells += [[around[0], around[1]], [around[2], around[3]]]  # type: ignore[list-item]
-    return _Edges(
-        np.array(low, float).reshape(-1, 2),
-        np.array(high, float).reshape(-1, 2),
-        np.zeros(len(low), int),
-        np.array(cells, int).reshape(-1, 2),
-    )
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- the runs
@@ -407,7 +344,7 @@ class _Loop:
         for name, ends in over.items():
             if not (isinstance(ends, (tuple, list)) and len(ends) == 2 and all(map(is_finite_number, ends)) and ends[0] < ends[1]):
                 raise SceneError(f"Argument `{name}` must be a range (low, high) with low < high, but it is {ends!r}.")
-        names: tuple[str, str] = tuple(over)  # type: ignore[assignment]
+        names: tuple[str, str] = tuple(over)
         fixed = {name: value for name, value in (inputs or {}).items() if name not in names}
         moving = next((name for name, value in fixed.items() if not is_finite_number(value)), None)
         if moving is not None:

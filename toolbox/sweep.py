@@ -34,7 +34,7 @@ from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.onset import _contact, _speed
 from toolbox.parts import Component, _fields, _nested, checked, numbers_of, rebuilt, structure_of
-from toolbox.simulate import Run, _run, checked_run
+from toolbox.simulate import Run, _run, checked_run, place_start
 from toolbox.stability import Knob
 from toolbox.tally import Measure
 
@@ -370,7 +370,8 @@ def sweep(
     field of the law, as designed on the declared plant (`pi.integral`); what is varied wins over `inputs` and `parameters`.  measures: names of
     `STANDARD`, or {name: a measure of `toolbox.tally`, or any function of the trajectory}; severity and stuck ratio of the first contact in the second half
     of the run without, or what the scene judges.  duration, controller, sample_time, start, inputs, parameters, method, accuracy: as in `simulate`;
-    whether the stiff method pays is decided once, on the middle variation. All runs see the same measurement noise.
+    whether the stiff method pays is decided once, on the middle variation. `start` may also be a function {name: value of what is varied} -> {state: value}.
+    All runs see the same measurement noise.
 
     executor: any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`); without, one thread per core, or one process per
     core where a law is Python.  out: a folder to which finished chunks are written; the same call after an interruption goes on where it was.
@@ -397,13 +398,15 @@ def sweep(
         plant, law = machine, controller
     if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
+    begin = start if callable(start) else None
     run = varied_run(
-        plant, variations, float(duration), start=start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
+        plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
         method=method, accuracy=1e-6 if accuracy is None else accuracy,
     )  # fmt: skip
     chosen = named_measures(measures, run.system, run.duration, scene)
     numbers, broken = varied_numbers(run, variations)
-    task = Task(run, numbers, tuple(chosen.values()), held=_stand_ins(run, variations))
+    starts = None if begin is None else _starts(run, variations, begin)
+    task = Task(run, numbers, tuple(chosen.values()), starts, held=_stand_ins(run, variations))
     values, errors, seconds = evaluated(task, broken, executor, out, _fingerprint(task, variations, tuple(chosen)))
     result = Sweep(
         title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts),
@@ -468,6 +471,15 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[np.ndarray, dict[i
             except SceneError as error:
                 broken.setdefault(i, str(error))
     return numbers, broken
+
+
+def _starts(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]]) -> np.ndarray:
+    """Start states of every run, shape (runs, states), from a function of what is varied."""
+    starts = np.zeros((len(variations.points), run.system.x.numel()))
+    for x, point in zip(starts, variations.points.tolist(), strict=True):
+        for name, value in begin(dict(zip(variations.names, point, strict=True))).items():
+            place_start(run.system, x, name, value)
+    return starts
 
 
 def _has_check(part: Any) -> bool:

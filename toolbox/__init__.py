@@ -16,9 +16,11 @@ from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
+from toolbox.severity_map import SeverityMap, severity_map
 from toolbox.simulate import Budget, simulate
 from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
+from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
 
 __all__ = [
@@ -45,7 +47,9 @@ __all__ = [
     "Scene",
     "SceneError",
     "Sensitivity",
+    "SeverityMap",
     "SimulationError",
+    "Sweep",
     "Takeover",
     "Trajectory",
     "UnilateralContact",
@@ -71,6 +75,7 @@ __all__ = [
     "sensitivity",
     "settling",
     "severity",
+    "severity_map",
     "simulate",
     "sine",
     "smoothed",
@@ -78,6 +83,7 @@ __all__ = [
     "state",
     "step",
     "stick_intervals",
+    "sweep",
     "time",
     "triangle",
 ]

@@ -1,4 +1,5 @@
-"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends; list the parts.
+"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends;
+sweep it over a grid, map its severity; list the parts.
 
 Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
@@ -98,8 +99,51 @@ def _parser() -> argparse.ArgumentParser:
     border.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
-    border.add_argument("--out", type=Path, metavar="DIR", help="folder for figure, report and tables; those of an earlier search are replaced")
+    border.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for figure, report and tables; those of an earlier search are replaced"
+    )
     border.set_defaults(action=_onset)
+    many = commands.add_parser(
+        "sweep",
+        help="simulate a scene over a grid of parameters, on all cores",
+        description="Simulate every controller of a scene over a grid of inputs and parameters. The folder gets one folder per controller with the "
+        "result (sweep.npz, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
+        epilog="example: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
+        "--controller 'stiff PI' --measure severity --out swept",
+    )
+    many.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    many.add_argument(
+        "--vary",
+        action="append",
+        required=True,
+        metavar="NAME=LOW:HIGH:N",
+        help="N values of an input or parameter; SI, or with units (50kN:110kN:20)",
+    )
+    many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
+    many.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    many.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
+    )
+    many.set_defaults(action=_sweep)
+    chart = commands.add_parser(
+        "map",
+        help="severity of stick-slip over two parameters, with its borders",
+        description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
+        "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz); an interrupted map "
+        "that is called again goes on where it was.",
+        epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped",
+    )
+    chart.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    chart.add_argument(
+        "--x", required=True, metavar="NAME=LOW:HIGH", help="what varies along the first axis; SI, or with units (50kN:110kN)"
+    )
+    chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
+    chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
+    chart.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    chart.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
+    )
+    chart.set_defaults(action=_map)
     listing = commands.add_parser("list", help="list parts, control laws and friction laws with their parameters and units")
     listing.add_argument("name", nargs="?", help="show only the entries whose name contains this")
     listing.set_defaults(action=_list)
@@ -134,7 +178,12 @@ def _list(given: argparse.Namespace) -> int:
                 print(f"  {entry.name}: {entry.summary}")
                 for name, unit, value, meaning in entry.parameters:
                     shown = "required" if value is dataclasses.MISSING else _shown(value)
-                    print("    " + " ".join(filter(None, [f"{name:<16} {shown}", "" if unit == "1" or value is None else unit, meaning and f" {meaning}"])))
+                    print(
+                        "    "
+                        + " ".join(
+                            filter(None, [f"{name:<16} {shown}", "" if unit == "1" or value is None else unit, meaning and f" {meaning}"])
+                        )
+                    )
     return 0
 
 
@@ -144,7 +193,9 @@ def _shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.10g}"
     if dataclasses.is_dataclass(value):
-        return f"{type(value).__name__}({', '.join(f'{spec.name}={_shown(getattr(value, spec.name))}' for spec in dataclasses.fields(value))})"
+        return (
+            f"{type(value).__name__}({', '.join(f'{spec.name}={_shown(getattr(value, spec.name))}' for spec in dataclasses.fields(value))})"
+        )
     return "none" if value is None else str(value)
 
 
@@ -237,6 +288,90 @@ def _onset(given: argparse.Namespace) -> int:
 
 
 ONSET_FILES = ("onset.png", "onset.txt")
+
+
+# --- stickslip sweep
+
+
+def _sweep(given: argparse.Namespace) -> int:
+    import numpy as np
+
+    from toolbox.scene import Scene
+    from toolbox.sweep import sweep
+
+    scene = Scene.load(given.scene)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    failed = 0
+    for label, stem in zip(labels, _stems(labels), strict=True):
+        axes = {}
+        for text in given.vary:
+            name, _, span = text.partition("=")
+            ends = span.split(":")
+            if len(ends) != 3 or not ends[2].strip().isdigit() or int(ends[2]) < 1:
+                raise SceneError(f"Argument `--vary` must be NAME=LOW:HIGH:N, but it is `{text}`.")
+            low, high = _ends(scene, label, name, ends[:2])
+            axes[name] = np.linspace(low, high, int(ends[2]))
+        found = sweep(scene, axes, controller=label, measures=given.measure or ("severity", "stuck_ratio"), out=given.out / stem)
+        found.save(given.out / stem / "sweep.csv")
+        failed += len(found.errors) == found.runs
+        print(f"{found}\n")
+    print(f"Results are in {given.out}")
+    return 1 if failed == len(labels) else 0
+
+
+def _map(given: argparse.Namespace) -> int:
+    from toolbox import study
+    from toolbox.scene import Scene
+    from toolbox.severity_map import severity_map
+
+    scene = Scene.load(given.scene)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    shape = given.shape.split("x")
+    if len(shape) != 2 or not all(word.isdigit() for word in shape):
+        raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
+    failures = {}
+    for label, stem in zip(labels, _stems(labels), strict=True):
+        over = {}
+        for word, text in (("x", given.x), ("y", given.y)):
+            name, _, span = text.partition("=")
+            ends = span.split(":")
+            if len(ends) != 2:
+                raise SceneError(f"Argument `--{word}` must be NAME=LOW:HIGH, but it is `{text}`.")
+            try:
+                over[name] = _ends(scene, label, name, ends)
+            except SceneError as error:
+                if "There is no parameter" not in str(error) or len(labels) == 1:
+                    raise
+                failures[label] = str(error)
+        if label in failures:
+            continue
+        folder = given.out / stem
+        try:
+            found = severity_map(scene, over, shape=(int(shape[0]), int(shape[1])), controller=label, out=folder)
+        except SceneError as error:
+            if "Argument" in str(error):
+                raise
+            failures[label] = str(error)
+            continue
+        (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+        study.draw_map(found, folder / "map.png")
+        print(f"{found}\n")
+    for label, text in failures.items():
+        print(f"{label}: {text}\n")
+    print(f"Figures, reports and data are in {given.out}")
+    return 1 if len(failures) == len(labels) else 0
+
+
+def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
+    """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
+    from toolbox.simulate import checked_run
+    from toolbox.stability import Knob
+    from toolbox.units import parse
+
+    closed = checked_run(scene.plant(), scene.duration, **scene._arguments(scene.case(label))).system
+    unit = Knob.of(closed, name).unit
+    low, high = (parse(_plain(end.strip()), unit, name) for end in ends)
+    return low, high
 
 
 def _plain(text: str) -> Any:

@@ -16,6 +16,7 @@ from toolbox.plot import LINES, PAPER, WIDTH, _words
 
 if TYPE_CHECKING:
     from toolbox.onset import Onset
+    from toolbox.severity_map import SeverityMap
 
 
 def onset_diagram(found: Onset, ax: Any = None) -> Any:
@@ -104,3 +105,78 @@ def reflection_diagram(frequency: np.ndarray, reflections: Mapping[str, np.ndarr
         ax.set_ylim(bottom=0.0)
         ax.legend(frameon=False)
     return ax
+
+
+def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
+    """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
+
+    The grey tells the severity, and white where the machine runs smoothly; lines differ in their dashes as well.
+    """
+    from matplotlib.collections import LineCollection
+
+    from toolbox.plot import _words
+
+    looks: dict[str, tuple[str, dict[str, Any]]] = {
+        "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
+        "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
+        "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
+    }
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 3.5), layout="constrained", sharex=True, sharey=True)
+        (x, y), scales = found.axes, [_thousands(axis, unit) for axis, unit in zip(found.axes, found.units, strict=True)]
+        values = np.concatenate([found.smooth.severity.ravel(), found.sticking.severity.ravel()])
+        top = float(np.quantile(values[np.isfinite(values)], 0.99)) if np.isfinite(values).any() else 1.0
+        shade = None
+        for ax, branch, title in zip(axes, (found.smooth, found.sticking), ("from smooth running", "from inside stick-slip"), strict=True):
+            ax.set_facecolor("#f3e3d3")
+            shown = np.ma.masked_invalid(np.where(branch.verdict == -1, np.nan, branch.severity))
+            shade = ax.pcolormesh(
+                x / scales[0][0], y / scales[1][0], shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="nearest", rasterized=True
+            )
+            for name, (label, look) in looks.items():
+                segments = found.borders[name] / [scales[0][0], scales[1][0]]
+                ax.add_collection(LineCollection(list(_chained(segments)), label=label, zorder=3, **look))
+            ax.set_title(title, loc="left", fontsize=9.0)
+            ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
+            ax.set_xlabel(f"{_words(found.names[0])} [{scales[0][1]}]")
+        axes[0].set_ylabel(f"{_words(found.names[1])} [{scales[1][1]}]")
+        figure = axes[0].figure
+        bar = figure.colorbar(
+            shade, ax=list(axes), label=f"severity of {_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
+        )
+        bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return axes
+
+
+def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
+    """(divisor, unit) in which an axis is read best."""
+    large = float(np.abs(axis).max()) >= 1e4 and unit.split()[0].split("/")[0] in ("N", "Pa", "W", "J")
+    return (1e3, f"k{unit}") if large else (1.0, unit)
+
+
+def _chained(segments: np.ndarray) -> list[np.ndarray]:
+    """Segments joined end to end into lines, so that dashes run through."""
+    ends: dict[tuple[float, float], list[int]] = {}
+    keys = [[tuple(end) for end in segment] for segment in segments.tolist()]
+    for k, pair in enumerate(keys):
+        for end in pair:
+            ends.setdefault(end, []).append(k)
+    free, lines = set(range(len(keys))), []
+    order = sorted(free, key=lambda k: min(len(ends[end]) for end in keys[k]))  # open lines begin at an end of theirs
+    for k in order:
+        if k not in free:
+            continue
+        free.discard(k)
+        a, b = keys[k]
+        line = [a, b] if len(ends[a]) <= len(ends[b]) else [b, a]
+        while True:
+            following = next((other for other in ends[line[-1]] if other in free), None)
+            if following is None:
+                break
+            free.discard(following)
+            line.append(keys[following][1] if keys[following][0] == line[-1] else keys[following][0])
+        lines.append(np.array(line))
+    return lines

@@ -135,7 +135,11 @@ def severity(
             raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
     elif reference is not None:
         raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
-    found = extent(run, signal, after, until)
+    return severity_of(extent(run, signal, after, until), definition, reference)
+
+
+def severity_of(found: Extent, definition: str = "half-range", reference: float | None = None) -> float:
+    """The severity that an extent amounts to, by the definitions of `severity`."""
     swing, divisor = SEVERITIES[definition](found, abs(reference or 0.0))
     if divisor <= 1e-14 * swing:  # zero, or the round-off of a mean that is
         return math.inf if swing else math.nan

@@ -353,6 +353,17 @@ def _undecided(run: Run) -> bool:
     return run.method == "event" and not run.laws
 
 
+def pair_of(run: Run) -> Pair | Rosenbrock | Theta:
+    """The formulas that a run steps with."""
+    if run.method in ("stiff", "smoothed"):
+        return RODAS5P
+    if run.method == "time-stepping":
+        return MOREAU_JEAN
+    if run.system.updates:
+        return DOP853 if run.accuracy < 1e-9 else DOPRI5
+    return DOPRI5 if run.accuracy > 1e-5 else DOP853
+
+
 def _run(run: Run) -> Trajectory:
     if (run.method == "time-stepping" and run.step is None) or (run.method == "smoothed" and run.widths is None):
         from toolbox.dial import refined
@@ -362,15 +373,7 @@ def _run(run: Run) -> Trajectory:
         from toolbox.dial import tolerance
 
         run = dataclasses.replace(run, system=smoothed(run.system, run.widths or {}), tolerance=run.tolerance or tolerance(run))
-    system = run.system
-    pair: Pair | Rosenbrock | Theta = DOPRI5 if run.accuracy > 1e-5 or system.updates else DOP853
-    if system.updates and run.accuracy < 1e-9:
-        pair = DOP853
-    if run.method in ("stiff", "smoothed"):
-        pair = RODAS5P
-    if run.method == "time-stepping":
-        pair = MOREAU_JEAN
-    program = program_of(system, run.kinds, pair)
+    program = program_of(run.system, run.kinds, pair_of(run))
     loop, advance = _compiled_loop(run, program)
     work = _work(loop, run, program)
     began = clock.perf_counter()

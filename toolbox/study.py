@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from toolbox.hybrid import HybridSystem
     from toolbox.onset import Onset
     from toolbox.scene import Scene
+    from toolbox.severity_map import SeverityMap
     from toolbox.trajectory import Trajectory
 
 
@@ -158,6 +159,12 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     from toolbox.diagram import onset_panels
 
     _write(onset_panels(onsets), scene.title, path)
+
+
+def draw_map(found: SeverityMap, path: Path) -> None:
+    """Write the figure of a severity map."""
+    _plot()
+    _write(found.plot(), found.title, path)
 
 
 def _plot() -> Any:

@@ -1,0 +1,186 @@
+"""Many runs that differ in numbers alone: compiled once, run one after the other in one set of arrays, measured as they go.
+
+`finished(task)` is all that a worker does, whether it is a thread, a process or another machine: a task holds parts, laws and numbers, never an
+address of machine code, which every process makes or loads for itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SimulationError
+from toolbox.program import program_of
+from toolbox.simulate import Run, _compiled_loop, _exhausted, _failure, _run, _work, pair_of
+from toolbox.tally import Measure, Tally
+from toolbox.trajectory import Trajectory
+
+Call = Callable[[Trajectory], float]
+"""A measure in Python."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """n runs of one closed loop.
+
+    run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
+    states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
+    of `run`;  measures: read by a `Tally`, or called with the trajectory;  first: index of the first run among all.
+    """
+
+    run: Run
+    numbers: np.ndarray
+    measures: tuple[Measure | Call, ...]
+    starts: np.ndarray | None = None
+    memories: np.ndarray | None = None
+    held: np.ndarray | None = None
+    first: int = 0
+
+    def part(self, rows: slice) -> Task:
+        """The task of some of the runs."""
+        cut: dict[str, Any] = {
+            name: None if (array := getattr(self, name)) is None else array[rows] for name in ("numbers", "starts", "memories", "held")
+        }
+        return dataclasses.replace(self, first=self.first + rows.start, **cut)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What n runs gave: values of the measures, shape (n, measures), nan for a run that failed; why, by index among all; seconds it took."""
+
+    first: int
+    values: np.ndarray
+    errors: dict[int, str]
+    seconds: float
+
+
+def finished(task: Task) -> Outcome:
+    """Run a task. Failures are recorded, not raised; an exception of a law or a measure in Python is one too."""
+    began = clock.perf_counter()
+    values = np.full((len(task.numbers), len(task.measures)), np.nan)
+    errors: dict[int, str] = {}
+    run = task.run
+    dialled = run.method in ("time-stepping", "smoothed")  # their step or width is refined, run by run
+    if run.laws or dialled or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
+        _one_by_one(task, values, errors)
+    else:
+        _in_a_row(task, values, errors)
+    return Outcome(task.first, values, errors, clock.perf_counter() - began)
+
+
+def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+    run = task.run
+    program = program_of(run.system, run.kinds, pair_of(run))
+    loop, advance = _compiled_loop(run, program)
+    tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
+    work = _work(loop, run, program)
+    fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
+    fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
+    n, held, memory = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel()), slice(0, None)
+    for i, numbers in enumerate(task.numbers):
+        for array, original in fresh:
+            np.copyto(array, original)
+        work.p[: program.first_held] = numbers
+        if task.starts is not None:
+            work.x[:n] = task.starts[i]
+        if task.memories is not None:
+            work.memory[memory] = task.memories[i]
+        if task.held is not None:
+            work.p[held] = task.held[i]
+        tally.begin()
+        events = 0
+        while True:
+            work.ints[loop.BUDGET] = run.budget.steps - int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+            status = advance(work)
+            events += int(work.ints[loop.EVENTS])
+            if status == loop.PAUSED or events > run.budget.events:
+                errors[task.first + i] = str(_exhausted(loop, run, program, work, clock.perf_counter(), []))
+                break
+            if status not in (loop.DONE, loop.RECORDS_FULL, loop.EVENTS_FULL):
+                errors[task.first + i] = str(_failure(loop, status, run, program, work, clock.perf_counter(), []))
+                break
+            tally.read(work, status == loop.DONE)
+            if status == loop.DONE:
+                broken = tally.broken_bound
+                if broken is None:
+                    values[i] = tally.values()
+                else:
+                    errors[task.first + i] = broken
+                break
+
+
+def single(task: Task, i: int) -> Run:
+    """Run i of a task with its own numbers."""
+    base, system = task.run, copy.copy(task.run.system)
+    first = system.values.size
+    system.values = task.numbers[i, :first].copy()
+    program = program_of(base.system, base.kinds, pair_of(base))
+    inputs = dict(base.inputs)
+    for name, kind in base.kinds:
+        if kind == "number":
+            inputs[name] = float(task.numbers[i, program.coefficient_slot[name]])
+    start: dict[str, Any] = dict(base.start)
+    if task.starts is not None:
+        x = task.starts[i]
+        start = {name: float(x[at]) if size is None else x[at : at + size] for name, (at, size, _) in system.states.items()}
+    resume = base.resume
+    if task.memories is not None or task.held is not None:
+        work = _work(_compiled_loop(base, program)[0], base, program)
+        memory = work.memory if task.memories is None else task.memories[i]
+        held = work.p[program.held_slot : program.held_slot + system.held.numel()] if task.held is None else task.held[i]
+        resume = (memory.copy(), held.copy())
+    return dataclasses.replace(base, system=system, inputs=inputs, start=start, resume=resume)
+
+
+def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+    for i in range(len(task.numbers)):
+        try:
+            run = _run(single(task, i))
+            values[i] = [_tallied(run, measure) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
+        except SimulationError as error:
+            errors[task.first + i] = str(error)
+        except Exception as error:  # of a law or a measure in Python: one run fails, the others go on
+            errors[task.first + i] = f"{type(error).__name__}: {error}"
+
+
+def _tallied(run: Trajectory, measure: Measure) -> float:
+    """A measure of a trajectory that is there, by `toolbox.measure`."""
+    from toolbox import measure as of
+
+    window = (measure.after, measure.until)
+    if measure.kind == "final":
+        return float(run.at(run.end)[measure.of])
+    if measure.kind in ("minimum", "maximum", "mean"):
+        return getattr(of.extent(run, measure.of, *window), measure.kind)
+    if measure.kind == "severity":
+        return of.severity(run, measure.of, measure.after, measure.definition, until=measure.until, reference=measure.reference)
+    begin, end = of.window(run, *window)
+    if measure.kind == "events":
+        return sum(event.element == measure.of and begin <= event.time <= end for event in run.events)
+    spent = run.time_in(measure.of, measure.mode, begin, end)
+    if measure.kind in ("time", "ratio"):
+        return spent if measure.kind == "time" else spent / (end - begin)
+    stays: list[tuple[float, float]] = []
+    for first, last, mode in run.intervals(measure.of):
+        first, last = max(first, begin), min(last, end)
+        if mode == measure.mode and first < last:
+            stays = [*stays[:-1], (stays[-1][0], last)] if stays and stays[-1][1] == first else [*stays, (first, last)]
+    return len(stays) if measure.kind == "stays" else stays[-1][1] if stays else float("nan")
+
+
+def numbers_of_run(run: Run) -> np.ndarray:
+    """Parameters and coefficients of inputs of a run, shape (first_held,)."""
+    program = program_of(run.system, run.kinds, pair_of(run))
+    return _work(_compiled_loop(run, program)[0], run, program).p[: program.first_held].copy()
+
+
+def slots(run: Run, names: Sequence[str]) -> list[int]:
+    """Where inputs and parameters stand among the numbers of a task; an input must be given as a number."""
+    program = program_of(run.system, run.kinds, pair_of(run))
+    return [program.coefficient_slot[name] if name in run.system.inputs else run.system._parameter(name).offset for name in names]

@@ -1,0 +1,264 @@
+"""Numbers read off thousands of runs as they go: extrema, means, severity, stick time and events, without a trajectory in Python.
+
+    s, s' = s_t + s_x f, s'' = s'_t + s'_x f      of every signal, compiled, at the nodes of a run
+
+Between two nodes a signal is the quintic with these values at both ends. Where it differs from the cubic with the values and slopes alone by more than ten
+times the accuracy of the run, the step is divided, by stepping from its left node to the middle as `run.at` does; the quintic is then better than the
+accuracy by orders. Means are integrals of these quintics, extrema their peaks, stays in a mode are cut at located events. Nodes are read as the
+event loop fills its buffer, so that a long run needs no more memory than a short one.
+
+Why not the nodes alone: see `toolbox.measure`, with which these numbers agree to the accuracy of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.elements import is_finite_number
+from toolbox.emit import compiled, function_text
+from toolbox.errors import SceneError, suggest
+from toolbox.hybrid import HybridSystem
+from toolbox.kernel import _plain
+from toolbox.measure import SEVERITIES, Extent, severity_of
+from toolbox.program import Program
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- what is measured
+@dataclass(frozen=True)
+class Measure:
+    """One number per run, made by the functions of this module: `kind` of a signal or an element `of`, between `after` and `until` [s] (the end).
+
+    mode: whose stays count, for an element;  definition, reference: of a severity, as in `measure.severity`.
+    """
+
+    kind: str
+    of: str
+    after: float = 0.0
+    until: float | None = None
+    mode: str = "stick"
+    definition: str = "half-range"
+    reference: float | None = None
+
+    def unit(self, system: HybridSystem) -> str:
+        """Unit of the number."""
+        if self.kind in ("severity", "ratio", "stays", "events"):
+            return "1"
+        return "s" if self.kind in ("time", "last") else system.unit(self.of)
+
+    def check(self, system: HybridSystem, duration: float) -> None:
+        """Raise SceneError unless the signal or element exists, the window lies in the run, and the definition is known."""
+        if not is_finite_number(self.after) or not 0 <= self.after < duration:
+            raise SceneError(f"Argument `after` must be >= 0 s and before the end at {duration:g} s, but it is {self.after!r}.")
+        if self.until is not None and not (is_finite_number(self.until) and self.after < self.until <= duration):
+            raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
+        if self.kind in _OF_SIGNALS:
+            system.unit(self.of)
+            if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[
+                1
+            ] is not None:
+                raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
+            if self.definition not in SEVERITIES:
+                raise SceneError(f"There is no definition of severity `{self.definition}`: {suggest(self.definition, SEVERITIES)}")
+            if (self.definition == "reference") != (is_finite_number(self.reference) and self.reference != 0):
+                raise SceneError(
+                    f'Argument `reference` must be a set-point other than 0 with definition "reference" alone, but it is {self.reference!r}.'
+                )
+            return
+        elements = {element.name: element for element in system.elements}
+        if self.of not in elements:
+            raise SceneError(f"There is no element `{self.of}`: {suggest(self.of, elements)}")
+        if self.kind != "events" and self.mode not in elements[self.of].legend.values():
+            raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, elements[self.of].legend.values())}")
+
+
+_OF_SIGNALS = ("minimum", "maximum", "mean", "severity", "final")
+
+
+def minimum(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Smallest value of a scalar signal in the window, in its unit."""
+    return Measure("minimum", signal, after, until)
+
+
+def maximum(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Largest value of a scalar signal in the window, in its unit."""
+    return Measure("maximum", signal, after, until)
+
+
+def mean(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Mean over time of a scalar signal in the window, in its unit."""
+    return Measure("mean", signal, after, until)
+
+
+def severity(
+    signal: str = "bit.speed",
+    after: float = 0.0,
+    definition: str = "half-range",
+    *,
+    until: float | None = None,
+    reference: float | None = None,
+) -> Measure:
+    """Severity of stick-slip [1] as `measure.severity` defines it."""
+    return Measure("severity", signal, after, until, definition=definition, reference=reference)
+
+
+def final(signal: str) -> Measure:
+    """Value of a scalar signal at the end of the run, in its unit."""
+    return Measure("final", signal)
+
+
+def time_in(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """Seconds of the window that an element spends in a mode."""
+    return Measure("time", element, after, until, mode)
+
+
+def stuck_ratio(element: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Part of the window that an element spends in stick, 0 to 1."""
+    return Measure("ratio", element, after, until)
+
+
+def stays(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """How many stays in a mode overlap the window: stick phases, or contacts with a wall."""
+    return Measure("stays", element, after, until, mode)
+
+
+def last_stay(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """When the last stay in a mode ends [s], cut to the window; nan where there is none."""
+    return Measure("last", element, after, until, mode)
+
+
+def events(element: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Number of switches of an element in the window."""
+    return Measure("events", element, after, until)
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- one by one
+class Tally:
+    """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
+
+    One for each thread. `bounds` are the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
+        from toolbox import loop, tally_loop
+
+        self.loop, self.loops, self.program, self.measures, self.duration = loop, tally_loop, program, tuple(measures), duration
+        spans = [(float(m.after), duration if m.until is None else float(m.until)) for m in self.measures]
+        of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.kind in _OF_SIGNALS]
+        self.signals = list(dict.fromkeys(m.of for m, _ in of_signals))
+        windows = list(dict.fromkeys(span for _, span in of_signals))
+        if program.varying and (0.0, duration) not in windows:
+            windows.append((0.0, duration))
+        self.windows = np.array(windows, float).reshape(-1, 2)
+        self.places = [
+            (self.signals.index(m.of), windows.index(span)) if m.kind in _OF_SIGNALS else None
+            for m, span in zip(self.measures, spans, strict=True)
+        ]
+        self.whole = windows.index((0.0, duration)) if program.varying else 0
+        names = [element.name for element in program.system.elements]
+        self.rows = [-1] * len(self.measures)
+        asked: list[tuple[float, ...]] = []
+        for q, (m, span) in enumerate(zip(self.measures, spans, strict=True)):
+            if m.kind not in _OF_SIGNALS:
+                i = names.index(m.of)
+                words = program.system.elements[i].legend
+                self.rows[q] = len(asked)
+                asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
+        self.asked = np.array(asked, float).reshape(-1, 4)
+        count = self.count = len(self.signals) + len(program.varying)
+        machine = program.machine
+        field, step, project, *_ = machine.addresses
+        self.addresses = np.array([field, step, project, _compiled(program, tuple(self.signals)) if count else 0], np.int64)
+        self.tolerance = 10.0 * accuracy
+        self.p = np.empty(program.p_size)
+        self.size, self.ends = np.zeros(count), np.zeros(count)
+        self.lowest, self.highest, self.integral = (np.zeros((count, len(windows))) for _ in range(3))
+        self.since = np.zeros(len(names))
+        self.spent, self.number, self.latest, self.switches = (np.zeros(len(asked)) for _ in range(4))
+
+    def begin(self) -> None:
+        """Forget the run before."""
+        for array in (self.size, self.ends, self.integral, self.since, self.spent, self.number, self.switches):
+            array[:] = 0.0
+        self.lowest[:], self.highest[:], self.latest[:] = np.inf, -np.inf, np.nan
+
+    def read(self, work: Any, finished: bool) -> None:
+        """Take in the recorded nodes and events and make room for more."""
+        loop, ints, machine = self.loop, work.ints, self.program.machine
+        if self.count:
+            self.p[:] = work.p
+            self.loops.read_nodes(
+                self.addresses, machine.states, machine.elements, machine.guards, self.count, work.rec_t, work.rec_x, work.rec_m, work.rec_p,
+                ints[loop.RECORDS], self.p, self.program.first_held, self.windows, self.tolerance, self.size, self.lowest, self.highest,
+                self.integral, self.ends,
+            )  # fmt: skip
+        r = ints[loop.RECORDS] - 1
+        if r > 0:
+            for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
+                array[0] = array[r]
+            ints[loop.RECORDS] = 1
+        if len(self.asked):
+            self.loops.read_events(
+                work.ev_t, work.ev_i, work.ev_m, ints[loop.EVENTS], finished, work.reals[loop.TIME], work.m, self.since, self.asked, self.spent,
+                self.number, self.latest, self.switches,
+            )  # fmt: skip
+        ints[loop.EVENTS] = 0
+
+    def values(self) -> np.ndarray:
+        """The measures of the finished run, shape (measures,)."""
+        return np.array([self._value(q, m) for q, m in enumerate(self.measures)], float)
+
+    def _value(self, q: int, m: Measure) -> float:
+        place = self.places[q]
+        if place is not None:
+            if m.kind == "final":
+                return self.ends[place[0]]
+            low, high = self.lowest[place], self.highest[place]
+            if m.kind in ("minimum", "maximum"):
+                return low if m.kind == "minimum" else high
+            begin, end = self.windows[place[1]]
+            average = min(max(self.integral[place] / (end - begin), low), high)
+            return average if m.kind == "mean" else severity_of(Extent(low, high, average, math.nan, math.nan), m.definition, m.reference)
+        row = self.rows[q]
+        if m.kind == "ratio":
+            return self.spent[row] / (self.asked[row, 3] - self.asked[row, 2])
+        return {"time": self.spent, "stays": self.number, "last": self.latest, "events": self.switches}[m.kind][row]
+
+    @property
+    def broken_bound(self) -> str | None:
+        """What is wrong with a bound of friction that was negative during the run; None where none was."""
+        for k, i in enumerate(self.program.varying, len(self.signals)):
+            low, high = self.lowest[k, self.whole], self.highest[k, self.whole]
+            if low < -1e-9 * max(abs(low), abs(high)):
+                return f"The bound of `{self.program.system.elements[i].name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
+        return None
+
+
+def _compiled(program: Program, signals: tuple[str, ...]) -> int:
+    """Address of the function (t, x, p, m) -> signals and bounds that vary, then their first and second derivatives in time."""
+    key = f"tally of {signals}"
+    found = program.outputs.get(key)
+    if found is None:
+        system = program.system
+        p, u, force = program.expressions
+        rows = {name: system.rows(name) for name in signals}
+        chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
+        value = ca.vertcat(*chosen, *[system.elements[i].static for i in program.varying])
+        if system.elements:
+            value = ca.substitute(value, system.F, force)
+        if system.inputs:
+            value = ca.substitute(value, system.u, u)
+        field = program.form.field[: system.x.numel()]
+        terms = [value]
+        for _ in range(2):
+            terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
+        function = ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])
+        body = _plain(function, 0)
+        text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
+        found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
+    return found

@@ -1,0 +1,187 @@
+"""The compiled loops of `toolbox.tally`: over the nodes of a run for its signals, over its events for stays and switches."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from toolbox.loop import _call
+
+DEPTH = 12
+"""A step is halved at most so often."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _state_at(step, project, t, h, n, ne, x, k, p, m, y, new):
+    """Leave the state at t + h in `y`, by one step from x with slope k."""
+    _call(step, t, h, x, k, p, m, y)
+    for i in range(ne):
+        if m[i] == 0.0:
+            for j in range(n):
+                new[j] = y[j]
+            _call(project, t + h, 0.0, new, k, p, m, y)
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fits(a, b, h, count, size, tolerance):
+    """Whether the cubic through both ends of a piece is near enough to the quintic."""
+    for s in range(count):
+        rise, d0, d1 = b[s] - a[s], h * a[count + s], h * b[count + s]
+        off = abs(h * h * a[2 * count + s] - (6.0 * rise - 4.0 * d0 - 2.0 * d1))
+        off += abs(h * h * b[2 * count + s] - (-6.0 * rise + 2.0 * d0 + 4.0 * d1))
+        if not 0.0173 * off <= tolerance * max(size[s], abs(a[s]), abs(b[s])):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(f0, d0, c0, f1, d1, c1, best):
+    """Largest of `best` and the quintic on (0, 1) with these values, slopes and curvatures at its ends (Bernstein form)."""
+    best = max(best, f0, f1)
+    b0, b1, b2 = f0, f0 + 0.2 * d0, f0 + 0.4 * d0 + 0.05 * c0
+    b3, b4, b5 = f1 - 0.4 * d1 + 0.05 * c1, f1 - 0.2 * d1, f1
+    if max(max(b1, b2), max(b3, b4)) <= best:
+        return best
+    s0, s1, s2, s3, s4 = b1 - b0, b2 - b1, b3 - b2, b4 - b3, b5 - b4  # of the slope, over five
+    left, before = 0.0, s0
+    for piece in range(8):
+        right = (piece + 1) / 8.0
+        u, v = right, 1.0 - right
+        after = v * v * v * v * s0 + 4.0 * v * v * v * u * s1 + 6.0 * v * v * u * u * s2 + 4.0 * v * u * u * u * s3 + u * u * u * u * s4
+        if before > 0.0 and after <= 0.0:
+            low, high = left, right
+            for _ in range(40):
+                u = 0.5 * (low + high)
+                v = 1.0 - u
+                if (
+                    v * v * v * v * s0 + 4.0 * v * v * v * u * s1 + 6.0 * v * v * u * u * s2 + 4.0 * v * u * u * u * s3 + u * u * u * u * s4
+                    > 0.0
+                ):
+                    low = u
+                else:
+                    high = u
+            u = low
+            v = 1.0 - u
+            top = v * (
+                v * v * v * v * b0
+                + 5.0 * u * v * v * v * b1
+                + 10.0 * u * u * v * v * b2
+                + 10.0 * u * u * u * v * b3
+                + 5.0 * u * u * u * u * b4
+            )
+            best = max(best, top + u * u * u * u * u * b5)
+        left, before = right, after
+    return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_nodes(
+    addresses, n, ne, ng, count, time, state, mode, held, records, p, first_held, windows, tolerance, size, lowest, highest, integral, ends
+):
+    """Extrema and integrals of signals over the first `records` recorded nodes, added to what the arrays (signals, windows) hold.
+
+    addresses: of field, step, project, and the signals with two derivatives;  windows: (begin, end) of each;  size: of the signals so far;
+    ends: signals at the last node.
+    """
+    field, step, project, signals = addresses[0], addresses[1], addresses[2], addresses[3]
+    x, k, m, new, old = np.zeros(n), np.zeros(n), np.zeros(ne + 1), np.zeros(n), np.zeros(n)
+    y = np.zeros(4 * n + 2 * ng + 4)
+    stack_t, stack = np.empty(DEPTH + 1), np.empty((DEPTH + 1, 3 * count))
+    left = np.empty(3 * count)
+    for r in range(records):
+        last = r == records - 1
+        skip = not last
+        for w in range(windows.shape[0]):
+            if time[r] <= windows[w, 1] and (last or time[r + 1] >= windows[w, 0]):
+                skip = False
+        if skip:
+            continue
+        for i in range(state.shape[1]):
+            x[i] = state[r, i]
+        for i in range(ne):
+            m[i] = mode[r, i]
+        for i in range(held.shape[1]):
+            p[first_held + i] = held[r, i]
+        if last:
+            _call(signals, time[r], 0.0, x, k, p, m, stack[0])
+            for s in range(count):
+                ends[s] = stack[0, s]
+                for w in range(windows.shape[0]):
+                    if windows[w, 0] <= time[r] <= windows[w, 1]:
+                        lowest[s, w] = min(lowest[s, w], stack[0, s])
+                        highest[s, w] = max(highest[s, w], stack[0, s])
+            break
+        if time[r + 1] == time[r]:
+            continue
+        known = False
+        for w in range(windows.shape[0]):
+            begin, end = max(time[r], windows[w, 0]), min(time[r + 1], windows[w, 1])
+            if begin >= end:
+                continue
+            if not known:
+                _call(field, time[r], 0.0, x, k, p, m, y)
+                for i in range(n):
+                    k[i] = y[n + i]
+                known = True
+            if begin == time[r]:
+                _call(signals, begin, 0.0, x, k, p, m, left)
+            else:
+                _state_at(step, project, time[r], begin - time[r], n, ne, x, k, p, m, y, new)
+                _call(signals, begin, 0.0, y, k, p, m, left)
+            if end == time[r + 1]:
+                for i in range(state.shape[1]):
+                    old[i] = state[r + 1, i]
+                _call(signals, end, 0.0, old, k, p, m, stack[0])
+            else:
+                _state_at(step, project, time[r], end - time[r], n, ne, x, k, p, m, y, new)
+                _call(signals, end, 0.0, y, k, p, m, stack[0])
+            at, top = begin, 0
+            stack_t[0] = end
+            while top >= 0:
+                h = stack_t[top] - at
+                if top < DEPTH and not _fits(left, stack[top], h, count, size, tolerance):
+                    middle = at + 0.5 * h
+                    if at < middle < stack_t[top]:
+                        top += 1
+                        stack_t[top] = middle
+                        _state_at(step, project, time[r], middle - time[r], n, ne, x, k, p, m, y, new)
+                        _call(signals, middle, 0.0, y, k, p, m, stack[top])
+                        continue
+                right = stack[top]
+                for s in range(count):
+                    f0, d0, c0 = left[s], h * left[count + s], h * h * left[2 * count + s]
+                    f1, d1, c1 = right[s], h * right[count + s], h * h * right[2 * count + s]
+                    size[s] = max(size[s], abs(f0), abs(f1))
+                    integral[s, w] += h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) / 120.0)
+                    highest[s, w] = _highest(f0, d0, c0, f1, d1, c1, highest[s, w])
+                    lowest[s, w] = -_highest(-f0, -d0, -c0, -f1, -d1, -c1, -lowest[s, w])
+                for j in range(3 * count):
+                    left[j] = right[j]
+                at = stack_t[top]
+                top -= 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_events(time, index, modes, count, finished, end, m, since, asked, spent, number, latest, switches):
+    """Stays and switches from `count` recorded events, added to what the arrays hold; when `finished`, the last stays end at `end` in the modes m.
+
+    asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element.
+    """
+    for e in range(count + (since.size if finished else 0)):
+        if e < count:
+            t, i, was = time[e], index[e], modes[e, 0]
+        else:
+            t, i, was = end, e - count, np.int8(m[e - count])
+        for q in range(asked.shape[0]):
+            if asked[q, 0] != i:
+                continue
+            if e < count and asked[q, 2] <= t <= asked[q, 3]:
+                switches[q] += 1
+            first, last = max(since[i], asked[q, 2]), min(t, asked[q, 3])
+            if was == asked[q, 1] and first < last:
+                spent[q] += last - first
+                if latest[q] != first:  # a stay that is left and taken up at one instant is one
+                    number[q] += 1
+                latest[q] = last
+        since[i] = t

@@ -214,7 +214,7 @@ def scipy_events(case: Extreme, times: np.ndarray) -> np.ndarray:
     if any(e.unilateral for e in plant.elements):
         raise NotImplementedError("no impacts")
     zero = [0] * len(plant.elements)
-    project = plant.function("projected", plant.switching.projected, "x")
+    project = plant.function("projected", plant.switching.projected, "stopped")
 
     def stop(y: np.ndarray, i: int) -> None:
         modes = [1] * len(plant.elements)

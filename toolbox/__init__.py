@@ -20,6 +20,7 @@ from toolbox.simulate import simulate
 from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
+from toolbox.work_precision import WorkPrecision, work_precision
 
 __all__ = [
     "AccuracyError",
@@ -49,6 +50,7 @@ __all__ = [
     "Trajectory",
     "UnilateralContact",
     "Update",
+    "WorkPrecision",
     "ZenoError",
     "compose",
     "cycles",
@@ -79,4 +81,5 @@ __all__ = [
     "stick_intervals",
     "time",
     "triangle",
+    "work_precision",
 ]

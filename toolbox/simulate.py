@@ -158,8 +158,8 @@ def checked_run(
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
     smooth = None if not isinstance(plant, SmoothSystem) else plant
-    sharp = [each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant)]
-    system, clocks, laws, seeds = _closed(*sharp, controller, sample_time)
+    original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
+    system, clocks, laws, seeds = _closed(original, sharp, controller, sample_time)
     widths = None
     if method == "smoothed":
         if smooth is not None:

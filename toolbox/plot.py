@@ -8,6 +8,7 @@ the panel and as grey bands behind the curve. Tones and line styles differ enoug
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -477,5 +478,5 @@ def work_precision(trade: Any, ax: Any = None) -> Any:
         ax.axvspan(low, known, color=BAND, lw=0)
         ax.set_xlim(high, low)  # better to the right
         ax.legend(frameon=False)
-        ax.set_title(trade.title, fontsize=9)
+        ax.set_title(textwrap.fill(trade.title, 64), fontsize=9)
     return ax

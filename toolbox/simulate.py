@@ -465,6 +465,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    if ints[loop.NODES] > 0 and run.step is not None:
+        capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
         remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]

@@ -3,15 +3,14 @@
 The truth is computed twice, by the explicit method of order 8 and by the linearly implicit one, each with located events at the tightest accuracy that it
 finishes. They share the model and the search for events but no step, and their disagreement, which is stated, bounds what any error below it means.
 
-Errors are those of `Trajectory.difference`: the largest difference of a state, relative to its size over the run. Times are medians of the seconds
-spent in the compiled loop.
+Errors are those of `Trajectory.difference`: the largest difference of a state, relative to its size over the run. Times are the least of several
+runs, in seconds spent in the compiled loop: on a machine that does other things the others measure these.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -125,7 +124,7 @@ def work_precision(
     plant: a plant, a scene (its first case, or `case`), or {label: plant} for levels of detail, of which the first is the truth.  duration: s, that of
     the scene without.  accuracies: for the methods that locate events;  steps [s]: for time stepping, by default 1e3 to 1e6 in the run;  widths: for smoothed
     friction, in parts of the largest slip.  signals: whose difference counts, in place of all states; needed for several plants.
-    repeats: runs of which the median time counts.  arguments: as in `simulate`. Raises SceneError as `simulate` does, and SimulationError where no truth
+    repeats: runs of which the shortest counts.  arguments: as in `simulate`. Raises SceneError as `simulate` does, and SimulationError where no truth
     can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
@@ -226,7 +225,7 @@ def _point(
         times = [done.wall_time, *(again(run, method=method, output_times=None, **changes).wall_time for _ in range(repeats - 1))]
     except (SimulationError, SceneError) as failed:
         return Point(method, label, knob, setting, math.nan, math.nan, 0, str(failed))
-    return Point(method, label, knob, setting, error, statistics.median(times), sum(done.steps))
+    return Point(method, label, knob, setting, error, min(times), sum(done.steps))
 
 
 def _difference(run: Trajectory, truth: Trajectory, signals: Sequence[str]) -> float:

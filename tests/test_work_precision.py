@@ -1,6 +1,7 @@
 """What accuracy costs: the table is honest about its truth, methods converge in it, and the command writes what it prints."""
 
 import csv
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from studies import tradeoff
 from studies.cases import cases
-from toolbox import Scene, SceneError, compose, simulate, work_precision
+from toolbox import Component, Equations, Scene, SceneError, UnilateralContact, compose, quantity, simulate, state, work_precision
 from toolbox.command_line import main
 
 BELT = compose(BlockOnBelt())
@@ -71,8 +72,18 @@ def test_levels_of_detail_are_compared_by_what_they_have_in_common():
 
 
 def test_a_setting_that_fails_is_a_line_of_the_table():
-    trade = work_precision(BELT, 5.0, methods=("time-stepping",), steps=(1e-12,), repeats=1, accuracies=())
-    assert trade.points[0].failed or trade.points[0].error >= 0.0
+    @dataclass(frozen=True)
+    class Ball(Component):
+        restitution: float = quantity(0.5, "1")
+
+        def equations(self, signal):
+            x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+            floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
+            return Equations(flow={x: v, v: floor.force - 10.0}, elements=[floor])
+
+    trade = work_precision(compose(Ball()), 1.0, start={"ball.height": 1.0}, methods=("smoothed",), widths=(1e-3,), repeats=1)
+    assert trade.points[0].failed == "The rigid contact `floor` cannot be smoothed: give it a `stiffness` in place of a restitution."
+    assert "cannot be smoothed" in str(trade)
 
 
 def test_the_command_writes_table_and_figure_of_a_scene(root, tmp_path, capsys):

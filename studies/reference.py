@@ -151,7 +151,7 @@ SIZE = {  # what each state is worth: errors are quoted relative to it
 }
 
 
-def belt(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0) -> Reference:
+def belt(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0, integrate=simulate) -> Reference:
     """Mass on a moving belt (Leine et al. 1998); states position x [m] and speed v [m/s].
 
     m x'' + k x = F,  F = -sgn(v_rel) F_s/(1 + delta |v_rel|),  v_rel = v - v_belt
@@ -169,7 +169,7 @@ def belt(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0) -> Referen
         y[1] = v_belt
 
     plant = Plant(rate, lambda y: [y[1] - v_belt], lambda t, y: [k * y[0]], [F_s], stop, ["belt"], SIZE["belt"], max_step, [0.0, 0.0])
-    return simulate(plant, duration, rtol, output_times)
+    return integrate(plant, duration, rtol, output_times)
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class Rig:
         return Plant(rate, lambda y: [y[2]], self.hold, [self.WR * self.mu_s], stop, ["bit"], size, max_step, [0.0] * len(size), **sampling)
 
 
-def rig(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0) -> Reference:
+def rig(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0, integrate=simulate) -> Reference:
     """Drill string under a continuous PI; states twist [rad], w_r, w_b [rad/s], z [rad].
 
     u = Kp e + Ki z,  z' = e = Om - w_r
@@ -223,7 +223,7 @@ def rig(duration=100.0, rtol=1e-10, output_times=None, max_step=1.0) -> Referenc
         table, bit = p.accelerations(twist, w_r, w_b, p.Kp * (p.Om - w_r) + p.Ki * z, modes[0])
         return [w_r - w_b, table, bit, p.Om - w_r]
 
-    return simulate(p.plant(rate, SIZE["rig"], max_step), duration, rtol, output_times)
+    return integrate(p.plant(rate, SIZE["rig"], max_step), duration, rtol, output_times)
 
 
 def sampled_rig(duration=120.0, period=0.01, rtol=1e-10, output_times=None, max_step=0.25) -> Reference:

@@ -22,6 +22,7 @@ from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
+from toolbox.work_precision import WorkPrecision, work_precision
 
 __all__ = [
     "AccuracyError",
@@ -54,6 +55,7 @@ __all__ = [
     "Trajectory",
     "UnilateralContact",
     "Update",
+    "WorkPrecision",
     "ZenoError",
     "compose",
     "cycles",
@@ -86,4 +88,5 @@ __all__ = [
     "sweep",
     "time",
     "triangle",
+    "work_precision",
 ]

@@ -1,5 +1,5 @@
-"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends;
-sweep it over a grid, map its severity; list the parts.
+"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends; sweep it over a grid, map
+its severity; measure what its accuracy costs; list the parts.
 
 Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
@@ -144,6 +144,18 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
     )
     chart.set_defaults(action=_map)
+    trade = commands.add_parser(
+        "tradeoff",
+        help="error against time for every method and setting on a scene",
+        description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
+        "folder gets the figure and the table (csv): both, or nothing.",
+        epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
+    )
+    trade.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    trade.add_argument("--controller", metavar="LABEL", help="which case; the first without")
+    trade.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
+    trade.add_argument("--out", type=Path, metavar="DIR", help="folder for figure and table; those of an earlier measurement are replaced")
+    trade.set_defaults(action=_tradeoff)
     listing = commands.add_parser("list", help="list parts, control laws and friction laws with their parameters and units")
     listing.add_argument("name", nargs="?", help="show only the entries whose name contains this")
     listing.set_defaults(action=_list)
@@ -372,6 +384,51 @@ def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float
     unit = Knob.of(closed, name).unit
     low, high = (parse(_plain(end.strip()), unit, name) for end in ends)
     return low, high
+
+
+# --- stickslip tradeoff
+
+
+def _tradeoff(given: argparse.Namespace) -> int:
+    from toolbox.errors import SimulationError
+    from toolbox.scene import Scene
+    from toolbox.work_precision import work_precision
+
+    scene = Scene.load(given.scene)
+    if given.controller:
+        scene.case(given.controller)
+    with whole_folder(given.out, TRADE_FILES, _earlier_tradeoff) if given.out else nullcontext() as folder:
+        try:
+            found = work_precision(scene, given.duration, case=given.controller)
+        except SimulationError as error:
+            return _complaint(str(error), 1)
+        if folder is not None:
+            found.save(folder / "tradeoff.csv")
+            import matplotlib
+
+            matplotlib.use("Agg")
+            figure = found.plot().figure
+            figure.savefig(folder / "tradeoff.png", dpi=150)
+    print(found)
+    if given.out:
+        print(f"\nFigure and table are in {given.out}")
+    return 0
+
+
+TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
+
+
+def _earlier_tradeoff(path: Path) -> set[str]:
+    """Names of the files that an earlier measurement left in a folder, as its table tells."""
+    from toolbox.work_precision import Point
+
+    try:
+        with (path / "tradeoff.csv").open(newline="", encoding="utf-8") as file:
+            if csv.DictReader(file).fieldnames != [field.name for field in dataclasses.fields(Point)]:
+                return set()
+    except (OSError, ValueError, csv.Error):
+        return set()
+    return {name for name in TRADE_FILES if (path / name).is_file()}
 
 
 def _plain(text: str) -> Any:

@@ -126,7 +126,7 @@ class Scene:
 
     def run(self, label: str) -> Trajectory:
         """Simulate one case. Raises what `simulate` raises."""
-        return simulate(self.plant(), self.duration, **self._arguments(self.case(label)))
+        return simulate(self.plant(), self.duration, **self.arguments(self.case(label)))
 
     @property
     def measures(self) -> dict[str, tuple[str, ...]]:
@@ -141,7 +141,7 @@ class Scene:
         from toolbox.needs import Need, Needs, needs
 
         plant, asked = self.plant(), self.measures if measures is None else measures
-        found = [needs(checked_run(plant, self.duration, **self._arguments(case)).system, asked, len(self.parts)) for case in self.cases]
+        found = [needs(checked_run(plant, self.duration, **self.arguments(case)).system, asked, len(self.parts)) for case in self.cases]
         parts = tuple(
             Need(same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same)))
             for same in zip(*(each.parts for each in found), strict=True)
@@ -173,11 +173,12 @@ class Scene:
             place_start(plant, np.zeros(plant.x.numel()), name, value)
         for case in self.cases:
             try:
-                checked_run(plant, self.duration, **self._arguments(case))
+                checked_run(plant, self.duration, **self.arguments(case))
             except SceneError as error:
                 raise SceneError(f"Controller `{case.label}`: {error}") from None
 
-    def _arguments(self, case: Case) -> dict[str, Any]:
+    def arguments(self, case: Case) -> dict[str, Any]:
+        """What `simulate` takes for one case beside the plant and the duration."""
         given = {name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()}
         return {
             "start": self.start,

@@ -322,7 +322,7 @@ class _Loop:
         if isinstance(machine, Scene):
             scene = machine
             case = scene.case(controller) if controller is not None else scene.cases[0]
-            given = scene._arguments(case)
+            given = scene.arguments(case)
             inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
             plant, law, title = scene.plant(), case.controller, case.label
             element, signal = element or scene.element, signal or scene.signal

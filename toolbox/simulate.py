@@ -185,8 +185,8 @@ def checked_run(
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = plant.with_parameters(parameters)
     smooth = None if not isinstance(plant, SmoothSystem) else plant
-    sharp, changed = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
-    system, clocks, laws, seeds = _closed(sharp, changed, controller, sample_time)
+    original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
+    system, clocks, laws, seeds = _closed(original, sharp, controller, sample_time)
     changing = [name for name in inputs or {} if not system.has_signal(name) and declared.has_parameter(name)]
     if changing:
         system = system.varying(changing)
@@ -518,6 +518,8 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    if ints[loop.NODES] > 0 and run.step is not None:
+        capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
         remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]

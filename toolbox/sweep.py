@@ -386,7 +386,7 @@ def sweep(
     if isinstance(machine, Scene):
         scene = machine
         case = scene.case(controller) if controller is not None else scene.cases[0]
-        given = scene._arguments(case)
+        given = scene.arguments(case)
         inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
         start = given["start"] if start is None else start
         accuracy = scene.accuracy if accuracy is None else accuracy

@@ -19,6 +19,7 @@ from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
+from toolbox.tune import Tuned, tune
 
 __all__ = [
     "Bifurcation",
@@ -45,6 +46,7 @@ __all__ = [
     "SimulationError",
     "Takeover",
     "Trajectory",
+    "Tuned",
     "UnilateralContact",
     "Update",
     "ZenoError",
@@ -76,4 +78,5 @@ __all__ = [
     "stick_intervals",
     "time",
     "triangle",
+    "tune",
 ]

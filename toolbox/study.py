@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from toolbox.onset import Onset
     from toolbox.scene import Scene
     from toolbox.trajectory import Trajectory
+    from toolbox.tune import Tuned
 
 
 @dataclass(frozen=True)
@@ -56,21 +57,35 @@ def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory |
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    target = scene.reference
-    peak = measure.extent(run, scene.effort)
     row = Row(
         controller=label,
         verdict=verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
-        stuck=run.time_in(scene.element, "stick", after=scene.after),
-        severity=measure.severity(run, scene.signal, after=scene.after),
-        settling=measure.settling(run, scene.signal, target) if target else math.nan,
-        overshoot=measure.overshoot(run, scene.signal, target) if target else math.nan,
-        peak=max(abs(peak.minimum), abs(peak.maximum)),
+        **{name: measured(scene, run, name) for name in MEASURES},
         error=error,
         wall_time=run.wall_time,
         files=files,
     )
     return row, run
+
+
+MEASURES = ("stuck", "severity", "settling", "overshoot", "peak")
+"""Numbers of the verdict, by the names of their columns."""
+
+
+def measured(scene: Scene, run: Trajectory, name: str) -> float:
+    """One of the `MEASURES` of a run of a scene, in SI; nan for settling and overshoot where there is no set-point."""
+    from toolbox import measure
+
+    if name == "stuck":
+        return run.time_in(scene.element, "stick", after=scene.after)
+    if name == "severity":
+        return measure.severity(run, scene.signal, after=scene.after)
+    if name == "peak":
+        peak = measure.extent(run, scene.effort)
+        return max(abs(peak.minimum), abs(peak.maximum))
+    if not scene.reference:
+        return math.nan
+    return {"settling": measure.settling, "overshoot": measure.overshoot}[name](run, scene.signal, scene.reference)
 
 
 def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
@@ -158,6 +173,12 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     from toolbox.diagram import onset_panels
 
     _write(onset_panels(onsets), scene.title, path)
+
+
+def draw_tuning(found: Tuned, path: Path) -> None:
+    """Write the figure of the points that a tuning tried."""
+    _plot()
+    _write(found.plot(), found.title, path)
 
 
 def _plot() -> Any:

@@ -184,7 +184,7 @@ class Tuned:
             if number is not None and min(free.place(number), 1 - free.place(number)) < 0.01:
                 lines += ["", f"`{free.name}` is at the end of its range: a wider one may hold a better law."]
         if len(self.objectives) > 1:
-            lines += ["", f"Front of {len(self.front)} points ({_TUNED} the one above):", *_table(self._front_rows(best))]
+            lines += ["", f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):", *_table(self._front_rows(best))]
         return "\n".join(lines)
 
     def _front_rows(self, best: Trial) -> list[list[str]]:
@@ -368,8 +368,6 @@ def _scenes(given: Any) -> dict[str, Scene]:
         }
     if not given or not all(isinstance(label, str) and isinstance(each, Scene) for label, each in given.items()):
         raise SceneError(f"Argument `scene` must hold at least one Scene by its label, but it is {given!r}.")
-    for each in given.values():
-        each.check()
     return dict(given)
 
 
@@ -383,6 +381,7 @@ def _case(scene: Scene, controller: Any) -> Case:
         case = Case("tuned", controller)
     else:
         raise SceneError(f"Argument `controller` must be the label of a case, a Controller, or Sampled with one, but it is {controller!r}.")
+    dataclasses.replace(scene, cases=(case,)).check()
     return case
 
 

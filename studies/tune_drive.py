@@ -6,8 +6,8 @@ late by the slope of the ramp. What is good for one is not good for the other: `
 
     drill string   JANSEN_2 under 90, 97 and 107 kN, designed for 97 kN, the worst counts; top speed measured with noise, commands 30 ms late, every 10 ms.
                    A PI drive that starts from the gains of soft torque, and the LQG drive with its weights as they are delivered.
-    collar         the whirling collar of `studies.whirl`: weight and rate of a sliding mode; in place of the settling time the impacts of the collar on the wall
-                   of the hole while the machine starts.
+    collar         the whirling collar of `studies.whirl`: weight and rate of a sliding mode; in place of the settling time the impacts of the collar on
+                   the wall of the hole while the machine starts.
 
 The law as given is tried first and stands in every table: the twin without tuning.
 

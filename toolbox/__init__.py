@@ -6,6 +6,7 @@ from toolbox.continuation import Bifurcation, Branch, follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
+from toolbox.export import export_c, to_control
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -55,6 +56,7 @@ __all__ = [
     "energy_audit",
     "equilibria",
     "equilibrium",
+    "export_c",
     "follow",
     "hopf_curve",
     "hopf_points",
@@ -77,6 +79,7 @@ __all__ = [
     "step",
     "stick_intervals",
     "time",
+    "to_control",
     "triangle",
     "tune",
 ]

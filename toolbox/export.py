@@ -6,7 +6,7 @@ Both are read off the equations that the law states once, with its numbers fille
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -156,17 +156,21 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
 
     One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the stand-ins that the
     header lists. The memory belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between
-    samples are the machine's own. The law is designed on the declared values of `plant`.
+    samples are the machine's own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a
+    method `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp.
 
     Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
     """
     c, h = _paths(path)
+    designed = controller.design(plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
+    if hasattr(designed, "export_c"):
+        return designed.export_c(c, h, period)
     law = opened(controller, plant, period)
     driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
-    return written(c, h, Declared(law.title, c.stem, period, _reads(law), law.labels, _drives(law)), step)
+    return written(c, h, Declared(law.title, c.stem, period, _reads(law), law.labels, _drives(law)), [step])
 
 
 @dataclass(frozen=True)
@@ -183,15 +187,15 @@ class Declared:
     note: str = ""
 
 
-def written(
-    c: Path, h: Path, declared: Declared, step: ca.Function, before: str = "", solve: Callable[[str], str] | None = None
-) -> tuple[Path, Path]:
-    """Write a casadi function (y, memory) -> (u, next memory) as the pair of files of `export_c`."""
-    source = _source(declared, step)
-    with replaced(h) as file:
-        file.write(_header(declared).encode())
-    with replaced(c) as file:
-        file.write(source.encode())
+def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> tuple[Path, Path]:
+    """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
+
+    Without `step` there is one function, (y, memory) -> (u, next memory), and the step is that.
+    """
+    texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
+    for path, text in zip((h, c), texts, strict=True):
+        with replaced(path) as file:
+            file.write(text.encode())
     return c, h
 
 
@@ -261,36 +265,45 @@ def _header(law: Declared) -> str:
     return "\n".join(lines)
 
 
-def _source(law: Declared, step: ca.Function) -> str:
-    """The straight line of the law as casadi writes it, and the two functions that are called; whatever is global begins with the name."""
+def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
+    """The functions as casadi writes them, and the two that are called; whatever is global begins with the name."""
     name = law.name
     generator = ca.CodeGenerator(name, {"casadi_int": "int", "casadi_real": "double", "main": False, "mex": False, "with_header": False})
-    generator.add(step)
+    for function in functions:
+        generator.add(function)
     body = generator.dump()
-    entry = body.index(f"int {step.name()}(")
-    rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
-    body = body[: rest if rest > 0 else None].rstrip()
+    if len(functions) == 1:
+        entry = body.index(f"int {functions[0].name()}(")
+        rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
+        body = body[: rest if rest > 0 else None].rstrip()
     many = len(law.memory)
     start = law.start if law.start is not None else [0.0] * many
-    tail = [
+    begin = [
         f"void {name}_start(double *memory) {{",
         *([f"  memory[{i}] = {float(value)!r};" for i, value in enumerate(start)] or ["  (void)memory;"]),
         "}",
-        "",
-        f"int {name}_step(const double *y, double *memory, double *u) {{",
-        f"  double next[{max(many, 1)}], w[{max(step.sz_w(), 1)}];",
-        f"  int iw[{max(step.sz_iw(), 1)}], i, failed;",
-        f"  const double *arg[{max(step.sz_arg(), 2)}];",
-        f"  double *res[{max(step.sz_res(), 2)}];",
-        "  arg[0] = y;",
-        "  arg[1] = memory;",
-        "  res[0] = u;",
-        "  res[1] = next;",
-        f"  failed = {step.name()}(arg, res, iw, w, 0);",
-        "  if (failed) return failed;",
-        f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
-        "  return 0;",
-        "}",
-        "",
     ]
-    return f'#include "{name}.h"\n\n{body}\n\n' + "\n".join(tail)
+    return f'#include "{name}.h"\n\n{body}\n\n' + "\n".join(begin) + f"\n\n{step}"
+
+
+def _step(law: Declared, function: ca.Function) -> str:
+    many = len(law.memory)
+    return "\n".join(
+        [
+            f"int {law.name}_step(const double *y, double *memory, double *u) {{",
+            f"  double next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
+            f"  int iw[{max(function.sz_iw(), 1)}], i, failed;",
+            f"  const double *arg[{max(function.sz_arg(), 2)}];",
+            f"  double *res[{max(function.sz_res(), 2)}];",
+            "  arg[0] = y;",
+            "  arg[1] = memory;",
+            "  res[0] = u;",
+            "  res[1] = next;",
+            f"  failed = {function.name()}(arg, res, iw, w, 0);",
+            "  if (failed) return failed;",
+            f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
+            "  return 0;",
+            "}",
+            "",
+        ]
+    )

@@ -1,12 +1,12 @@
 """A designed `LinearMPC` as C: filter, program, check, stand-in drive and limits in one step, around a solver that OSQP writes for this program.
 
     estimate z = z- + L (y - C z-);  theta = (x at arrival, last torque, T, reference);  min 1/2 U'H U + (G theta + l)' U, bounds less K theta
-    u = first torque of the plan where its KKT residual is below 1e-3, else that of the soft drive;  within limits;  z- of the next sample
+    u = first torque of the plan where its KKT residual is below 1e-6, else that of the soft drive;  within limits;  z- of the next sample
 
 The step is the one of `PlannedLinear`, written once more as casadi expressions, and a test holds the two against each other. Why OSQP: it writes its own C with
-all memory static and ships the sources, so that nothing is loaded while building. It is a first-order method: accurate to about 1e-4 of `torque_size`
-and slow where many limits bind (see `controllers.quadratic_program`); after `iterations` of it the soft drive acts. Its state is global: link one
-law of a name, and call it from one thread. Source: B. Stellato et al., Math. Prog. Comp. 12 (2020); G. Banjac et al., IEEE CDC 2017, on its code generation.
+all memory static and ships the sources, so that nothing is loaded while building. It is a first-order method, here run to 1e-8, mostly some 25 iterations and
+hundreds where many limits bind (see `controllers.quadratic_program`); where the plan does not pass its check after `iterations`, the soft drive acts. The
+solver's state is global: link one law of a name, and call it from one thread. Source: B. Stellato et al., Math. Prog. Comp. 12 (2020).
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 FAR = 1e30
 """What OSQP takes for infinity."""
-TOLERANCE = 1e-3
-"""Largest KKT residual of a plan that is used, as for OSQP in Python."""
+TOLERANCE = 1e-6
+"""Largest KKT residual of a plan that is used, as for the active-set solver in Python."""
 
 
-def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 4000) -> tuple[Path, Path]:
+def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 20000) -> tuple[Path, Path]:
     """Write NAME.c, NAME.h and the folder NAME_osqp of the solver; compile NAME.c with every .c of the folder and of its `src`.
 
     Raises SceneError for another period than that of the law.
@@ -121,7 +121,7 @@ def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> Non
     program = osqp.OSQP()
     rows = vstack([eye(n), csc_matrix(A)], format="csc")
     program.setup(
-        csc_matrix(np.triu(H)), np.zeros(n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-6, eps_rel=1e-6, max_iter=iterations,
+        csc_matrix(np.triu(H)), np.zeros(n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-8, eps_rel=1e-9, max_iter=iterations,
         adaptive_rho_interval=50,
     )  # fmt: skip
     target = folder / f"{name}_osqp"

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 
 import control
 import numpy as np
@@ -26,9 +27,10 @@ from controllers import (
     SuperTwisting,
     ZTorque,
 )
+from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from models import BitRock, wells
-from toolbox import Observed, SceneError, Takeover, compose, export_c, linearise, simulate, to_control
+from toolbox import Controller, Observed, SceneError, Takeover, compose, export_c, linearise, simulate, to_control
 
 PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -141,6 +143,84 @@ def test_two_exported_laws_link_into_one_program(tmp_path):
     assert subprocess.run([str(program)]).returncode == 0
 
 
+# --- predictive law
+
+WEIGHT = 97_347.0
+HEAVY = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
+PREDICTIVE = LinearMPC(reference=8.0, torque_rate=20_000.0, highest_speed=14.0, **LIMITS)
+
+
+def compiled_program(tmp_path, law, iterations=20_000):
+    """A predictive law and its solver as a shared library: (callable, number of entries of its memory)."""
+    planned = law.design(HEAVY)
+    c, h = export(planned, tmp_path / "mpc.c", tmp_path / "mpc.h", law.period, iterations=iterations)
+    solver = tmp_path / "mpc_osqp"
+    sources = [str(path) for path in (*solver.glob("*.c"), *(solver / "src").glob("*.c"))]
+    folders = [f"-I{folder}" for folder in (solver, solver / "inc" / "public", solver / "inc" / "private")]
+    _, rows = header(h)
+    return CompiledLaw(c, len(rows["memory"]), 1, sources, (*folders, "-w")), rows
+
+
+@compiled
+def test_the_c_of_the_linear_mpc_plans_each_sample_like_the_law_in_python_with_warm_start(tmp_path):
+    exported, rows = compiled_program(tmp_path, PREDICTIVE)
+    assert rows["y"] == ["top.speed", "top.reference"] and len(rows["memory"]) == 7
+    run = simulate(HEAVY, 40.0, controller=PREDICTIVE, sample_time=0.1, output_times=0.1 * np.arange(401))
+    planned = PREDICTIVE.design(HEAVY)
+    torques, wanted = [], []
+    for k, speed in enumerate(run["top.speed"][:-1]):
+        # the loop, not the law alone, forgets what was: each sample starts from the memory of the law in Python
+        exported.memory[:5] = (*planned.filter.z, planned.last)
+        torques.append(float(exported(0.1 * k, [speed, 8.0])[0]))
+        wanted.append(planned(0.1 * k, [speed]))
+        assert np.allclose(exported.memory[:5], (*planned.filter.z, planned.last), rtol=1e-6, atol=1e-4)
+        assert exported.memory[6] == 0.0  # the plan passed its check
+    assert not planned.record.fallbacks
+    assert max(wanted) == 20_000.0 and np.abs(np.diff(wanted)).max() == pytest.approx(2000.0)  # limits of torque and rate bind
+    assert np.abs(np.subtract(torques, wanted)).max() < 1e-6 * 20_000.0
+
+
+@compiled
+def test_the_c_of_the_linear_mpc_closes_the_loop_where_a_stiff_drive_sticks(tmp_path):
+    exported, _ = compiled_program(tmp_path, PREDICTIVE)
+    stiff = simulate(HEAVY, 60.0, controller=StiffPI(reference=8.0, **LIMITS), sample_time=0.01)
+    assert stiff.time_in("bit", "stick", after=40.0) > 1.0
+    run = simulate(HEAVY, 60.0, controller=lambda t, y: float(exported(t, [y[0], 8.0])[0]), sample_time=0.1)
+    inside = simulate(HEAVY, 60.0, controller=PREDICTIVE, sample_time=0.1)
+    assert run.time_in("bit", "stick", after=40.0) == inside.time_in("bit", "stick", after=40.0) == 0.0
+    grid = np.linspace(0.0, 60.0, 601)
+    assert np.abs(run.at(grid)["bit.speed"] - inside.at(grid)["bit.speed"]).max() < 1e-3
+
+
+@compiled
+def test_where_the_solver_has_no_answer_the_soft_drive_acts_as_in_python(tmp_path, monkeypatch):
+    exported, _ = compiled_program(tmp_path, PREDICTIVE, iterations=1)
+    planned = PREDICTIVE.design(HEAVY)
+    monkeypatch.setattr(planned, "plan", lambda z: (None, "no answer"))
+    rng = np.random.default_rng(1)
+    fallen = 0
+    for k, speed in enumerate(rng.uniform(0.0, 12.0, 60)):
+        torque = float(exported(0.1 * k, [speed, 8.0])[0])
+        assert exported.memory[6] == 1.0
+        assert torque == pytest.approx(planned(0.1 * k, [speed]), rel=1e-9, abs=1e-6)
+        fallen += 1
+    assert fallen == len(planned.record.fallbacks) == 60
+
+
+def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tmp_path):
+    with pytest.raises(SceneError, match="`period` must be 0.1 s"):
+        export_c(PREDICTIVE, HEAVY, 0.01, tmp_path / "mpc")
+    (tmp_path / "mpc_osqp").mkdir()
+    (tmp_path / "mpc_osqp" / "mine.txt").write_text("keep")
+    with pytest.raises(SceneError, match="not from an earlier export"):
+        export_c(PREDICTIVE, HEAVY, 0.1, tmp_path / "mpc")
+    assert (tmp_path / "mpc_osqp" / "mine.txt").read_text() == "keep"
+    shutil.rmtree(tmp_path / "mpc_osqp")
+    for _ in range(2):
+        c, _ = export_c(PREDICTIVE, HEAVY, 0.1, tmp_path / "mpc")
+    assert c.exists() and not list((tmp_path / "mpc_osqp").glob("*.py"))
+
+
 def test_the_header_names_signals_units_stand_ins_period_and_memory(tmp_path):
     c, h = export_c(ZTorque(reference=7.25), PLANT, 0.02, tmp_path / "z_torque")
     text = h.read_text()
@@ -150,11 +230,21 @@ def test_the_header_names_signals_units_stand_ins_period_and_memory(tmp_path):
     assert "malloc" not in c.read_text() and '#include "z_torque.h"' in c.read_text()
 
 
+@dataclass(frozen=True)
+class InPython(Controller):
+    """A law that no casadi expression holds."""
+
+    measures, drives = ("top.speed",), ("top.torque",)
+
+    def design(self, plant):
+        return lambda t, y: 0.0
+
+
 @pytest.mark.parametrize(
     ("law", "words"),
     [
         (IdealSlidingMode(), "no sampled form"),
-        (LinearMPC(), "Python callable"),
+        (InPython(), "Python callable"),
         (lambda t, y: 0.0, "must be a Controller"),
         (Takeover(PI(), StiffPI(), 3.0), "time itself"),
         (PI(proportional=-1.0), "proportional"),
@@ -258,7 +348,7 @@ def test_a_kalman_filter_gives_its_linear_estimates_and_converges_where_a_gain_o
         (SlidingMode(), "linear"),
         (SlidingMode(highest_torque=1e4), "linear"),
         (IdealSlidingMode(), "slidingmode"),
-        (LinearMPC(), "Python callable"),
+        (InPython(), "Python callable"),
         (SuperTwisting(), "no continuous form"),
         (LQR(), "design"),
     ],

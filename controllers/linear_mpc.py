@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -107,6 +108,12 @@ class PlannedLinear(PredictiveLaw):
         self.slope = G
         self.known = np.vstack(known) if known else np.zeros((0, n + 3))
         self.program = QuadraticProgram(H, np.vstack(pieces) if pieces else np.zeros((0, width)), law.solver, warm=law.warm)
+
+    def export_c(self, c: Path, h: Path, period: float) -> tuple[Path, Path]:
+        """Write the law as C; see `toolbox.export_c` and `controllers.linear_mpc_c`."""
+        from controllers.linear_mpc_c import export
+
+        return export(self, c, h, period)
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         theta = np.concatenate([z[:-1], (self.last, z[-1], self.law.reference)])

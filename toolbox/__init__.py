@@ -6,6 +6,7 @@ from toolbox.continuation import Bifurcation, Branch, follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
+from toolbox.export import export_c, to_control
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -22,6 +23,7 @@ from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
+from toolbox.tune import Tuned, tune
 from toolbox.work_precision import WorkPrecision, work_precision
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "Sweep",
     "Takeover",
     "Trajectory",
+    "Tuned",
     "UnilateralContact",
     "Update",
     "WorkPrecision",
@@ -62,6 +65,7 @@ __all__ = [
     "energy_audit",
     "equilibria",
     "equilibrium",
+    "export_c",
     "follow",
     "hopf_curve",
     "hopf_points",
@@ -87,6 +91,8 @@ __all__ = [
     "stick_intervals",
     "sweep",
     "time",
+    "to_control",
     "triangle",
+    "tune",
     "work_precision",
 ]

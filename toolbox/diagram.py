@@ -1,4 +1,4 @@
-"""Pictures of borders: severity over a parameter on both branches, Hopf curves, poles, and what a drive reflects.
+"""Pictures of borders: severity over a parameter on both branches, Hopf curves, poles, what a drive reflects, and the front of a tuning.
 
 Every function draws into `ax` or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`.
 """
@@ -17,6 +17,7 @@ from toolbox.plot import LINES, PAPER, WIDTH, _words
 if TYPE_CHECKING:
     from toolbox.onset import Onset
     from toolbox.severity_map import SeverityMap
+    from toolbox.tune import Tuned
 
 
 def onset_diagram(found: Onset, ax: Any = None) -> Any:
@@ -180,3 +181,55 @@ def _chained(segments: np.ndarray) -> list[np.ndarray]:
             line.append(keys[following][1] if keys[following][0] == line[-1] else keys[following][0])
         lines.append(np.array(line))
     return lines
+
+
+def tuning_diagram(found: Tuned, ax: Any = None) -> Any:
+    """The first two objectives of every trial, with the front, the given law and the tuned one; of one objective the best so far over the trials."""
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.4), layout="constrained")
+        values = np.array([found.counted(trial) for trial in found.trials])
+        values[~np.isfinite(values)] = np.nan
+        names = [name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in zip(found.objectives, found.units, strict=True)]
+        if len(names) == 1:
+            count = np.arange(1, len(values) + 1)
+            ax.plot(count, values[:, 0], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried")
+            ax.step(count, np.fmin.accumulate(values[:, 0]), where="post", label="best so far", **LINES[0])
+            ax.set_xlabel("points tried [1]")
+            ax.set_ylabel(names[0])
+            ax.set_xlim(0, len(values) + 1)
+        else:
+            front = np.array([found.counted(trial) for trial in found.front]).reshape(-1, len(names))
+            ax.plot(values[:, 0], values[:, 1], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried", zorder=1)
+            if len(names) == 2:
+                ax.step(front[:, 0], front[:, 1], where="post", zorder=2, **LINES[0])
+            ax.plot(
+                front[:, 0], front[:, 1], marker="o", markersize=4.0, color=LINES[0]["color"], linestyle="none", label="front", zorder=3
+            )
+            given = found.counted(found.before)
+            if np.isfinite(given).all():
+                ax.plot(
+                    *given[:2],
+                    marker="s",
+                    markersize=6.5,
+                    markerfacecolor="white",
+                    color=LINES[1]["color"],
+                    linestyle="none",
+                    label="as given",
+                    zorder=4,
+                )
+            if len(front):
+                best = found.counted(found.best)
+                ax.plot(
+                    *best[:2], marker="*", markersize=11, markerfacecolor="white", color="black", linestyle="none", label="tuned", zorder=5
+                )
+                # what is tried far from the front says little about it
+                seen = np.vstack([front, [given] if np.isfinite(given).all() else front[:1]])[:, :2]
+                low, high = seen.min(axis=0), seen.max(axis=0)
+                room = np.where(high > low, 0.15 * (high - low), 0.1 * np.maximum(np.abs(high), 1e-3))
+                ax.set_xlim(low[0] - room[0], high[0] + room[0])
+                ax.set_ylim(low[1] - room[1], high[1] + room[1])
+            ax.set_xlabel(names[0])
+            ax.set_ylabel(names[1])
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.2)
+    return ax

@@ -124,9 +124,9 @@ class Scene:
                 return case
         raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
 
-    def run(self, label: str) -> Trajectory:
-        """Simulate one case. Raises what `simulate` raises."""
-        return simulate(self.plant(), self.duration, **self.arguments(self.case(label)))
+    def run(self, case: str | Case) -> Trajectory:
+        """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
+        return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
 
     @property
     def measures(self) -> dict[str, tuple[str, ...]]:
@@ -143,7 +143,9 @@ class Scene:
         plant, asked = self.plant(), self.measures if measures is None else measures
         found = [needs(checked_run(plant, self.duration, **self.arguments(case)).system, asked, len(self.parts)) for case in self.cases]
         parts = tuple(
-            Need(same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same)))
+            Need(
+                same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
+            )
             for same in zip(*(each.parts for each in found), strict=True)
         )
         return Needs(parts, min(each.idle for each in found))

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from toolbox.scene import Scene
     from toolbox.severity_map import SeverityMap
     from toolbox.trajectory import Trajectory
+    from toolbox.tune import Tuned
+    from toolbox.work_precision import WorkPrecision
 
 
 @dataclass(frozen=True)
@@ -57,21 +59,35 @@ def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory |
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
-    target = scene.reference
-    peak = measure.extent(run, scene.effort)
     row = Row(
         controller=label,
         verdict=verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
-        stuck=run.time_in(scene.element, "stick", after=scene.after),
-        severity=measure.severity(run, scene.signal, after=scene.after),
-        settling=measure.settling(run, scene.signal, target) if target else math.nan,
-        overshoot=measure.overshoot(run, scene.signal, target) if target else math.nan,
-        peak=max(abs(peak.minimum), abs(peak.maximum)),
+        **{name: measured(scene, run, name) for name in MEASURES},
         error=error,
         wall_time=run.wall_time,
         files=files,
     )
     return row, run
+
+
+MEASURES = ("stuck", "severity", "settling", "overshoot", "peak")
+"""Numbers of the verdict, by the names of their columns."""
+
+
+def measured(scene: Scene, run: Trajectory, name: str) -> float:
+    """One of the `MEASURES` of a run of a scene, in SI; nan for settling and overshoot where there is no set-point."""
+    from toolbox import measure
+
+    if name == "stuck":
+        return run.time_in(scene.element, "stick", after=scene.after)
+    if name == "severity":
+        return measure.severity(run, scene.signal, after=scene.after)
+    if name == "peak":
+        peak = measure.extent(run, scene.effort)
+        return max(abs(peak.minimum), abs(peak.maximum))
+    if not scene.reference:
+        return math.nan
+    return {"settling": measure.settling, "overshoot": measure.overshoot}[name](run, scene.signal, scene.reference)
 
 
 def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
@@ -161,8 +177,8 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_map(found: SeverityMap, path: Path) -> None:
-    """Write the figure of a severity map."""
+def draw_found(found: SeverityMap | Tuned | WorkPrecision, path: Path) -> None:
+    """Write the figure of what a search, a map or a measurement found."""
     _plot()
     _write(found.plot(), found.title, path)
 

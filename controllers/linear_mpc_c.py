@@ -1,0 +1,192 @@
+"""A designed `LinearMPC` as C: filter, program, check, stand-in drive and limits in one step, around a solver that OSQP writes for this program.
+
+    estimate z = z- + L (y - C z-);  theta = (x at arrival, last torque, T, reference);  min 1/2 U'H U + (G theta + l)' U, bounds less K theta
+    u = first torque of the plan where its KKT residual is below 1e-6, else that of the soft drive;  within limits;  z- of the next sample
+
+The step is the one of `PlannedLinear`, written once more as casadi expressions, and a test holds the two against each other. Why OSQP: it writes its own C with
+all memory static and ships the sources, so that nothing is loaded while building. It is a first-order method, here run to 1e-8, mostly some 25 iterations and
+hundreds where many limits bind (see `controllers.quadratic_program`); where the plan does not pass its check after `iterations`, the soft drive acts. The
+solver's state is global: link one law of a name, and call it from one thread. Source: B. Stellato et al., Math. Prog. Comp. 12 (2020).
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from toolbox import SceneError
+from toolbox.export import Declared, written
+
+if TYPE_CHECKING:
+    from controllers.linear_mpc import PlannedLinear
+
+FAR = 1e30
+"""What OSQP takes for infinity."""
+TOLERANCE = 1e-6
+"""Largest KKT residual of a plan that is used, as for the active-set solver in Python."""
+
+
+def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 20000) -> tuple[Path, Path]:
+    """Write NAME.c, NAME.h and the folder NAME_osqp of the solver; compile NAME.c with every .c of the folder and of its `src`.
+
+    Raises SceneError for another period than that of the law.
+    """
+    numbers, name = law.law, c.stem
+    if abs(period - numbers.period) > 1e-12 * period:
+        raise SceneError(f"Argument `period` must be {numbers.period:g} s, the `period` of the law, but it is {period!r}.")
+    before, after = _steps(law, name)
+    _solver(law, c.parent, name, iterations)
+    units = {"top.speed": "rad/s", "bit.speed": "rad/s"}
+    model = dict(zip(law.model.states, law.model.units, strict=True))
+    reads = [(signal, units.get(signal, model.get(signal, "1")), "") for signal in numbers.sensors]
+    states = [(f"estimate.{signal}", unit) for signal, unit in zip(law.model.states, law.model.units, strict=True)]
+    memory = [
+        *states,
+        ("estimate.bit.torque", "N m"),
+        ("last torque", "N m"),
+        ("torque of the soft drive", "N m"),
+        ("soft drive acts", "1"),
+    ]
+    declared = Declared(
+        "LinearMPC", name, period,
+        [*reads, ("top.reference", "rad/s", f"set-point, {numbers.reference:.17g} unless it moves")],
+        memory, [("top.torque", "N m", "")],
+        note=f"The solver in {name}_osqp (OSQP, Apache 2.0) keeps its last answer to start from in static memory: one law, one thread.\n"
+        f"Compile with {name}_osqp/*.c and {name}_osqp/src/*.c, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
+        "The last entry of the memory is 1 while the plan did not pass its check and the soft drive acts.",
+    )  # fmt: skip
+    return written(c, h, declared, [before, after], _orchestration(name, law, before, after))
+
+
+def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
+    """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound)."""
+    numbers, observer = law.law, law.filter
+    n, sensors = law.model.A.shape[0] + 1, len(numbers.sensors)
+    y, memory = ca.MX.sym("y", sensors + 1), ca.MX.sym("memory", n + 3)
+    prior, last, offset, acting = memory[:n], memory[n], memory[n + 1], memory[n + 2]
+    reference = y[sensors]
+    z = prior + ca.DM(observer.gain) @ (y[:sensors] - ca.DM(observer.rows) @ prior)
+    arrival = ca.DM(observer.first) @ z + ca.DM(observer.first_drive) * last
+    theta = ca.vertcat(arrival[:-1], last, arrival[-1], reference)
+    g = ca.DM(law.slope) @ theta + ca.DM(law.linear)
+    width = law.linear.size
+    shift = ca.vertcat(ca.MX.zeros(width), ca.DM(law.known) @ theta)
+    low, high = (ca.fmin(ca.fmax(ca.DM(np.clip(bound, -FAR, FAR)) - shift, -FAR), FAR) for bound in (law.low, law.high))
+    before = ca.Function(f"{name}_before", [y, memory], [g, low, high], ["y", "memory"], ["g", "low", "high"])
+
+    # the check of `controllers.quadratic_program.residuals`
+    H, A = ca.DM(law.program.H), ca.DM(law.program.A)
+    U, dual, solved = ca.MX.sym("primal", width), ca.MX.sym("dual", law.low.size), ca.MX.sym("solved")
+    curved, pushed = H @ U, dual[:width] + A.T @ dual[width:]
+    size = 1.0 + ca.fmax(ca.fmax(ca.mmax(ca.fabs(curved)), ca.mmax(ca.fabs(g))), ca.mmax(ca.fabs(pushed)))
+    value = ca.vertcat(U, A @ U)
+    reach = 1.0 + ca.fabs(value)
+    below, above = value - low, high - value
+    outside = ca.fmax(-ca.fmin(below, above), 0.0) / reach
+    distance = ca.fabs(ca.if_else(dual > 0.0, above, below))
+    standing = ca.fabs(dual) / size * ca.if_else(distance < FAR / 10, distance / reach, 1.0)
+    residual = ca.fmax(ca.fmax(ca.mmax(ca.fabs(curved + g + pushed)) / size, ca.mmax(outside)), ca.mmax(standing))
+    sound = ca.logic_and(solved > 0.5, residual <= TOLERANCE)
+
+    error = reference - ca.DM(law.top[None, :]) @ z[:-1]
+    begun = ca.if_else(acting > 0.5, offset, last - law.drive.proportional * error) + law.drive.integral * numbers.period * error
+    wanted = ca.if_else(sound, U[0] * numbers.torque_size, begun + law.drive.proportional * error)
+    if np.isfinite(law.rate):
+        wanted = ca.fmin(ca.fmax(wanted, last - law.rate), last + law.rate)
+    command = ca.fmin(ca.fmax(wanted, max(law.lowest, -FAR)), min(law.highest, FAR))
+    following = ca.DM(observer.rest) @ arrival + ca.DM(observer.rest_drive) * command
+    memory_next = ca.vertcat(following, command, ca.if_else(sound, 0.0, begun), 1.0 - sound)
+    after = ca.Function(
+        f"{name}_after",
+        [y, memory, U, dual, solved],
+        [command, memory_next, sound],
+        ["y", "memory", "primal", "dual", "solved"],
+        ["u", "next", "sound"],
+    )
+    return before, after
+
+
+def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> None:
+    """The sources of a solver for the program, in NAME_osqp."""
+    import osqp
+    from scipy.sparse import csc_matrix, eye, vstack
+
+    H, A = law.program.H, law.program.A
+    n, many = H.shape[0], H.shape[0] + A.shape[0]
+    program = osqp.OSQP()
+    rows = vstack([eye(n), csc_matrix(A)], format="csc")
+    program.setup(
+        csc_matrix(np.triu(H)), np.zeros(n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-8, eps_rel=1e-9, max_iter=iterations,
+        adaptive_rho_interval=50,
+    )  # fmt: skip
+    target = folder / f"{name}_osqp"
+    if target.exists() and not (target / "osqp_configure.h").exists():
+        raise SceneError(f"Argument `path` must not hide your own files, but `{target}` is not from an earlier export.")
+    with tempfile.TemporaryDirectory() as made:
+        program.codegen(made, parameters="matrices", force_rewrite=True, extension_name=name, compile=False, prefix=f"{name}_")
+        for needless in ("CMakeLists.txt", "Makefile", "bindings.cpp", "emosqp.c", "setup.py"):
+            (Path(made) / needless).unlink(missing_ok=True)
+        try:
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(made, target)
+        except OSError as error:
+            raise SceneError(f"Cannot write `{target}`: {error.strerror}.") from None
+
+
+def _orchestration(name: str, law: PlannedLinear, before: ca.Function, after: ca.Function) -> str:
+    """The step around the solver."""
+    width, many = law.linear.size, law.low.size
+    memory = after.size1_out("next")
+    work = [max(getattr(before, word)(), getattr(after, word)(), 1) for word in ("sz_arg", "sz_res", "sz_iw", "sz_w")]
+    warm = "" if law.program.warm else f"  osqp_cold_start(&{name}_solver);\n"
+    return f"""#include "{name}_osqp/{name}_workspace.h"
+#include "osqp.h"
+
+int {name}_step(const double *y, double *memory, double *u) {{
+  static double g[{width}], low[{many}], high[{many}], primal[{width}], dual[{many}], next[{memory}], w[{work[3]}];
+  static int iw[{work[2]}];
+  const double *arg[{work[0]}];
+  double *res[{work[1]}], solved, sound;
+  int i, failed;
+  arg[0] = y;
+  arg[1] = memory;
+  res[0] = g;
+  res[1] = low;
+  res[2] = high;
+  failed = {name}_before(arg, res, iw, w, 0);
+  if (failed) return failed;
+{warm}  failed = (int)osqp_update_data_vec(&{name}_solver, g, low, high);
+  if (!failed) failed = (int)osqp_solve(&{name}_solver);
+  solved = failed ? 0.0 : 1.0;
+  for (i = 0; i < {width}; ++i) {{
+    primal[i] = {name}_solver.solution->x[i];
+    if (!(fabs(primal[i]) < 1e30)) solved = 0.0;
+  }}
+  for (i = 0; i < {many}; ++i) {{
+    dual[i] = {name}_solver.solution->y[i];
+    if (!(fabs(dual[i]) < 1e30)) solved = 0.0;
+  }}
+  if (solved == 0.0) {{
+    for (i = 0; i < {width}; ++i) primal[i] = 0.0;
+    for (i = 0; i < {many}; ++i) dual[i] = 0.0;
+  }}
+  arg[0] = y;
+  arg[1] = memory;
+  arg[2] = primal;
+  arg[3] = dual;
+  arg[4] = &solved;
+  res[0] = u;
+  res[1] = next;
+  res[2] = &sound;
+  failed = {name}_after(arg, res, iw, w, 0);
+  if (failed) return failed;
+  if (sound == 0.0) osqp_cold_start(&{name}_solver);
+  for (i = 0; i < {memory}; ++i) memory[i] = next[i];
+  return 0;
+}}
+"""

@@ -1,0 +1,372 @@
+"""Tuning: optima and fronts that are known in closed form, and a search that can be killed and goes on."""
+
+import dataclasses
+import json
+import math
+import statistics
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from controllers import LQG, PI, ActiveDamping, StiffPI
+from models import BitRock, TorsionalChain, wells
+from toolbox import Controller, Equations, Sampled, SceneError, SimulationError, linearise, measure, quantity, state, tune
+from toolbox.scene import Case, Scene
+
+
+@dataclass(frozen=True)
+class Dials(Controller):
+    """A law of two numbers that an objective can read back: a torque and a signal."""
+
+    measures, drives = ("top.speed",), ("top.torque",)
+    torque: float = quantity(1000.0, "N m", "constant torque")
+    dial: float = quantity(0.0, "1", "a number that drives nothing")
+    gain: float = quantity(1.0, "1", "must be positive", above=0)
+
+    def continuous(self, signal):
+        return Equations(gives={"top.torque": (self.torque, "N m"), "dials.dial": (self.dial, "1")})
+
+
+def scene(*cases, duration=0.1, **changes):
+    parts = changes.pop("parts", (wells.JANSEN_2, BitRock()))
+    return Scene("rig", parts, cases or (Case("dials", Dials()),), duration, "bit", "bit.speed", "top.torque", 0.5 * duration, **changes)
+
+
+def end(run, signal):
+    return float(run.at(run.end)[signal])
+
+
+def off_by(run):
+    return abs(end(run, "top.torque") - end(run, "bit.weight"))
+
+
+def squared(run):
+    return off_by(run) ** 2
+
+
+LOADS = (1000.0, 2000.0, 6000.0)
+
+
+def loads():
+    return {f"{load:g} N": scene(parameters={"bit.weight": load}) for load in LOADS}
+
+
+# --- what it finds
+
+
+def test_the_worst_case_of_distances_is_smallest_in_the_middle_and_the_mean_of_squares_at_the_mean():
+    box = {"torque": (100.0, 10_000.0)}
+    worst = tune(loads(), Dials(), off_by, box, runs=120)
+    assert worst.law.torque == pytest.approx((min(LOADS) + max(LOADS)) / 2, rel=1e-3)
+    assert worst.counted(worst.best)[0] == pytest.approx((max(LOADS) - min(LOADS)) / 2, rel=1e-3)
+    assert worst.counted(worst.before)[0] == pytest.approx(max(LOADS) - 1000.0)  # the law as given, on the farthest load
+    mean = tune(loads(), Dials(), squared, box, over=statistics.fmean, runs=120)
+    assert mean.law.torque == pytest.approx(statistics.fmean(LOADS), rel=1e-3)
+
+
+def test_the_best_damped_pi_drive_on_a_free_string_is_the_optimum_of_jansen_and_van_den_steen():
+    string = TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0,), damping=(0.0,), top_drag=0.0, bit_drag=0.0)
+    slip = scene(duration=0.01, parts=(string, BitRock(weight=0.0)), start={"chain.speed": (5.0, 5.0)})
+
+    def least_damped(run):
+        return float(linearise(run.run.system, at=run.at(run.end)).poles().real.max())
+
+    given = PI(proportional=2e4, integral=2e3)
+    found = tune(slip, given, {"growth [1/s]": least_damped}, {"proportional": (100.0, 1e5), "integral": (50.0, 5e4)}, runs=400)
+    spring, damper = ActiveDamping.gains(473.0, 374.0, 2122.0)
+    om = math.sqrt(473.0 / 374.0)
+    optimum = -0.5 * om * math.sqrt(374.0 / 2122.0)  # real part of the double pair
+    assert optimum <= found.counted(found.best)[0] < 0.98 * optimum
+    assert found.law.integral == pytest.approx(spring, rel=0.05) and found.law.proportional == pytest.approx(damper, rel=0.05)
+    assert found.counted(found.before)[0] > 0.2 * optimum  # the drive as given hardly damps
+
+
+def test_the_front_of_two_distances_is_all_that_lies_between_their_zeros():
+    first, last = 2000.0, 6000.0
+    objectives = {"low": lambda run: (end(run, "top.torque") - first) ** 2, "high": lambda run: (end(run, "top.torque") - last) ** 2}
+    found = tune(scene(), Dials(), objectives, {"torque": (100.0, 10_000.0)}, runs=150)
+    torques = np.array([trial.numbers[0] for trial in found.front])
+    assert torques.min() == pytest.approx(first, abs=10.0) and torques.max() == pytest.approx(last, abs=10.0)
+    assert len(torques) > 40 and np.diff(torques).max() < 500.0
+    for (
+        trial
+    ) in found.front:  # the closed form of the front; its last points may lie beyond the zeros, by as much as the search missed them
+        low, high = found.counted(trial)
+        assert math.sqrt(low) + math.sqrt(high) == pytest.approx(last - first, abs=20.0 if not first <= trial.numbers[0] <= last else 1e-6)
+    assert found.best.numbers[0] == pytest.approx((first + last) / 2, abs=300.0)
+    beaten = [trial for trial in found.trials if not first - 20 <= trial.numbers[0] <= last + 20]
+    assert beaten and not any(trial in found.front for trial in beaten)
+
+
+def test_a_front_that_is_not_convex_is_reached_in_its_middle():
+    # C. M. Fonseca, P. J. Fleming 1995: both numbers equal between -1/sqrt 2 and 1/sqrt 2 on the front
+    def numbers(run):
+        return np.array([end(run, "top.torque") / 1000.0, end(run, "dials.dial")])
+
+    objectives = {
+        "one": lambda run: 1 - math.exp(-np.sum((numbers(run) - 1 / math.sqrt(2)) ** 2)),
+        "other": lambda run: 1 - math.exp(-np.sum((numbers(run) + 1 / math.sqrt(2)) ** 2)),
+    }
+    found = tune(scene(), Dials(), objectives, {"torque": (-4000.0, 4000.0), "dial": (-4.0, 4.0)}, runs=300)
+    values = np.array([found.counted(trial) for trial in found.front])
+    t = np.linspace(-1, 1, 2001) / math.sqrt(2)
+    truth = np.column_stack([1 - np.exp(-2 * (t - 1 / math.sqrt(2)) ** 2), 1 - np.exp(-2 * (t + 1 / math.sqrt(2)) ** 2)])
+    to_front = np.min(np.linalg.norm(values[:, None] - truth[None], axis=2), axis=1)
+    assert np.median(to_front) < 0.01
+    middle = values[(values > 0.45).all(axis=1) & (values < 0.8).all(axis=1)]  # there weighted sums find nothing
+    assert len(middle) >= 3
+    both = np.exp(-1.0)  # at the middle of the front both objectives are 1 - exp(-1)
+    assert np.min(np.abs(values - (1 - both)).max(axis=1)) < 0.06
+
+
+def rig(weight=97_347.0):
+    cases = (Case("stiff", StiffPI(reference=9.9)), Case("stiff, 100 Hz", StiffPI(reference=9.9), sample_time=0.01))
+    return scene(*cases, duration=80.0, reference=9.9, parameters={"bit.weight": weight})
+
+
+def test_tuning_frees_the_bit_that_the_stiff_drive_leaves_in_stick_slip_on_every_weight():
+    scenes = {f"{weight / 1e3:g} kN": rig(weight) for weight in (90e3, 100e3)}
+    found = tune(scenes, "stiff, 100 Hz", "severity", {"proportional": (500.0, 5e4), "integral": (50.0, 2e4)}, runs=20)
+    assert all(value > 0.5 for (value,) in found.before.values)  # as given: stick-slip on both
+    assert all(value < 0.02 for (value,) in found.best.values)
+    law = found.law
+    assert isinstance(law, Sampled) and law.period == 0.01
+    for each in scenes.values():
+        given, tuned = each.run("stiff, 100 Hz"), each.run(dataclasses.replace(each.case("stiff, 100 Hz"), law=law.law))
+        assert given.time_in("bit", "stick", after=40.0) > 5.0
+        assert tuned.time_in("bit", "stick", after=40.0) == 0.0
+    report = str(found)
+    for word in ("StiffPI `stiff, 100 Hz`", "proportional [N m s/rad]", "worst of 2 scenes", "90 kN", "severity", "given", "tuned", "log"):
+        assert word in report
+
+
+def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_functions():
+    by_name = tune(rig(), "stiff", ["severity", "peak"], {"proportional": (1e3, 1e5)}, runs=10)
+    by_function = tune(rig(), "stiff", [measure.severity, "peak"], {"proportional": (1e3, 1e5)}, runs=10)
+    assert by_name.trials == by_function.trials and by_name.objectives == by_function.objectives
+    run = rig().run("stiff")
+    assert by_name.before.values == ((measure.severity(run, "bit.speed", after=40.0), measure.extent(run, "top.torque").maximum),)
+    assert by_name.units == ("1", "N m")
+
+
+def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
+    found = tune(rig(), Sampled(LQG(reference=9.9), 0.01), "stuck", {"bit_size": (0.5, 5.0)}, runs=10)
+    assert isinstance(found.law, Sampled) and isinstance(found.law.law, LQG)
+    drive = PI(reference=9.9, highest_torque=None)
+    found = tune(rig(), drive, "severity", {"highest_torque": (1e4, 3e4)}, runs=10)
+    assert found.before.numbers == (None,) and found.trials[1].numbers[0] > 1e4
+    assert "by design" in str(found)
+
+
+def test_another_number_compiles_nothing(monkeypatch):
+    tune(rig(), "stiff", "severity", {"proportional": (1e3, 1e5)}, runs=10)
+    monkeypatch.setattr("toolbox.kernel.compiled", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr("toolbox.emit._object_code", lambda *_: pytest.fail("compiled again"))
+    found = tune(rig(), "stiff", "severity", {"integral": (1e2, 1e4)}, runs=10, seed=4)
+    assert len(found.trials) >= 8 and not any(trial.failed for trial in found.trials)
+
+
+# --- what fails
+
+
+@dataclass(frozen=True)
+class Escape(Controller):
+    """A law whose state leaves every bound at the time pi / 2 / growth, and which cannot be designed above a growth of 5."""
+
+    drives = ("top.torque",)
+    growth: float = quantity(0.1, "1/s", "growth", above=0)
+
+    def design(self, plant):
+        if self.growth > 5.0:
+            raise SceneError("There is no such law.")
+        return self
+
+    def continuous(self, signal):
+        x = state("escape.state", "1")
+        return Equations(flow={x: self.growth * (1 + x**2)}, gives={"top.torque": (1000.0 * self.growth, "N m")})
+
+
+def test_runs_that_fail_and_laws_that_cannot_be_designed_are_infinitely_bad_and_recorded(tmp_path):
+    long = scene(Case("escape", Escape()), duration=1.0)
+    found = tune(long, "escape", {"torque": lambda run: -end(run, "top.torque")}, {"growth": (0.5, 20.0)}, runs=60)
+    failed = [trial for trial in found.trials if trial.failed]
+    assert failed and all(trial.values == ((math.inf,),) for trial in failed)
+    for trial in found.trials:
+        if abs(trial.numbers[0] - math.pi / 2) > 1e-5:  # where the state is finite, but beyond what a run can resolve
+            assert trial.failed == (trial.numbers[0] > math.pi / 2)
+    assert {words.partition(":")[0] for trial in failed for words in trial.failures} >= {"SceneError"}
+    assert any("SceneError" not in trial.failures[0] for trial in failed)
+    assert found.law.growth == pytest.approx(math.pi / 2, rel=1e-2)  # the cliff
+    assert f"{len(failed)} of the points" in str(found)
+    text = found.save(tmp_path / "trials.csv").read_text().splitlines()
+    assert text[0] == "growth [1/s],torque,front,failure" and len(text) == len(found.trials) + 1
+    assert sum("There is no such law" in line for line in text) > 0
+
+
+def test_where_every_run_fails_the_report_says_so_and_there_is_no_law():
+    hopeless = tune(scene(Case("escape", Escape(growth=3.0)), duration=1.0), "escape", "severity", {"growth": (2.0, 4.0)}, runs=30)
+    assert hopeless.front == () and "Nothing was found" in str(hopeless)
+    with pytest.raises(SceneError, match="all .* trials failed"):
+        _ = hopeless.law
+    several = tune(
+        scene(Case("escape", Escape(growth=3.0)), duration=1.0), "escape", ["severity", "stuck"], {"growth": (2.0, 4.0)}, runs=30
+    )
+    assert several.front == ()
+
+
+def test_an_objective_that_does_not_exist_is_infinitely_bad():
+    found = tune(
+        scene(),
+        Dials(),
+        {"root": lambda run: math.sqrt(x) if (x := end(run, "dials.dial")) >= 0 else math.nan},
+        {"dial": (-1.0, 1.0)},
+        runs=60,
+    )
+    assert all(math.isinf(trial.values[0][0]) == (trial.numbers[0] < 0) for trial in found.trials)
+    assert found.law.dial == pytest.approx(0.0, abs=1e-3)
+
+
+# --- a search that can be killed
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_killed_tuning_goes_on_from_its_journal_to_the_result_it_would_have_had(tmp_path, monkeypatch, several):
+    objective = {"off": off_by, "torque": torque_of} if several else {"off": off_by}
+    arguments = (loads(), Dials(), objective, {"torque": (100.0, 10_000.0)})
+    whole = tune(*arguments, runs=60)
+    path = tmp_path / "journal.jsonl"
+    calls = []
+    simulated = Scene.run
+
+    def killing(self, case):
+        calls.append(case)
+        if len(calls) == 77:
+            raise KeyboardInterrupt
+        return simulated(self, case)
+
+    monkeypatch.setattr(Scene, "run", killing)
+    with pytest.raises(KeyboardInterrupt):
+        tune(*arguments, runs=60, journal=path)
+    assert len(path.read_text().splitlines()) == 1 + 76 // 3  # the arguments, and every point that was done
+    with path.open("a") as file:
+        file.write('{"numbers": [12')  # as if killed while writing
+    resumed = tune(*arguments, runs=60, journal=path)
+    assert resumed.trials == whole.trials and resumed.law == whole.law and str(resumed) == str(whole)
+    assert resumed.simulated == whole.simulated - 3 * (76 // 3)
+    again = tune(*arguments, runs=60, journal=path)
+    assert again.trials == whole.trials and again.simulated == 0
+    longer = tune(*arguments, runs=80, journal=path)
+    assert longer.simulated < 3 * len(longer.trials)
+
+
+def torque_of(run):
+    return end(run, "top.torque")
+
+
+def test_a_journal_keeps_failures_and_values_to_the_last_bit(tmp_path):
+    long = scene(Case("escape", Escape()), duration=1.0)
+    arguments = (long, "escape", "severity", {"growth": (0.5, 20.0)})
+    first = tune(*arguments, runs=20, journal=tmp_path / "j")
+    assert any(trial.failed for trial in first.trials)
+    second = tune(*arguments, runs=20, journal=tmp_path / "j")
+    assert second.trials == first.trials and second.simulated == 0
+
+
+def test_a_journal_of_other_arguments_is_refused_by_the_name_of_what_differs(tmp_path):
+    path = tmp_path / "j"
+    box = {"torque": (100.0, 10_000.0)}
+    tune(loads(), Dials(), off_by, box, runs=10, journal=path)
+    before = path.read_bytes()
+    for word, arguments, more in (
+        ("bounds", (loads(), Dials(), off_by, {"torque": (100.0, 20_000.0)}), {}),
+        ("controller", (loads(), Dials(dial=1.0), off_by, box), {}),
+        ("scene", (scene(), Dials(), off_by, box), {}),
+        ("objective", (loads(), Dials(), squared, box), {}),
+        ("seed", (loads(), Dials(), off_by, box), {"seed": 1}),
+    ):
+        with pytest.raises(SceneError, match=f"same arguments.*of another `{word}`"):
+            tune(*arguments, runs=10, journal=path, **more)
+    assert path.read_bytes() == before
+    limits = [1.0, 2.0]
+    objectives = [lambda run, limit=limit: off_by(run) - limit for limit in limits]  # functions that differ in what they hold
+    tune(scene(), Dials(), {"f": objectives[0]}, box, runs=10, journal=tmp_path / "k")
+    with pytest.raises(SceneError, match="objective"):
+        tune(scene(), Dials(), {"f": objectives[1]}, box, runs=10, journal=tmp_path / "k")
+
+
+def test_a_file_that_is_no_journal_is_left_alone(tmp_path):
+    for content in ("my notes\n", "my notes", "{}\n", json.dumps({"format": "other", "arguments": {}}) + "\n"):
+        path = tmp_path / "notes"
+        path.write_text(content)
+        with pytest.raises(SceneError, match="something else"):
+            tune(scene(), Dials(), off_by, {"torque": (1.0, 2.0)}, runs=10, journal=path)
+        assert path.read_text() == content
+    path = tmp_path / "broken"
+    tune(scene(), Dials(), off_by, {"torque": (1.0, 2.0)}, runs=10, journal=path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], "nonsense", *lines[2:]]) + "\n")
+    with pytest.raises(SceneError, match="line 3"):
+        tune(scene(), Dials(), off_by, {"torque": (1.0, 2.0)}, runs=10, journal=path)
+    with pytest.raises(SceneError, match="cannot"):
+        tune(scene(), Dials(), off_by, {"torque": (1.0, 2.0)}, runs=10, journal=tmp_path / "nowhere" / "j")
+
+
+def test_the_same_seed_gives_the_same_search_and_another_one_another():
+    arguments = (scene(), Dials(), off_by, {"torque": (100.0, 10_000.0)})
+    first, second, other = (tune(*arguments, runs=40, seed=seed) for seed in (1, 1, 2))
+    assert first.trials == second.trials
+    assert first.trials != other.trials
+
+
+# --- mistakes
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scene": 3}, "`scene` must be a Scene"),
+        ({"scene": []}, "at least one Scene"),
+        ({"controller": "dial"}, "did you mean `dials`"),
+        ({"controller": lambda t, y: 0.0}, "`controller` must be"),
+        ({"controller": "bare"}, "has none"),
+        ({"objective": "severty"}, "did you mean `severity`"),
+        ({"objective": "settling"}, "no `reference`"),
+        ({"objective": []}, "at least one"),
+        ({"objective": 3}, "`objective` must be"),
+        ({"objective": ["stuck", "stuck"]}, "every objective once"),
+        ({"bounds": {}}, "`bounds` must map"),
+        ({"bounds": {"torqe": (1.0, 2.0)}}, "did you mean `torque`"),
+        ({"bounds": {"torque": (2.0, 1.0)}}, "low < high"),
+        ({"bounds": {"torque": (1.0, math.inf)}}, "low < high"),
+        ({"bounds": {"gain": (0.0, 1.0)}}, "must be > 0"),
+        ({"bounds": {"name": (0.0, 1.0)}}, "no number `name`"),
+        ({"over": 3}, "`over` must be"),
+        ({"runs": 3}, "`runs` must be"),
+        ({"seed": -1}, "`seed` must be"),
+        ({"objective": lambda run: run["no.signal"][0]}, "no.signal"),
+    ],
+)
+def test_a_mistake_names_the_argument(change, words):
+    two = scene(Case("dials", Dials()), Case("bare", inputs={"top.torque": 1.0}))
+    arguments = {"scene": two, "controller": "dials", "objective": off_by, "bounds": {"torque": (1.0, 2.0)}} | change
+    with pytest.raises(SceneError, match=words):
+        tune(**arguments)
+
+
+def test_the_law_as_given_fails_aloud_where_it_is_wrong_and_is_recorded_where_only_its_run_fails():
+    with pytest.raises(SceneError, match="no such law"):
+        tune(scene(Case("escape", Escape(growth=6.0))), "escape", "severity", {"growth": (0.5, 1.0)}, runs=10)
+    found = tune(scene(Case("escape", Escape(growth=3.0)), duration=1.0), "escape", torque_of, {"growth": (0.5, 1.0)}, runs=10)
+    assert found.before.failed and found.before.failures[0].startswith(SimulationError.__name__)
+    assert found.law.growth <= 1.0
+
+
+def test_the_figure_shows_the_front_or_the_best_so_far(tmp_path):
+    both = tune(scene(), Dials(), {"off [N]": off_by, "torque [N m]": torque_of}, {"torque": (100.0, 10_000.0)}, runs=40)
+    ax = both.plot()
+    assert ax.get_xlabel() == "off [N]" and ax.get_ylabel() == "torque [N m]"
+    assert {text.get_text() for text in ax.get_legend().get_texts()} >= {"front", "as given", "tuned", "tried"}
+    one = tune(scene(), Dials(), off_by, {"torque": (100.0, 10_000.0)}, runs=40).plot()
+    line = next(line for line in one.get_lines() if line.get_label() == "best so far")
+    assert (np.diff(line.get_ydata()) <= 0).all()

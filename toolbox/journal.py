@@ -1,0 +1,118 @@
+"""Results of a long search kept in a file, one line each, so that a killed search goes on where it was.
+
+Why a line at a time and not a file at the end: each result is appended by one write and forced to disk, so that a kill costs at most the line
+being written, which is recognised by its missing end and dropped. The first line holds the arguments of the search: results of other arguments are not used.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from toolbox.errors import SceneError
+
+FORMAT = "stickslip journal 1"
+
+
+class Journal:
+    """A file of results, each under a list of numbers as its key; numbers and results survive unchanged to the last bit.
+
+    arguments: {name: text} of the search. An existing file must be a journal of the same arguments, or SceneError names the one that differs.
+    """
+
+    def __init__(self, path: str | Path, arguments: Mapping[str, str]):
+        self.path = Path(path)
+        self.known: dict[tuple[float | None, ...], Any] = {}
+        header = {"format": FORMAT, "arguments": dict(arguments)}
+        try:
+            content = self.path.read_bytes() if self.path.exists() else b""
+            whole = content[: content.rfind(b"\n") + 1]
+            if content and not whole and not json.dumps(header).encode().startswith(content):
+                raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
+            if len(whole) < len(content):
+                with self.path.open("r+b") as file:
+                    file.truncate(len(whole))
+            if whole:
+                self._read(whole.decode("utf-8", "replace").splitlines(), header)
+            else:
+                self._append(header)
+        except OSError as error:
+            raise SceneError(
+                f"Argument `journal` must be a file that can be written, but `{self.path}` cannot: {error.strerror}."
+            ) from None
+
+    def _read(self, lines: list[str], header: dict[str, Any]) -> None:
+        found = _parsed(lines[0])
+        if not isinstance(found, dict) or found.get("format") != FORMAT:
+            raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
+        theirs, ours = found["arguments"], header["arguments"]
+        for name in {**ours, **theirs}:
+            if theirs.get(name) != ours.get(name):
+                old, new = (_shortened(each.get(name)) for each in (theirs, ours))
+                raise SceneError(
+                    f"Argument `journal` must come from a search with the same arguments, but `{self.path}` is of another `{name}`: {old} there, {new} here."
+                )
+        for number, line in enumerate(lines[1:], 2):
+            entry = _parsed(line)
+            if not isinstance(entry, dict) or not isinstance(entry.get("numbers"), list) or "result" not in entry:
+                raise SceneError(f"Argument `journal` must hold one result a line, but line {number} of `{self.path}` is none.")
+            self.known[tuple(entry["numbers"])] = entry["result"]
+
+    def add(self, numbers: tuple[float | None, ...], result: Any) -> None:
+        """Keep a result; it is on the disk when this returns."""
+        self._append({"numbers": numbers, "result": result})
+        self.known[numbers] = result
+
+    def _append(self, entry: Any) -> None:
+        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        try:
+            os.write(handle, json.dumps(entry).encode() + b"\n")
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def fingerprint(thing: Any) -> str:
+    """Text that is the same for equal arguments in every process: the representation of data; name and code of a function, with what it encloses.
+
+    What a function reads from its module is not part of it.
+    """
+    if isinstance(thing, functools.partial):
+        return f"partial({fingerprint(thing.func)}, {[fingerprint(a) for a in thing.args]}, { {k: fingerprint(v) for k, v in thing.keywords.items()} })"
+    code = getattr(thing, "__code__", None)
+    if code is None:
+        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(thing))
+    digest = hashlib.sha256()
+    waiting = [code]
+    while waiting:
+        each = waiting.pop()
+        digest.update(each.co_code + repr((each.co_names, each.co_varnames)).encode())
+        for constant in each.co_consts:
+            if hasattr(constant, "co_code"):
+                waiting.append(constant)
+            elif isinstance(constant, frozenset):
+                digest.update(repr(sorted(constant, key=repr)).encode())
+            else:
+                digest.update(repr(constant).encode())
+    enclosed = [fingerprint(cell.cell_contents) for cell in thing.__closure__ or ()]
+    enclosed += [fingerprint(value) for value in (*(thing.__defaults__ or ()), *(thing.__kwdefaults__ or {}).values())]
+    digest.update(repr(enclosed).encode())
+    return f"{thing.__module__}.{thing.__qualname__} {digest.hexdigest()[:16]}"
+
+
+def _parsed(line: str) -> Any:
+    try:
+        return json.loads(line)
+    except ValueError:
+        return None
+
+
+def _shortened(text: Any) -> str:
+    words = "nothing" if text is None else str(text)
+    return words if len(words) <= 200 else words[:160] + f"... ({hashlib.sha256(words.encode()).hexdigest()[:8]})"

@@ -14,8 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, steady, twist_row
+from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, sensor_rows, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
+from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
 
@@ -42,6 +43,7 @@ class NonlinearMPC(Predictive):
     steps: int = 4
     rest_speed: float = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    strength_walk: float = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
     slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
     margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
@@ -87,6 +89,13 @@ class PlannedNonlinear(PredictiveLaw):
             plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched)
         )
         self.contact = [element.name for element in plant.elements].index("bit")
+        if law.adapt:
+            sensors = sensor_rows(plant, law.sensors)
+            self.filter = RockFilter(
+                string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk,
+                strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
+                turning=2.0 * law.rest_speed, lasting=3,
+            )  # fmt: skip
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
         limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
@@ -206,13 +215,20 @@ class PlannedNonlinear(PredictiveLaw):
             free[~turns] = 2
         return free
 
+    def _rock_at(self, speed: float) -> tuple[float, float]:
+        """Torque and slope of the declared rock at a speed >= 0."""
+        near = np.interp((0.99 * speed, speed, 1.01 * speed + 1e-9), self.speeds, self.torques_of_rock)
+        return float(near[1]), float(near[2] - near[0]) / (0.02 * speed + 1e-9)
+
     def _rock_torque(self, speed: float) -> float:
         return float(np.interp(abs(speed), self.speeds, self.torques_of_rock))
 
     def _learn(self, speed: float, load: float, resting: bool) -> None:
         """The strength of the rock from its estimated torque."""
         law = self.settings
-        if resting:
+        if isinstance(self.filter, RockFilter) and self.filter.sliding:
+            self.strength = self.filter.strength
+        elif resting:
             self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
         elif abs(speed) > 2.0 * law.rest_speed:
             seen = np.sign(speed) * load / self._rock_torque(speed)

@@ -37,7 +37,7 @@ class Predictive(TorqueLimits):
     noise: tuple[float, ...] = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
     reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
     period: float = quantity(0.1, "s", "sample time", above=0)
-    delay: float = quantity(0.0, "s", "time until a command reaches the plant, at most one period", at_least=0)
+    delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
     top_size: float = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
     bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
@@ -65,8 +65,6 @@ class Predictive(TorqueLimits):
             raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
         if len(self.noise) != len(self.sensors) or not self.sensors:
             raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
-        if self.delay > self.period:
-            raise SceneError(f"Argument `delay` must be <= the period {self.period:g} s, but it is {self.delay!r}.")
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
@@ -167,14 +165,14 @@ class PredictiveLaw:
                 f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
             )
         estimate = self.filter.correct(np.asarray(y, float))
-        wanted, reason = self.plan(self.filter.arrival(self.last))
+        wanted, reason = self.plan(self.filter.arrival())
         if wanted is None:
             self.record.fallbacks.append((float(t), reason))
             wanted = self.drive.torque(self.law.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
         else:
             self.drive.rest()
         command = self.within(wanted, self.last)
-        self.filter.predict(self.last, command)
+        self.filter.predict(command)
         self.last = command
         self.samples += 1
         self.record.seconds.append(time.perf_counter() - began)

@@ -251,6 +251,38 @@ def test_the_filter_knows_when_a_late_command_arrives():
     assert errors[0.0] > 1e-2
 
 
+@pytest.mark.parametrize("delay", [0.03, 0.1, 0.35])
+def test_a_delay_that_the_law_knows_is_as_if_it_measured_so_much_later(delay):
+    # a string without rock is linear: the law must command now what one without delay would, given the state at which its command will arrive
+    free = compose(wells.JANSEN_2, BitRock(weight=0.0))
+    late = LinearMPC(reference=4.0, delay=delay, **LIMITS, **STATES)
+    prompt = LinearMPC(reference=4.0, **LIMITS, **STATES).design(free)
+    times = np.arange(100) * 0.1 + delay
+    run = simulate(free, 11.0, controller=Sampled(late, 0.1, delay=delay), output_times=times, accuracy=1e-11)
+    commands = np.array(run.answers[0]).ravel()[:100]
+    assert commands.max() > 5000.0
+    for k in range(100):
+        prompt.last = commands[k - 1] if k else 0.0
+        expected, _ = prompt.plan(np.append(run.states[k], 0.0))
+        assert commands[k] == pytest.approx(min(max(expected, 0.0), 20_000.0), abs=0.05)
+    # the twin that does not know of it commands something else
+    blind = simulate(free, 11.0, controller=Sampled(LinearMPC(reference=4.0, **LIMITS, **STATES), 0.1, delay=delay))
+    assert np.abs(np.array(blind.answers[0]).ravel()[:100] - commands).max() > 10.0
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_end_stick_slip(law):
+    stuck = {}
+    for known in (0.35, 0.0):
+        late = Sampled(law(reference=5.0, delay=known, **LIMITS), 0.1, delay=0.35)
+        run = simulate(RIG, 120.0, inputs=HEAVIER, controller=late)
+        stuck[known] = run.time_in("bit", "stick", after=60.0)
+        if known:
+            assert run.at(120.0)["bit.speed"] == pytest.approx(5.0, abs=0.05)
+    assert stuck[0.35] == 0.0
+    assert stuck[0.0] > 1.0
+
+
 # --- the stiction trap
 
 
@@ -321,7 +353,7 @@ def test_bad_arguments_are_named():
     for wrong, words in (
         ({"horizon": 0}, "horizon"),
         ({"noise": (0.1, 0.1)}, "noise"),
-        ({"delay": 0.2}, "delay"),
+        ({"delay": -0.1}, "delay"),
         ({"solver": "best"}, "solver"),
         ({"period": -1.0}, "period"),
         ({"highest_torque": -5.0, "lowest_torque": 0.0}, "highest_torque"),

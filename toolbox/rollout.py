@@ -127,25 +127,31 @@ class Rollout:
         slips = self.plant.slips(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
         return np.sign(np.array(slips).ravel())
 
-    def advance(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def advance(
+        self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """States (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
 
-        inputs: shape (N, n_u), in the order of `drives`.
+        inputs: shape (N, n_u), in the order of `drives`;  interval: another length [s] than that of the rollout, in as many steps.
         """
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
         A, B = np.empty((count, self.n, self.n)), np.empty((count, self.n, len(self.drives)))
         X[0], M[0] = state, self.modes(state)
-        self.loop.advance(self.addresses, self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M)
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M
+        )
         return X, A, B, M
 
-    def states(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u)."""
+    def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as of `advance`."""
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)
         none = np.empty((0, 0, 0))
-        self.loop.advance(self.addresses, self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M)
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M
+        )
         return X, M
 
     def _compile(self) -> None:

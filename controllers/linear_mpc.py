@@ -77,11 +77,10 @@ class PlannedLinear(PredictiveLaw):
         G[:N] += final.T @ P @ off
         for i in range(slacks):
             H[N + i, N + i] = law.priority
-        self.linear = np.zeros(width)
-        self.linear[N:] = law.priority
+        linear = np.append(np.zeros(N), np.full(slacks, law.priority))
         # bounds of the unknowns, then of the rows: moves, speed, twist
-        self.low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
-        self.high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))
+        low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
+        high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))
         pieces, known = [], []
         if np.isfinite(self.rate):
             piece = np.zeros((N, width))
@@ -90,7 +89,7 @@ class PlannedLinear(PredictiveLaw):
             offset = np.zeros((N, n + 3))
             offset[0, last] = -1.0 / unit
             known.append(offset)
-            self.low, self.high = np.append(self.low, np.full(N, -self.rate / unit)), np.append(self.high, np.full(N, self.rate / unit))
+            low, high = np.append(low, np.full(N, -self.rate / unit)), np.append(high, np.full(N, self.rate / unit))
         for i, (row, lowest, highest, size) in enumerate(rows):
             for side in (1, -1) if np.isfinite(lowest) and law.soft else (1,):
                 piece, offset = np.zeros((N, width)), np.zeros((N, n + 3))
@@ -103,21 +102,28 @@ class PlannedLinear(PredictiveLaw):
                 known.append(offset)
                 lower = lowest / size if not law.soft or side < 0 else -np.inf
                 upper = highest / size if side > 0 else np.inf
-                self.low, self.high = np.append(self.low, np.full(N, lower)), np.append(self.high, np.full(N, upper))
-        self.slope = G
-        self.known = np.vstack(known) if known else np.zeros((0, n + 3))
-        self.program = QuadraticProgram(H, np.vstack(pieces) if pieces else np.zeros((0, width)), law.solver, warm=law.warm)
+                low, high = np.append(low, np.full(N, lower)), np.append(high, np.full(N, upper))
+        # unknowns w = R z with H = R' R: a program whose Hessian is 1 needs no factor from its solver, sample after sample
+        self.back = np.linalg.inv(np.linalg.cholesky(H).T)
+        self.program = QuadraticProgram(np.eye(width), np.vstack([np.eye(width), *pieces]) @ self.back, law.solver, warm=law.warm)
+        # what theta adds to the gradient and takes from the bounds, in one product
+        self.given = np.vstack([self.back.T @ G, np.zeros((width, n + 3)), *known])
+        self.constant = np.append(self.back.T @ linear, np.zeros(low.size))
+        none = np.full(width, np.inf)
+        self.bounds = np.array([np.append(-none, low), np.append(none, high)])
+        self.theta, self.vectors = np.empty(n + 3), self.bounds.copy()
+        self.program.solve(self.constant[:width], *self.vectors)  # loads what is compiled, which no sample should wait for
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        theta = np.concatenate([z[:-1], (self.last, z[-1], self.law.reference)])
-        shift = self.known @ theta
-        low, high = self.low.copy(), self.high.copy()
-        low[-shift.size or low.size :] -= shift
-        high[-shift.size or high.size :] -= shift
-        answer = self.program.solve(self.slope @ theta + self.linear, low, high)
+        theta, width = self.theta, self.back.shape[0]
+        theta[:-3] = z[:-1]
+        theta[-3:] = self.last, z[-1], self.law.reference
+        moved = self.given @ theta + self.constant
+        np.subtract(self.bounds[:, width:], moved[width:], out=self.vectors[:, width:])
+        answer = self.program.solve(moved[:width], *self.vectors)
         self.record.answer = answer
         self.record.programs += 1
-        return (float(answer.z[0]) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
+        return (float(self.back[0] @ answer.z) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
 
 
 def _limits(law: Predictive, model: StringModel) -> list[tuple[np.ndarray, float, float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
-from toolbox import HybridSystem
+from toolbox import HybridSystem, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,9 +20,12 @@ class LinearMPC(Predictive):
 
     e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant
     torque. Without active limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its
-    matrices. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source: J. B. Rawlings, D. Q. Mayne,
-    M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
+    matrices. The slope of the rock is in A, so that T wanders little (`torque_walk`): a faster filter passes noise that a bit at low speed cannot bear, a
+    slower one is late for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source:
+    J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
     """
+
+    torque_walk: float = quantity(200.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0)
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
         """The callable law for the plant."""
@@ -117,7 +120,7 @@ class PlannedLinear(PredictiveLaw):
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         theta, width = self.theta, self.back.shape[0]
         theta[:-3] = z[:-1]
-        theta[-3:] = self.last, z[-1], self.law.reference
+        theta[-3:] = self.last, z[-1], self.reference
         moved = self.given @ theta + self.constant
         np.subtract(self.bounds[:, width:], moved[width:], out=self.vectors[:, width:])
         answer = self.program.solve(moved[:width], *self.vectors)

@@ -138,7 +138,8 @@ class PlannedNonlinear(PredictiveLaw):
             self._learn(x[self.place], load, resting)
         if resting and law.width is None:
             x[self.place] = 0.0
-        wish = self.target @ (law.reference, self.strength * self._rock_torque(law.reference))
+        wish = self.target @ (self.reference, self.strength * self._rock_torque(self.reference))
+        self.limit_low[0] = law.slowest * self.reference / law.bit_size
         x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
         around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
         shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
@@ -152,7 +153,7 @@ class PlannedNonlinear(PredictiveLaw):
         call = (roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
         limits = (self.lowest, self.highest, self.rate)
         if resting:
-            wound_up(*call, self.top, law.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
+            wound_up(*call, self.top, self.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
         else:
             regulated(*call, x_s, u_s, self.gain, self.last, *limits)
         other = self._cost(P_X, P_U, P_M, around)
@@ -198,7 +199,7 @@ class PlannedNonlinear(PredictiveLaw):
     def _first(self, X: np.ndarray) -> np.ndarray:
         """The stage from which each limit holds: for the bit, the first one that is fast enough, where a bit turns now."""
         first = np.zeros(self.limit_rows.shape[0], np.int64)
-        fast = X[1:, self.place] >= self.settings.slowest * self.settings.reference
+        fast = X[1:, self.place] >= self.settings.slowest * self.reference
         first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
         return first
 

@@ -27,7 +27,9 @@ class Predictive(TorqueLimits):
     no other gain can outweigh (`priority`); without `soft` they may leave no answer.
 
     measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
-    constant torque that the model does not know leaves no error. delay: how long after its sample a command reaches the plant, as the law knows it.
+    constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the stand-in of the signal
+    `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
+    law knows it; it may exceed the period.
 
     Every answer of the solver must pass the KKT conditions. Where none does, a soft-torque drive acts, from the torque that was. `run.laws[0].record` tells
     when and why, and how long each sample took. Sampled only, at `period`.
@@ -131,7 +133,10 @@ class SoftDrive:
 
 
 class PredictiveLaw:
-    """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason."""
+    """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
+
+    y: the sensors, then `top.reference`, which stays what it was where it is left out.
+    """
 
     measures: tuple[str, ...]
     drives = ("top.torque",)
@@ -143,6 +148,8 @@ class PredictiveLaw:
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
         self.drive = SoftDrive(law, plant)
+        self.reference = float(law.reference)
+        self.stand_ins = {"top.reference": (self.reference, "rad/s")}
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
         self.highest = np.inf if law.highest_torque is None else law.highest_torque
@@ -164,11 +171,14 @@ class PredictiveLaw:
             raise SceneError(
                 f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
             )
-        estimate = self.filter.correct(np.asarray(y, float))
+        y = np.asarray(y, float)
+        if y.size > len(self.measures):
+            self.reference = float(y[-1])
+        estimate = self.filter.correct(y[: len(self.measures)])
         wanted, reason = self.plan(self.filter.arrival())
         if wanted is None:
             self.record.fallbacks.append((float(t), reason))
-            wanted = self.drive.torque(self.law.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
+            wanted = self.drive.torque(self.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
         else:
             self.drive.rest()
         command = self.within(wanted, self.last)

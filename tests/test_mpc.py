@@ -1,6 +1,7 @@
 """Predictive laws: the regulator they become, limits, answers that do not pass, disturbances, and the trap of a lowered peak."""
 
 import copy
+import dataclasses
 import pickle
 
 import control
@@ -12,7 +13,7 @@ from controllers.predictive import Record, held
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, SceneError, compose, simulate
+from toolbox import Sampled, Scene, SceneError, compose, simulate
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -319,6 +320,47 @@ def test_exact_modes_free_the_bit_on_the_top_speed_alone(speed):
 def test_the_linear_law_frees_the_bit_too(speed):
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=LinearMPC(reference=speed, **LIMITS, **STATES), sample_time=0.1)
     assert run.time_in("bit", "stick", after=45.0) == 0.0
+
+
+# --- set-points that move
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_a_set_point_given_as_an_input_is_followed_and_stands_in_for_the_field(law):
+    profile = ((0.0, 60.0, 70.0), (5.0, 5.0, 8.0))
+    moved = simulate(RIG, 100.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1, inputs={"top.reference": profile})
+    kept = simulate(RIG, 60.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1)
+    for run, time, speed in ((moved, 59.0, 5.0), (moved, 100.0, 8.0), (kept, 60.0, 6.0)):
+        assert run.at(time)["top.reference"] == speed
+        assert run.at(time)["bit.speed"] == pytest.approx(speed, abs=2e-3)
+    given = simulate(RIG, 20.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1, inputs={"top.reference": 6.0})
+    assert np.array(given.answers[0])[:200] == pytest.approx(np.array(kept.answers[0])[:200], abs=1.0)  # N m; steps differ with the duration
+
+
+def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measures():
+    seen = []
+
+    def law(t, y):
+        seen.append(tuple(y))
+        return 0.0
+
+    law.measures, law.drives = ("bit.speed",), ("top.torque",)
+    law.stand_ins = {"top.reference": (3.0, "rad/s")}
+    simulate(RIG, 0.35, controller=law, sample_time=0.1)
+    simulate(RIG, 0.35, controller=law, sample_time=0.1, inputs={"top.reference": ((0.0, 1.0), (1.0, 2.0))})
+    assert np.array(seen) == pytest.approx(np.array([(0.0, value) for value in (3.0, 3.0, 3.0, 3.0, 1.0, 1.1, 1.2, 1.3)]))
+
+
+def test_a_scene_tells_a_law_what_it_knows_apart_from_what_is_so(tmp_path, root):
+    scene = Scene.load(root / "studies" / "scenes" / "predictive.toml")
+    case = scene.case("linear MPC")
+    assert (case.law.delay, case.law.noise, case.delay, case.noise) == (0.03, (0.01,), 0.03, {"top.speed": 0.01})
+    other = dataclasses.replace(scene, cases=(dataclasses.replace(case, delay=0.05, law=dataclasses.replace(case.law, noise=(0.02,))),))
+    assert Scene.load(other.save(tmp_path / "other.toml")) == other
+    text = (root / "studies" / "scenes" / "predictive.toml").read_text()
+    (tmp_path / "wrong.toml").write_text(text.replace('law = "LinearMPC", ', 'law = "LinearMPC", late = 3, '))
+    with pytest.raises(SceneError, match="There is no key `late` in `LinearMPC`"):
+        Scene.load(tmp_path / "wrong.toml")
 
 
 # --- an ordinary controller

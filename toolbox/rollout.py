@@ -104,6 +104,7 @@ class Rollout:
         self.inputs = np.array(plant.input_defaults(plant.values)).ravel()
         self.numbers = np.append(plant.values, np.ones(len(plant.elements)))
         self.n, self.contacts = plant.x.numel(), 0 if regularisation else len(plant.elements)
+        self.slip = self._slip() if self.contacts else None
         self._compile()
 
     @property
@@ -124,8 +125,22 @@ class Rollout:
         """Modes that the slips of a state say: 0 where a slip is exactly zero."""
         if not self.contacts:
             return np.zeros(0)
+        if self.slip is not None:
+            rows, offset = self.slip
+            return np.sign(rows @ state + offset)
         slips = self.plant.slips(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
         return np.sign(np.array(slips).ravel())
+
+    def _slip(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """(rows, offset) where all slips are rows x + offset, which is most plants; else None."""
+        plant = self.plant
+        slips = ca.vertcat(*[element.slip for element in plant.elements])
+        rows = ca.jacobian(slips, plant.x)
+        if ca.depends_on(rows, plant.x) or ca.depends_on(slips, ca.vertcat(plant.u, plant.m)):
+            return None
+        found = ca.Function("slip", [plant.x, plant.p, plant.t], [ca.densify(rows), ca.densify(slips)])
+        values = found(np.zeros(self.n), plant.values, 0.0)
+        return np.array(values[0]), np.array(values[1]).ravel()
 
     def advance(
         self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None

@@ -21,7 +21,8 @@ class DisturbanceFilter:
 
     A command takes effect `delay` after its sample; `waiting` holds those that have not yet taken effect for good, the oldest, which acts now, first. L
     is the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_walk` in a second, and a drive with
-    white noise of `drive_walk`; `covariance` is that of the error of z_k. Source: B. D. O. Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
+    white noise of `drive_walk`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
+    Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
     def __init__(self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float):  # fmt: skip
@@ -41,6 +42,7 @@ class DisturbanceFilter:
         P = solve_discrete_are(over.T, H.T, 0.5 * (walk + walk.T), R)
         gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
         self.gain, self.covariance = unit[:, None] * gain, np.outer(unit, unit) * (P - gain @ H @ P)
+        self.unit, self.spread, self.walk, self.noise = unit, np.outer(unit, unit) * P, np.outer(unit, unit) * walk, R
         self.rows = H
         self.periods, self.part = whole_periods(delay, period)
         F, scaled = F * unit[:, None] / unit, G

@@ -11,13 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, sensor_rows, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
-from controllers.string_model import drilling_point, string_model, without_actuators
+from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
 
 
@@ -76,7 +75,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
         values, vectors = np.linalg.eigh(P)
         self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
-        self.speeds, self.torques_of_rock = _rock(plant)
+        self.speeds, self.torques_of_rock = rock_table(plant)
         free = string_model(plant).A
         self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
         self.place = int(np.flatnonzero(model.bit)[0])
@@ -239,16 +238,3 @@ class PlannedNonlinear(PredictiveLaw):
 
 
 _NONE = np.empty((0, 0, 0))
-
-
-def _rock(plant: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds [rad/s] from 0, and the torque of the declared rock there; at 0 its bound."""
-    rock = next(element for element in plant.elements if element.name == "bit")
-    speeds = np.append(0.0, np.geomspace(1e-3, 100.0, 2000))
-    row = np.array(ca.DM(ca.jacobian(rock.slip, plant.x))).ravel()
-    function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, rock.static])
-    inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
-    kinetic, static = function(row[:, None] * speeds[None, :], inputs, plant.values, modes, 0.0)
-    torque = np.array(kinetic).ravel()
-    torque[0] = float(np.array(static).ravel()[0])
-    return speeds, torque

@@ -35,15 +35,13 @@ class RockFilter(DisturbanceFilter):
         super().__init__(A, B, E, C, period, delay, noise, torque_walk, drive_walk)
         n = A.shape[0]
         self.rollout, self.contact, self.bit, self.rock, self.turning, self.lasting = rollout, contact, bit, rock, turning, lasting
-        self.R = np.diag(np.asarray(noise, float) ** 2)
         self.seen = np.column_stack([C, np.zeros(C.shape[0])])
         self.period = period
         # noise of a period, as it reaches the states of the string alone
-        spread = drive_walk**2 * np.outer(B, B) * period
-        self.walk = np.zeros((n + 1, n + 1))
-        self.walk[:n, :n], self.walk[n, n] = spread, strength_walk**2 * period
+        self.wander = np.zeros((n + 1, n + 1))
+        self.wander[:n, :n], self.wander[n, n] = drive_walk**2 * np.outer(B, B) * period, strength_walk**2 * period
         self.turned, self.surprise, self.sliding = 0, 0.0, False
-        self.xi, self.spread = np.zeros(n + 1), np.zeros((n + 1, n + 1))
+        self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
 
     @property
     def strength(self) -> float:
@@ -56,12 +54,12 @@ class RockFilter(DisturbanceFilter):
         self.turned = self.turned + 1 if speed > self.turning else 0
         if self.sliding:
             error = y - self.seen @ self.xi
-            shared = self.spread @ self.seen.T
-            expected = self.seen @ shared + self.R
+            shared = self.doubt @ self.seen.T
+            expected = self.seen @ shared + self.noise
             gain = np.linalg.solve(expected, shared.T).T
             self.surprise += 0.1 * (float(error @ np.linalg.solve(expected, error)) / error.size - self.surprise)
             self.xi = self.xi + gain @ error
-            self.spread = self.spread - gain @ shared.T
+            self.doubt = self.doubt - gain @ shared.T
             self.xi[-1] = min(max(self.xi[-1], 0.5), 2.0)
             if self.surprise > SURPRISE or float(self.bit @ self.xi[:-1]) < 0.5 * self.turning:
                 self.sliding, self.turned = False, 0
@@ -77,7 +75,7 @@ class RockFilter(DisturbanceFilter):
         turn[-1, -1] = 1.0 / torque
         turn[-1, :-1] = -s * slope / torque * self.bit
         self.xi = np.append(self.z[:-1], s)
-        self.spread = turn @ self.covariance @ turn.T
+        self.doubt = turn @ self.covariance @ turn.T
         self.surprise, self.sliding = 1.0, True
 
     def _seen(self, xi: np.ndarray | None = None) -> np.ndarray:
@@ -114,5 +112,5 @@ class RockFilter(DisturbanceFilter):
             step = np.eye(n + 1)
             step[:n, :n], step[:n, n] = A[0], (more[:n] - X[1]) / nudge
             self.xi = np.append(X[1], self.xi[-1])
-            self.spread = step @ self.spread @ step.T + self.walk * (duration / self.period)
-        self.spread = 0.5 * (self.spread + self.spread.T)
+            self.doubt = step @ self.doubt @ step.T + self.wander * (duration / self.period)
+        self.doubt = 0.5 * (self.doubt + self.doubt.T)

@@ -30,8 +30,9 @@ class NonlinearMPC(Predictive):
     `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
     `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
     times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
-    torque between 0.5 and 2, is estimated: in sliding from the torque that the filter sees, in the time `strength_time`; at rest from the torque
-    that it has held, `margin` more than that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
+    torque between 0.5 and 2, is estimated: with the states, by `RockFilter`, once the bit has turned for three samples (it may wander by `strength_walk` in a
+    second); before that from the torque that the linear filter sees, in the time `strength_time`; at rest from the torque that it has held, `margin` more than
+    that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
     Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 

@@ -128,6 +128,43 @@ def condense(
 
 
 @njit(cache=True, nogil=True)
+def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
+    """(stationarity, violation, complementarity) of `controllers.quadratic_program.Residuals`."""
+    n, m = z.size, A.shape[0]
+    total = 0.0
+    for i in range(n):
+        total += z[i] + y[i]
+    for i in range(m):
+        total += y[n + i]
+    if not np.isfinite(total):
+        return np.inf, np.inf, np.inf
+    pushed = y[:n].copy()
+    violation, standing = 0.0, 0.0
+    for i in range(n + m):
+        value = 0.0
+        if i < n:
+            value = z[i]
+        else:
+            for a in range(n):
+                value += A[i - n, a] * z[a]
+            if y[i] != 0.0:
+                for a in range(n):
+                    pushed[a] += y[i] * A[i - n, a]
+        reach = 1.0 + abs(value)
+        violation = max(violation, (low[i] - value) / reach, (value - high[i]) / reach)
+        distance = abs(high[i] - value if y[i] > 0.0 else value - low[i])
+        standing = max(standing, abs(y[i]) * (distance / reach if np.isfinite(distance) else 1.0))  # a bound that is not there may not push
+    size, off = 0.0, 0.0
+    for i in range(n):
+        curved = 0.0
+        for a in range(n):
+            curved += H[i, a] * z[a]
+        size = max(size, abs(curved), abs(g[i]), abs(pushed[i]))
+        off = max(off, abs(curved + g[i] + pushed[i]))
+    return off / (1.0 + size), violation, standing / (1.0 + size)
+
+
+@njit(cache=True, nogil=True)
 def wound_up(
     addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
 ):  # pragma: no cover - compiled

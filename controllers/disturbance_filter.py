@@ -19,9 +19,10 @@ class DisturbanceFilter:
 
         z_k = z_k- + L (y_k - C z_k-),   z_(k+1)- = the motion from z_k under the commands that act until then
 
-    A command takes effect `delay` <= period after its sample. L is the stationary gain for measurement noise of the given standard deviations, a
-    torque T that wanders by `torque_walk` in a second, and a drive with white noise of `drive_walk`. Source: B. D. O. Anderson, J. B. Moore,
-    Optimal Filtering, Prentice-Hall 1979.
+    A command takes effect `delay` after its sample; `waiting` holds those that have not yet taken effect for good, the oldest, which acts now, first. L
+    is the stationary gain for measurement noise of the given standard deviations, a torque T that wanders by `torque_walk` in a second, and a drive with
+    white noise of `drive_walk`. The error of z_k has the `covariance`, that of z_k- the `spread`; the motion of a period adds `walk`. Source: B. D. O.
+    Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
     def __init__(self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float):  # fmt: skip
@@ -39,23 +40,40 @@ class DisturbanceFilter:
         walk = over @ both[: n + 1, n + 1 :]
         R = np.diag(np.asarray(noise, float) ** 2)
         P = solve_discrete_are(over.T, H.T, 0.5 * (walk + walk.T), R)
-        self.gain = unit[:, None] * np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        self.gain, self.covariance = unit[:, None] * gain, np.outer(unit, unit) * (P - gain @ H @ P)
+        self.unit, self.spread, self.walk, self.noise = unit, np.outer(unit, unit) * P, np.outer(unit, unit) * walk, R
         self.rows = H
+        self.periods, self.part = whole_periods(delay, period)
         F, scaled = F * unit[:, None] / unit, G
-        self.first, self.first_drive = held(F, scaled, delay)
-        self.rest, self.rest_drive = held(F, scaled, period - delay)
-        self.first_drive, self.rest_drive = self.first_drive.ravel(), self.rest_drive.ravel()
+        self.first, first_drive = held(F, scaled, self.part)
+        self.rest, rest_drive = held(F, scaled, period - self.part)
+        self.whole, whole_drive = held(F, scaled, period)
+        self.first_drive, self.rest_drive, self.whole_drive = first_drive.ravel(), rest_drive.ravel(), whole_drive.ravel()
         self.z = np.zeros(n + 1)
+        self.waiting = np.zeros(self.periods + 1)
 
     def correct(self, y: np.ndarray) -> np.ndarray:
         """The estimate at a sample with measurement y; (x, T)."""
         self.z = self.z + self.gain @ (y - self.rows @ self.z)
         return self.z
 
-    def arrival(self, last: float) -> np.ndarray:
-        """The estimate at the instant at which the command of this sample arrives; `last` is the command that acts until then."""
-        return self.first @ self.z + self.first_drive * last
+    def arrival(self) -> np.ndarray:
+        """The estimate at the instant at which the command of this sample arrives, under the commands that wait."""
+        z = self.first @ self.z + self.first_drive * self.waiting[0]
+        for command in self.waiting[1:]:
+            z = self.whole @ z + self.whole_drive * command
+        return z
 
-    def predict(self, last: float, command: float) -> None:
-        """Go to the next sample, the last command acting until the new one arrives."""
-        self.z = self.rest @ self.arrival(last) + self.rest_drive * command
+    def predict(self, command: float) -> None:
+        """Go to the next sample with the command of this one."""
+        z = self.first @ self.z + self.first_drive * self.waiting[0]
+        self.waiting[:-1] = self.waiting[1:]
+        self.waiting[-1] = command
+        self.z = self.rest @ z + self.rest_drive * self.waiting[0]
+
+
+def whole_periods(delay: float, period: float) -> tuple[int, float]:
+    """(q, r) with delay = q period + r, 0 <= r < period."""
+    whole = int(np.floor(delay / period + 1e-9))
+    return whole, max(delay - whole * period, 0.0)

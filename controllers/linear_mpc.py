@@ -10,7 +10,7 @@ import numpy as np
 from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
-from toolbox import HybridSystem
+from toolbox import HybridSystem, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,12 @@ class LinearMPC(Predictive):
 
     e = x - x_s, and (x_s, u_s) the steady state that turns at `reference` under the estimated T: hence no offset under a constant
     torque. Without active limits it is the regulator of the Riccati equation. States are eliminated: the program has `horizon` unknowns and keeps its
-    matrices. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source: J. B. Rawlings, D. Q. Mayne,
-    M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
+    matrices. The slope of the rock is in A, so that T wanders little (`torque_walk`): a faster filter passes noise that a bit at low speed cannot bear, a
+    slower one is late for the release. A stuck bit cannot trap it: the estimate of T follows the torque of the string, and the plan goes beyond. Source:
+    J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
     """
+
+    torque_walk: float = quantity(200.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0)
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
         """The callable law for the plant."""
@@ -78,11 +81,10 @@ class PlannedLinear(PredictiveLaw):
         G[:N] += final.T @ P @ off
         for i in range(slacks):
             H[N + i, N + i] = law.priority
-        self.linear = np.zeros(width)
-        self.linear[N:] = law.priority
+        linear = np.append(np.zeros(N), np.full(slacks, law.priority))
         # bounds of the unknowns, then of the rows: moves, speed, twist
-        self.low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
-        self.high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))
+        low = np.append(np.full(N, self.lowest / unit), np.zeros(slacks))
+        high = np.append(np.full(N, self.highest / unit), np.full(slacks, np.inf))
         pieces, known = [], []
         if np.isfinite(self.rate):
             piece = np.zeros((N, width))
@@ -91,7 +93,7 @@ class PlannedLinear(PredictiveLaw):
             offset = np.zeros((N, n + 3))
             offset[0, last] = -1.0 / unit
             known.append(offset)
-            self.low, self.high = np.append(self.low, np.full(N, -self.rate / unit)), np.append(self.high, np.full(N, self.rate / unit))
+            low, high = np.append(low, np.full(N, -self.rate / unit)), np.append(high, np.full(N, self.rate / unit))
         for i, (row, lowest, highest, size) in enumerate(rows):
             for side in (1, -1) if np.isfinite(lowest) and law.soft else (1,):
                 piece, offset = np.zeros((N, width)), np.zeros((N, n + 3))
@@ -104,10 +106,17 @@ class PlannedLinear(PredictiveLaw):
                 known.append(offset)
                 lower = lowest / size if not law.soft or side < 0 else -np.inf
                 upper = highest / size if side > 0 else np.inf
-                self.low, self.high = np.append(self.low, np.full(N, lower)), np.append(self.high, np.full(N, upper))
-        self.slope = G
-        self.known = np.vstack(known) if known else np.zeros((0, n + 3))
-        self.program = QuadraticProgram(H, np.vstack(pieces) if pieces else np.zeros((0, width)), law.solver, warm=law.warm)
+                low, high = np.append(low, np.full(N, lower)), np.append(high, np.full(N, upper))
+        # unknowns w = R z with H = R' R: a program whose Hessian is 1 needs no factor from its solver, sample after sample
+        self.back = np.linalg.inv(np.linalg.cholesky(H).T)
+        self.program = QuadraticProgram(np.eye(width), np.vstack([np.eye(width), *pieces]) @ self.back, law.solver, warm=law.warm)
+        # what theta adds to the gradient and takes from the bounds, in one product
+        self.given = np.vstack([self.back.T @ G, np.zeros((width, n + 3)), *known])
+        self.constant = np.append(self.back.T @ linear, np.zeros(low.size))
+        none = np.full(width, np.inf)
+        self.bounds = np.array([np.append(-none, low), np.append(none, high)])
+        self.theta, self.vectors = np.empty(n + 3), self.bounds.copy()
+        self.program.solve(self.constant[:width], *self.vectors)  # loads what is compiled, which no sample should wait for
 
     def export_c(self, c: Path, h: Path, period: float) -> tuple[Path, Path]:
         """Write the law as C; see `toolbox.export_c` and `controllers.linear_mpc_c`."""
@@ -116,15 +125,15 @@ class PlannedLinear(PredictiveLaw):
         return export(self, c, h, period)
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        theta = np.concatenate([z[:-1], (self.last, z[-1], self.law.reference)])
-        shift = self.known @ theta
-        low, high = self.low.copy(), self.high.copy()
-        low[-shift.size or low.size :] -= shift
-        high[-shift.size or high.size :] -= shift
-        answer = self.program.solve(self.slope @ theta + self.linear, low, high)
+        theta, width = self.theta, self.back.shape[0]
+        theta[:-3] = z[:-1]
+        theta[-3:] = self.last, z[-1], self.reference
+        moved = self.given @ theta + self.constant
+        np.subtract(self.bounds[:, width:], moved[width:], out=self.vectors[:, width:])
+        answer = self.program.solve(moved[:width], *self.vectors)
         self.record.answer = answer
         self.record.programs += 1
-        return (float(answer.z[0]) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
+        return (float(self.back[0] @ answer.z) * self.law.torque_size, "") if answer.sound else (None, answer.reason)
 
 
 def _limits(law: Predictive, model: StringModel) -> list[tuple[np.ndarray, float, float, float]]:

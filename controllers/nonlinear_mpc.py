@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, steady, twist_row
+from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, sensor_rows, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
-from controllers.string_model import drilling_point, string_model, without_actuators
+from controllers.rock_filter import RockFilter
+from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
 
 
@@ -30,8 +30,9 @@ class NonlinearMPC(Predictive):
     `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
     `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
     times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
-    torque between 0.5 and 2, is estimated: in sliding from the torque that the filter sees, in the time `strength_time`; at rest from the torque
-    that it has held, `margin` more than that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
+    torque between 0.5 and 2, is estimated: with the states, by `RockFilter`, once the bit has turned for three samples (it may wander by `strength_walk` in a
+    second); before that from the torque that the linear filter sees, in the time `strength_time`; at rest from the torque that it has held, `margin` more than
+    that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
     Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
@@ -42,6 +43,7 @@ class NonlinearMPC(Predictive):
     steps: int = 4
     rest_speed: float = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
     strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    strength_walk: float = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
     slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
     margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
@@ -74,7 +76,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
         values, vectors = np.linalg.eigh(P)
         self.P_rows = np.ascontiguousarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
-        self.speeds, self.torques_of_rock = _rock(plant)
+        self.speeds, self.torques_of_rock = rock_table(plant)
         free = string_model(plant).A
         self.target = np.array([np.append(*steady(free, model, *on)) for on in ((1.0, 0.0), (0.0, 1.0))]).T
         self.place = int(np.flatnonzero(model.bit)[0])
@@ -87,6 +89,13 @@ class PlannedNonlinear(PredictiveLaw):
             plant, ("top.torque",), law.period, steps, None if law.width is None else regularised(law.width, law.matched)
         )
         self.contact = [element.name for element in plant.elements].index("bit")
+        if law.adapt:
+            sensors = sensor_rows(plant, law.sensors)
+            self.filter = RockFilter(
+                string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk,
+                strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
+                turning=2.0 * law.rest_speed, lasting=3,
+            )  # fmt: skip
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
         limits += [(model.top / law.top_size, -np.inf, law.highest_speed / law.top_size)] if law.highest_speed is not None else []
         limits += [(twist_row(model), -law.highest_twist, law.highest_twist)] if law.highest_twist is not None else []
@@ -129,7 +138,8 @@ class PlannedNonlinear(PredictiveLaw):
             self._learn(x[self.place], load, resting)
         if resting and law.width is None:
             x[self.place] = 0.0
-        wish = self.target @ (law.reference, self.strength * self._rock_torque(law.reference))
+        wish = self.target @ (self.reference, self.strength * self._rock_torque(self.reference))
+        self.limit_low[0] = law.slowest * self.reference / law.bit_size
         x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
         around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
         shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
@@ -143,7 +153,7 @@ class PlannedNonlinear(PredictiveLaw):
         call = (roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
         limits = (self.lowest, self.highest, self.rate)
         if resting:
-            wound_up(*call, self.top, law.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
+            wound_up(*call, self.top, self.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
         else:
             regulated(*call, x_s, u_s, self.gain, self.last, *limits)
         other = self._cost(P_X, P_U, P_M, around)
@@ -189,7 +199,7 @@ class PlannedNonlinear(PredictiveLaw):
     def _first(self, X: np.ndarray) -> np.ndarray:
         """The stage from which each limit holds: for the bit, the first one that is fast enough, where a bit turns now."""
         first = np.zeros(self.limit_rows.shape[0], np.int64)
-        fast = X[1:, self.place] >= self.settings.slowest * self.settings.reference
+        fast = X[1:, self.place] >= self.settings.slowest * self.reference
         first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
         return first
 
@@ -206,13 +216,20 @@ class PlannedNonlinear(PredictiveLaw):
             free[~turns] = 2
         return free
 
+    def _rock_at(self, speed: float) -> tuple[float, float]:
+        """Torque and slope of the declared rock at a speed >= 0."""
+        near = np.interp((0.99 * speed, speed, 1.01 * speed + 1e-9), self.speeds, self.torques_of_rock)
+        return float(near[1]), float(near[2] - near[0]) / (0.02 * speed + 1e-9)
+
     def _rock_torque(self, speed: float) -> float:
         return float(np.interp(abs(speed), self.speeds, self.torques_of_rock))
 
     def _learn(self, speed: float, load: float, resting: bool) -> None:
         """The strength of the rock from its estimated torque."""
         law = self.settings
-        if resting:
+        if isinstance(self.filter, RockFilter) and self.filter.sliding:
+            self.strength = self.filter.strength
+        elif resting:
             self.strength = max(self.strength, (1.0 + law.margin) * abs(load) / self.torques_of_rock[0])
         elif abs(speed) > 2.0 * law.rest_speed:
             seen = np.sign(speed) * load / self._rock_torque(speed)
@@ -222,16 +239,3 @@ class PlannedNonlinear(PredictiveLaw):
 
 
 _NONE = np.empty((0, 0, 0))
-
-
-def _rock(plant: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds [rad/s] from 0, and the torque of the declared rock there; at 0 its bound."""
-    rock = next(element for element in plant.elements if element.name == "bit")
-    speeds = np.append(0.0, np.geomspace(1e-3, 100.0, 2000))
-    row = np.array(ca.DM(ca.jacobian(rock.slip, plant.x))).ravel()
-    function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, rock.static])
-    inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
-    kinetic, static = function(row[:, None] * speeds[None, :], inputs, plant.values, modes, 0.0)
-    torque = np.array(kinetic).ravel()
-    torque[0] = float(np.array(static).ravel()[0])
-    return speeds, torque

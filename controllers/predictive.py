@@ -27,7 +27,9 @@ class Predictive(TorqueLimits):
     no other gain can outweigh (`priority`); without `soft` they may leave no answer.
 
     measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
-    constant torque that the model does not know leaves no error. delay: how long after its sample a command reaches the plant, as the law knows it.
+    constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the stand-in of the signal
+    `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
+    law knows it; it may exceed the period.
 
     Every answer of the solver must pass the KKT conditions. Where none does, a soft-torque drive acts, from the torque that was. `run.laws[0].record` tells
     when and why, and how long each sample took. Sampled only, at `period`.
@@ -37,7 +39,7 @@ class Predictive(TorqueLimits):
     noise: tuple[float, ...] = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
     reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
     period: float = quantity(0.1, "s", "sample time", above=0)
-    delay: float = quantity(0.0, "s", "time until a command reaches the plant, at most one period", at_least=0)
+    delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
     top_size: float = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
     bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
@@ -65,8 +67,6 @@ class Predictive(TorqueLimits):
             raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
         if len(self.noise) != len(self.sensors) or not self.sensors:
             raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
-        if self.delay > self.period:
-            raise SceneError(f"Argument `delay` must be <= the period {self.period:g} s, but it is {self.delay!r}.")
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 
@@ -133,7 +133,10 @@ class SoftDrive:
 
 
 class PredictiveLaw:
-    """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason."""
+    """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
+
+    y: the sensors, then `top.reference`, which stays what it was where it is left out.
+    """
 
     measures: tuple[str, ...]
     drives = ("top.torque",)
@@ -145,6 +148,8 @@ class PredictiveLaw:
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
         self.drive = SoftDrive(law, plant)
+        self.reference = float(law.reference)
+        self.stand_ins = {"top.reference": (self.reference, "rad/s")}
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
         self.highest = np.inf if law.highest_torque is None else law.highest_torque
@@ -166,15 +171,18 @@ class PredictiveLaw:
             raise SceneError(
                 f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
             )
-        estimate = self.filter.correct(np.asarray(y, float))
-        wanted, reason = self.plan(self.filter.arrival(self.last))
+        y = np.asarray(y, float)
+        if y.size > len(self.measures):
+            self.reference = float(y[-1])
+        estimate = self.filter.correct(y[: len(self.measures)])
+        wanted, reason = self.plan(self.filter.arrival())
         if wanted is None:
             self.record.fallbacks.append((float(t), reason))
-            wanted = self.drive.torque(self.law.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
+            wanted = self.drive.torque(self.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
         else:
             self.drive.rest()
         command = self.within(wanted, self.last)
-        self.filter.predict(self.last, command)
+        self.filter.predict(command)
         self.last = command
         self.samples += 1
         self.record.seconds.append(time.perf_counter() - began)

@@ -44,20 +44,9 @@ class Residuals:
 
 def residuals(H: np.ndarray, A: np.ndarray, g: np.ndarray, low: np.ndarray, high: np.ndarray, z: np.ndarray, y: np.ndarray) -> Residuals:
     """The KKT residuals of z with multipliers y (of the bounds on z, then on A z; positive at `high`, negative at `low`)."""
-    if not (np.isfinite(z).all() and np.isfinite(y).all()):
-        return Residuals(np.inf, np.inf, np.inf)
-    n = z.size
-    curved, pushed = H @ z, y[:n] + y[n:] @ A
-    size = 1.0 + max(np.abs(curved).max(), np.abs(g).max(), np.abs(pushed).max())
-    value = np.concatenate([z, A @ z])
-    reach = 1.0 + np.abs(value)
-    below, above = value - low, high - value
-    outside = np.maximum(-np.minimum(below, above), 0.0)
-    distance = np.where(y > 0.0, above, below)
-    standing = np.abs(y) / size
-    near = np.isfinite(distance)
-    standing[near] *= np.abs(distance[near]) / reach[near]
-    return Residuals(float(np.abs(curved + g + pushed).max() / size), float((outside / reach).max()), float(standing.max()))
+    from controllers.condensing import kkt
+
+    return Residuals(*kkt(H, A, g, low, high, z, y))
 
 
 @dataclass(frozen=True)

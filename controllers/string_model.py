@@ -66,6 +66,19 @@ def rock_slope(plant: HybridSystem, speed: float) -> tuple[float, float]:
     return float(value), float(np.array(slope).ravel() @ row)
 
 
+def rock_table(plant: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds [rad/s] from 0, and the torque of the declared rock there; at 0 its bound."""
+    rock = next(element for element in plant.elements if element.name == "bit")
+    speeds = np.append(0.0, np.geomspace(1e-3, 100.0, 2000))
+    row = np.array(ca.DM(ca.jacobian(rock.slip, plant.x))).ravel()
+    function = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, rock.static])
+    inputs, modes = plant.input_defaults(plant.values), np.ones(len(plant.elements))
+    kinetic, static = function(row[:, None] * speeds[None, :], inputs, plant.values, modes, 0.0)
+    torque = np.array(kinetic).ravel()
+    torque[0] = float(np.array(static).ravel()[0])
+    return speeds, torque
+
+
 def drilling_point(plant: HybridSystem, speed: float) -> tuple[StringModel, np.ndarray, float, np.ndarray]:
     """(model, x, u, A) while the whole string turns at `speed` [rad/s] > 0: the states x, the torque u [N m], and A with the rock's slope in it.
 

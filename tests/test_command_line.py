@@ -153,6 +153,7 @@ SHIPPED = {
         "pump in a minute, 30 l/s": "free",
         "slow strokes, 0.5 l/s": "stick-slip",
     },
+    "predictive": {"soft torque": "stick-slip", "linear MPC": "free", "nonlinear MPC": "free"},
     "two_disks": {"no controller": "stick-slip"},
     "pressed_disks": {"no controller": "stick-slip"},
     "disk_stack": {"no controller": "stick-slip"},

@@ -5,8 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from controllers import PI
-from studies.drives import GRID, LIMITS, SEEDS, Contender, contenders, lowest, on_speed, run_of, step_time, stick_phase_end, succeeds
+from controllers import PI, LinearMPC, NonlinearMPC
+from studies.drives import (
+    DELAY,
+    GRID,
+    LIMITS,
+    PLANT,
+    SEEDS,
+    Contender,
+    contenders,
+    lowest,
+    on_speed,
+    run_of,
+    step_time,
+    stick_phase_end,
+    succeeds,
+)
 
 EVERY = {contender.label: contender for contender in contenders()}
 
@@ -16,6 +30,14 @@ def test_lqg_ends_stick_slip_at_2_6_rad_s_from_the_top_speed_alone_and_its_twins
         assert succeeds(run_of(EVERY["LQR, LQG"], 2.6, True, seed), 2.6, True)
     for label in ("stiff PI", "soft torque", "Z-torque"):
         assert not succeeds(run_of(EVERY[label], 2.6, True, SEEDS[0]), 2.6, True)
+
+
+@pytest.mark.parametrize(("law", "numbers"), [(LinearMPC, {"torque_walk": 2000.0}), (NonlinearMPC, {"adapt": False})])
+def test_predictive_laws_end_stick_slip_at_2_6_rad_s_too_and_fail_with_a_filter_that_does_not_know_the_rock(law, numbers):
+    row = EVERY["linear MPC" if law is LinearMPC else "nonlinear MPC"]
+    assert succeeds(run_of(row, 2.6, True, SEEDS[0]), 2.6, True)
+    twin = Contender("twin", row.nominal, lambda reference: law(reference=reference, delay=DELAY, **numbers, **LIMITS).design(PLANT), 0.1)
+    assert not succeeds(run_of(twin, 2.6, True, SEEDS[0]), 2.6, True)
 
 
 def test_every_run_starts_wound_up_with_a_bit_about_to_break_free():
@@ -43,6 +65,9 @@ def test_the_scan_stops_at_the_first_failure():
 
     assert lowest(Contender("half-way", law, law), False) == 13.8
     assert asked == [14.0, 13.9, 13.8, 13.7]
+    asked.clear()
+    assert lowest(Contender("half-way", law, law, coarse=13.8), False) == 13.8  # between 14 and 13.8 only whole set-points
+    assert asked == [14.0, 13.8, 13.7]
     assert np.isnan(lowest(on_speed("stiff PI", EVERY["stiff PI"].nominal(1.0).__class__), True, highest=6.0))
 
 

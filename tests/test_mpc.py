@@ -1,6 +1,7 @@
 """Predictive laws: the regulator they become, limits, answers that do not pass, disturbances, and the trap of a lowered peak."""
 
 import copy
+import dataclasses
 import pickle
 
 import control
@@ -12,7 +13,7 @@ from controllers.predictive import Record, held
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, SceneError, compose, simulate
+from toolbox import Sampled, Scene, SceneError, compose, simulate
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -251,6 +252,38 @@ def test_the_filter_knows_when_a_late_command_arrives():
     assert errors[0.0] > 1e-2
 
 
+@pytest.mark.parametrize("delay", [0.03, 0.1, 0.35])
+def test_a_delay_that_the_law_knows_is_as_if_it_measured_so_much_later(delay):
+    # a string without rock is linear: the law must command now what one without delay would, given the state at which its command will arrive
+    free = compose(wells.JANSEN_2, BitRock(weight=0.0))
+    late = LinearMPC(reference=4.0, delay=delay, **LIMITS, **STATES)
+    prompt = LinearMPC(reference=4.0, **LIMITS, **STATES).design(free)
+    times = np.arange(100) * 0.1 + delay
+    run = simulate(free, 11.0, controller=Sampled(late, 0.1, delay=delay), output_times=times, accuracy=1e-11)
+    commands = np.array(run.answers[0]).ravel()[:100]
+    assert commands.max() > 5000.0
+    for k in range(100):
+        prompt.last = commands[k - 1] if k else 0.0
+        expected, _ = prompt.plan(np.append(run.states[k], 0.0))
+        assert commands[k] == pytest.approx(min(max(expected, 0.0), 20_000.0), abs=0.05)
+    # the twin that does not know of it commands something else
+    blind = simulate(free, 11.0, controller=Sampled(LinearMPC(reference=4.0, **LIMITS, **STATES), 0.1, delay=delay))
+    assert np.abs(np.array(blind.answers[0]).ravel()[:100] - commands).max() > 10.0
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_end_stick_slip(law):
+    stuck = {}
+    for known in (0.35, 0.0):
+        late = Sampled(law(reference=5.0, delay=known, **LIMITS), 0.1, delay=0.35)
+        run = simulate(RIG, 120.0, inputs=HEAVIER, controller=late)
+        stuck[known] = run.time_in("bit", "stick", after=60.0)
+        if known:
+            assert run.at(120.0)["bit.speed"] == pytest.approx(5.0, abs=0.05)
+    assert stuck[0.35] == 0.0
+    assert stuck[0.0] > 1.0
+
+
 # --- the stiction trap
 
 
@@ -289,6 +322,47 @@ def test_the_linear_law_frees_the_bit_too(speed):
     assert run.time_in("bit", "stick", after=45.0) == 0.0
 
 
+# --- set-points that move
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+def test_a_set_point_given_as_an_input_is_followed_and_stands_in_for_the_field(law):
+    profile = ((0.0, 60.0, 70.0), (5.0, 5.0, 8.0))
+    moved = simulate(RIG, 100.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1, inputs={"top.reference": profile})
+    kept = simulate(RIG, 60.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1)
+    for run, time, speed in ((moved, 59.0, 5.0), (moved, 100.0, 8.0), (kept, 60.0, 6.0)):
+        assert run.at(time)["top.reference"] == speed
+        assert run.at(time)["bit.speed"] == pytest.approx(speed, abs=2e-3)
+    given = simulate(RIG, 20.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1, inputs={"top.reference": 6.0})
+    assert np.array(given.answers[0])[:200] == pytest.approx(np.array(kept.answers[0])[:200], abs=1.0)  # N m; steps differ with the duration
+
+
+def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measures():
+    seen = []
+
+    def law(t, y):
+        seen.append(tuple(y))
+        return 0.0
+
+    law.measures, law.drives = ("bit.speed",), ("top.torque",)
+    law.stand_ins = {"top.reference": (3.0, "rad/s")}
+    simulate(RIG, 0.35, controller=law, sample_time=0.1)
+    simulate(RIG, 0.35, controller=law, sample_time=0.1, inputs={"top.reference": ((0.0, 1.0), (1.0, 2.0))})
+    assert np.array(seen) == pytest.approx(np.array([(0.0, value) for value in (3.0, 3.0, 3.0, 3.0, 1.0, 1.1, 1.2, 1.3)]))
+
+
+def test_a_scene_tells_a_law_what_it_knows_apart_from_what_is_so(tmp_path, root):
+    scene = Scene.load(root / "studies" / "scenes" / "predictive.toml")
+    case = scene.case("linear MPC")
+    assert (case.law.delay, case.law.noise, case.delay, case.noise) == (0.03, (0.01,), 0.03, {"top.speed": 0.01})
+    other = dataclasses.replace(scene, cases=(dataclasses.replace(case, delay=0.05, law=dataclasses.replace(case.law, noise=(0.02,))),))
+    assert Scene.load(other.save(tmp_path / "other.toml")) == other
+    text = (root / "studies" / "scenes" / "predictive.toml").read_text()
+    (tmp_path / "wrong.toml").write_text(text.replace('law = "LinearMPC", ', 'law = "LinearMPC", late = 3, '))
+    with pytest.raises(SceneError, match="There is no key `late` in `LinearMPC`"):
+        Scene.load(tmp_path / "wrong.toml")
+
+
 # --- an ordinary controller
 
 
@@ -321,7 +395,7 @@ def test_bad_arguments_are_named():
     for wrong, words in (
         ({"horizon": 0}, "horizon"),
         ({"noise": (0.1, 0.1)}, "noise"),
-        ({"delay": 0.2}, "delay"),
+        ({"delay": -0.1}, "delay"),
         ({"solver": "best"}, "solver"),
         ({"period": -1.0}, "period"),
         ({"highest_torque": -5.0, "lowest_torque": 0.0}, "highest_torque"),

@@ -85,7 +85,8 @@ class Sampled:
     """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
     law: a Controller, or any callable (t, y) -> u with attributes `measures` and `drives`, y in the order of `measures`, u a number
-    or a sequence in the order of `drives`;  period, delay in s. A callable object is copied for every run, so that each starts from the
+    or a sequence in the order of `drives`; with an attribute `stand_ins` {signal: (value, unit)} these follow in y, as inputs that take that value where
+    nobody gives them, such as `top.reference`.  period, delay in s. A callable object is copied for every run, so that each starts from the
     state it was given in; a plain function is called as it is and should keep no state.  noise: {measured signal: standard deviation of
     white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
     Laws with one seed see the same noise on the same signal at samples of the same number.
@@ -149,16 +150,22 @@ class Held(Component):
 class External(Component):
     """The signals that a Python callable drives, as held signals without an update.
 
-    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant.
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a stand-in last;  stand_ins:
+    their values, and wanted: their units.
     """
 
     asked: tuple[str, ...] = ()
     measures: tuple[str, ...] = ()
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    wanted: tuple[str, ...] = ()
+    stand_ins: tuple[float, ...] | None = quantity(None, "1", "stand-ins of the last signals that it measures")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
+        if self.stand_ins is not None:
+            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.stand_ins, strict=True):
+                signal(name, unit, default=value)
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
@@ -194,7 +201,17 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")
     units = tuple(plant.inputs[name].unit for name in drives)
-    return External(asked=asked, measures=measures, drives=drives, units=units, sensors=sampled.sensors(asked))
+    more: dict[str, tuple[float, str]] = dict(getattr(law, "stand_ins", {}))
+    places = measures + tuple(plant.routes.get(name, name) for name in more)
+    return External(
+        asked=asked + tuple(more),
+        measures=places,
+        drives=drives,
+        units=units,
+        wanted=tuple(unit for _, unit in more.values()),
+        stand_ins=tuple(float(value) for value, _ in more.values()) or None,
+        sensors=sampled.sensors(asked),
+    )
 
 
 @dataclass(frozen=True)

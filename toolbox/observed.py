@@ -10,15 +10,28 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import casadi as ca
+import numpy as np
 
 from toolbox.closed_loop import Controller
 from toolbox.elements import State, state
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Equations, Signal, Update
+
+
+class Estimator(Protocol):
+    """An observer in Python, sampled at `period` [s]."""
+
+    period: float
+
+    def estimate(self, y: np.ndarray) -> Mapping[str, float]:
+        """The estimates at a sample with measurement y, by the names of the signals they stand for."""
+
+    def predict(self, command: float) -> None:
+        """Go to the next sample with the command of this one."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +43,10 @@ class Observer(Controller):
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
+
+    def estimator(self, plant: HybridSystem) -> Estimator | None:
+        """For an observer that no expression holds, such as one that optimises: its object for the plant."""
+        return None
 
     def design(self, plant: HybridSystem) -> Observer:
         """The observer with what it knows of the plant filled in; by default itself."""
@@ -53,8 +70,15 @@ class Observed(Controller):
         """What the law drives."""
         return self.law.drives
 
-    def design(self, plant: HybridSystem) -> Observed:
-        """The law and the observer designed on the plant."""
+    def design(self, plant: HybridSystem) -> Any:
+        """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
+        estimator = self.observer.estimator(plant)
+        if estimator is not None:
+            if self.late:
+                raise SceneError(
+                    f"Argument `late` must be 0, but it is {self.late}: {type(self.observer).__name__} has a delay of its own."
+                )
+            return EstimatedLaw(self.law.design(plant), estimator, self.observer.measures)
         return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant))
 
     def continuous(self, signal: Signal) -> Equations:
@@ -81,6 +105,53 @@ class Observed(Controller):
         memory = _with_commands({**seen.memory}, commands, arriving)
         outputs = {**acts.outputs, **{f"estimate.{name}": value for name, value in seen.outputs.items()}}
         return Update({**acts.memory, **memory, **waiting}, outputs)
+
+
+class EstimatedLaw:
+    """A law with a sampled form on the estimates of an `Estimator`: a callable (t, y) -> u; `estimates` are those of every sample so far."""
+
+    def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
+        self.estimator, self.drives = estimator, law.drives
+        self.known = tuple(estimator.estimate(np.zeros(len(measures))))
+        self.stand_ins: dict[str, tuple[float, str]] = {}
+        asked: dict[str, ca.SX] = {}
+        more: list[str] = []
+
+        def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+            if name not in asked:
+                asked[name] = ca.SX.sym(name)
+                if name not in self.known and default is not None:
+                    self.stand_ins[name] = (float(default), unit)
+                elif name not in self.known:
+                    more.append(name)
+            return asked[name]
+
+        update = law.sampled(signal, ca.SX(estimator.period))
+        self.own = len(measures)
+        self.measures = (*measures, *more)
+        self.asked = tuple(asked)
+        memory = [ca.SX(state) for state in update.memory]
+        self.step = ca.Function(
+            "step",
+            [ca.vertcat(*memory) if memory else ca.SX(0, 1), ca.vertcat(*asked.values()) if asked else ca.SX(0, 1)],
+            [ca.vertcat(*[ca.SX(v) for v in update.memory.values()]) if memory else ca.SX(0, 1), ca.SX(update.outputs[law.drives[0]][0])],
+        )
+        self.memory = np.zeros(sum(state.numel() for state in memory))
+        self.samples, self.estimates = 0, list[Mapping[str, float]]()
+
+    def __call__(self, t: float, y: np.ndarray) -> float:
+        if self.samples and abs(t - self.samples * self.estimator.period) > 1e-6 * max(t, self.estimator.period):
+            raise SceneError(
+                f"Argument `sample_time` must be {self.estimator.period:g} s, the `period` of the observer, but a sample came at {t:g} s."
+            )
+        found = self.estimator.estimate(y[: self.own])
+        given = dict(zip((*self.measures, *self.stand_ins), y, strict=True)) | dict(found)
+        memory, output = self.step(self.memory, [given[name] for name in self.asked])
+        self.memory, command = np.array(memory).ravel(), float(output)
+        self.estimator.predict(command)
+        self.estimates.append(found)
+        self.samples += 1
+        return command
 
 
 def _commands(law: Controller, signal: Signal) -> tuple[dict[str, ca.SX], Signal]:

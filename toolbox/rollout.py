@@ -111,6 +111,7 @@ class Rollout:
         self.inputs = np.array(plant.input_defaults(plant.values)).ravel()
         self.numbers = np.append(plant.values, np.ones(len(plant.elements)))
         self.n, self.contacts = plant.x.numel(), 0 if regularisation else len(plant.elements)
+        self.slip = self._slip() if self.contacts else None
         self._compile()
 
     @property
@@ -131,28 +132,48 @@ class Rollout:
         """Modes that the slips of a state say: 0 where a slip is exactly zero."""
         if not self.contacts:
             return np.zeros(0)
+        if self.slip is not None:
+            rows, offset = self.slip
+            return np.sign(rows @ state + offset)
         slips = self.plant.slips(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
         return np.sign(np.array(slips).ravel())
 
-    def advance(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _slip(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """(rows, offset) where all slips are rows x + offset, which is most plants; else None."""
+        plant = self.plant
+        slips = ca.vertcat(*[element.slip for element in plant.elements])
+        rows = ca.jacobian(slips, plant.x)
+        if ca.depends_on(rows, plant.x) or ca.depends_on(slips, ca.vertcat(plant.u, plant.m)):
+            return None
+        found = ca.Function("slip", [plant.x, plant.p, plant.t], [ca.densify(rows), ca.densify(slips)])
+        values = found(np.zeros(self.n), plant.values, 0.0)
+        return np.array(values[0]), np.array(values[1]).ravel()
+
+    def advance(
+        self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """States (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
 
-        inputs: shape (N, n_u), in the order of `drives`.
+        inputs: shape (N, n_u), in the order of `drives`;  interval: another length [s] than that of the rollout, in as many steps.
         """
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
         A, B = np.empty((count, self.n, self.n)), np.empty((count, self.n, len(self.drives)))
         X[0], M[0] = state, self.modes(state)
-        self.loop.advance(self.addresses, self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M)
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M
+        )
         return X, A, B, M
 
-    def states(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u)."""
+    def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as of `advance`."""
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
         X[0], M[0] = state, self.modes(state)
         none = np.empty((0, 0, 0))
-        self.loop.advance(self.addresses, self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M)
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M
+        )
         return X, M
 
     def _compile(self) -> None:

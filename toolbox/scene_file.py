@@ -7,9 +7,11 @@ its unit. The keys, with those in brackets optional:
     [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
                       takes the arguments of its `from_tables` instead, paths relative to the scene file
     [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
-                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps
+                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps. A law may
+                      be a table { law = "LinearMPC", delay = "30 ms", ... }: parameters with the names of keys are what the law itself knows
     [start]           state = value at the beginning; all else is at rest
     [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, table = { times, values }
+                      the signal is an input of the plant, or one that every law asks for, such as `top.reference`
     [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
     [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over
 """
@@ -124,7 +126,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         reference=reference,
         start={name: _number(value, plant.unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
-        inputs=_inputs(data.get("inputs", {}), "inputs", plant),
+        inputs=_inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
         parameters={
             name: _number(value, plant._parameter(name).unit, name)
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
@@ -168,11 +170,16 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     if "law" not in data:
         _keys(data, label, ("label", "inputs"))
         return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
-    item = catalogue.part(data["law"], "control law")
-    values = {key: value for key, value in data.items() if key not in own}
+    named, known = data["law"], {}
+    if isinstance(named, dict):
+        _keys(named, f"{label}.law", None, ("law",))
+        known = {key: value for key, value in named.items() if key != "law"}
+        named = named["law"]
+    item = catalogue.part(named, "control law")
+    values = {key: value for key, value in data.items() if key not in own} | known
     if reference is not None and "reference" not in values and any(spec.name == "reference" for spec in dataclasses.fields(item)):
         values["reference"] = reference
-    law = _filled(item, values, _text(data["law"], where), tuple(own))
+    law = _filled(item, values, _text(named, where), tuple(own))
     sample_time = data.get("sample_time")
     if sample_time is not None:
         sample_time = parse(sample_time, "s", f"{label}.sample_time")
@@ -186,6 +193,13 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
+
+
+def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSystem:
+    """The plant, or where its laws ask for an input that it has not, such as `top.reference`, the plant with the first of them."""
+    if not cases or all(name in plant.inputs or name in plant.signals for name in names):
+        return plant
+    return checked_run(plant, 1.0, controller=cases[0].controller).system
 
 
 def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
@@ -349,7 +363,10 @@ def _resolved(scene: Scene) -> dict[str, Any]:
 def _resolved_case(case: Case) -> dict[str, Any]:
     data: dict[str, Any] = {"label": case.label}
     if case.law is not None:
-        data |= {"law": catalogue.name_of(type(case.law))} | _fields(case.law)
+        law = {"law": catalogue.name_of(type(case.law))}
+        fields = _fields(case.law)
+        known = {key: fields.pop(key) for key in _SAMPLED if key in fields}
+        data |= {"law": law | known} | fields if known else law | fields
         if case.sample_time is not None:
             data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
             data |= {key: {name: float(value) for name, value in getattr(case, key).items()} for key in ("noise", "resolution") if getattr(case, key)}

@@ -246,7 +246,7 @@ def _closed(
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")
-            parts.append(callable_law(sampled, declared))
+            parts.append(callable_law(dataclasses.replace(sampled, law=law), declared))
             laws.append(law)
         else:
             raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")

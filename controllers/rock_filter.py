@@ -1,0 +1,116 @@
+"""Filter of a string whose rock is known by its law and not by its strength: linear while the bit may rest, extended by the law while it turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from controllers.disturbance_filter import DisturbanceFilter
+
+SURPRISE = 4.0
+"""Mean square of the innovations, in units of what the filter expects, beyond which the law of the rock is no longer believed."""
+
+
+class RockFilter(DisturbanceFilter):
+    """`DisturbanceFilter`, and while the bit turns an extended Kalman filter of (x, s), whose rock has the torque s times that of its law.
+
+        x' = A x + B u - E s T(w_bit),   s' = 0 but for wandering by `strength_walk` in a second
+
+    A wandering torque is all that is known of a rock that may hold the bit, but it is too little for a turning bit near the speed at which the string loses its
+    stability: a filter fast enough for the release passes so much noise that the drive swings. So the linear filter always runs, and says when
+    the bit has turned for `lasting` samples. There the extended filter begins, with the estimate and covariance of the linear one, and narrows
+    down; its states follow the hybrid prediction of the plant. It ends where its bit comes to rest, or where its innovations are larger than it can
+    explain (their mean square over about ten samples above `SURPRISE`).
+
+    rollout: the prediction;  contact: which of its contacts is the bit;  bit: row of the bit speed;  rock: torque and slope at a speed > 0;
+    turning: estimated speed above which a bit turns.
+    """
+
+    def __init__(
+        self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float, *,
+        strength_walk: float, rollout: Any, contact: int, bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
+    ):  # fmt: skip
+        super().__init__(A, B, E, C, period, delay, noise, torque_walk, drive_walk)
+        n = A.shape[0]
+        self.rollout, self.contact, self.bit, self.rock, self.turning, self.lasting = rollout, contact, bit, rock, turning, lasting
+        self.seen = np.column_stack([C, np.zeros(C.shape[0])])
+        self.period = period
+        # noise of a period, as it reaches the states of the string alone
+        self.wander = np.zeros((n + 1, n + 1))
+        self.wander[:n, :n], self.wander[n, n] = drive_walk**2 * np.outer(B, B) * period, strength_walk**2 * period
+        self.turned, self.surprise, self.sliding = 0, 0.0, False
+        self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
+
+    @property
+    def strength(self) -> float:
+        """The factor s on the torque of the rock, while `sliding`."""
+        return float(self.xi[-1])
+
+    def correct(self, y: np.ndarray) -> np.ndarray:
+        z = super().correct(y)
+        speed = float(self.bit @ z[:-1])
+        self.turned = self.turned + 1 if speed > self.turning else 0
+        if self.sliding:
+            error = y - self.seen @ self.xi
+            shared = self.doubt @ self.seen.T
+            expected = self.seen @ shared + self.noise
+            gain = np.linalg.solve(expected, shared.T).T
+            self.surprise += 0.1 * (float(error @ np.linalg.solve(expected, error)) / error.size - self.surprise)
+            self.xi = self.xi + gain @ error
+            self.doubt = self.doubt - gain @ shared.T
+            self.xi[-1] = min(max(self.xi[-1], 0.5), 2.0)
+            if self.surprise > SURPRISE or float(self.bit @ self.xi[:-1]) < 0.5 * self.turning:
+                self.sliding, self.turned = False, 0
+        elif self.turned >= self.lasting:
+            self._begin(speed)
+        return self._seen() if self.sliding else z
+
+    def _begin(self, speed: float) -> None:
+        """Take over the estimate and covariance of the linear filter, T being s times the torque of the law."""
+        torque, slope = self.rock(speed)
+        s = float(np.clip(self.z[-1] / torque, 0.5, 2.0))
+        turn = np.eye(self.z.size)
+        turn[-1, -1] = 1.0 / torque
+        turn[-1, :-1] = -s * slope / torque * self.bit
+        self.xi = np.append(self.z[:-1], s)
+        self.doubt = turn @ self.covariance @ turn.T
+        self.surprise, self.sliding = 1.0, True
+
+    def _seen(self, xi: np.ndarray | None = None) -> np.ndarray:
+        """(x, T) of a state (x, s)."""
+        xi = self.xi if xi is None else xi
+        return np.append(xi[:-1], xi[-1] * self.rock(max(float(self.bit @ xi[:-1]), 0.0))[0])
+
+    def _moved(self, xi: np.ndarray, command: float, duration: float) -> np.ndarray:
+        self.rollout.scale[self.contact] = xi[-1]
+        return np.append(self.rollout.states(xi[:-1], np.array([[command]]), duration)[0][1], xi[-1])
+
+    def arrival(self) -> np.ndarray:
+        if not self.sliding:
+            return super().arrival()
+        xi = self.xi
+        if self.part:
+            xi = self._moved(xi, self.waiting[0], self.part)
+        for command in self.waiting[1:]:
+            xi = self._moved(xi, command, self.period)
+        return self._seen(xi)
+
+    def predict(self, command: float) -> None:
+        commands = self.waiting[0], (np.append(self.waiting[1:], command))[0]
+        super().predict(command)
+        if not self.sliding:
+            return
+        n, nudge = self.xi.size - 1, 1e-6
+        for acting, duration in zip(commands, (self.part, self.period - self.part), strict=True):
+            if not duration:
+                continue
+            more = self._moved(self.xi + nudge * np.eye(n + 1)[n], acting, duration)
+            self.rollout.scale[self.contact] = self.xi[-1]
+            X, A, _, _ = self.rollout.advance(self.xi[:-1], np.array([[acting]]), duration)
+            step = np.eye(n + 1)
+            step[:n, :n], step[:n, n] = A[0], (more[:n] - X[1]) / nudge
+            self.xi = np.append(X[1], self.xi[-1])
+            self.doubt = step @ self.doubt @ step.T + self.wander * (duration / self.period)
+        self.doubt = 0.5 * (self.doubt + self.doubt.T)

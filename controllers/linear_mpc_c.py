@@ -1,6 +1,6 @@
 """A designed `LinearMPC` as C: filter, program, check, stand-in drive and limits in one step, around a solver that OSQP writes for this program.
 
-    estimate z = z- + L (y - C z-);  theta = (x at arrival, last torque, T, reference);  min 1/2 U'H U + (G theta + l)' U, bounds less K theta
+    estimate z = z- + L (y - C z-);  theta = (x at arrival, last torque, T, reference);  min 1/2 w'w + g(theta)' w, low(theta) <= A w <= high(theta)
     u = first torque of the plan where its KKT residual is below 1e-6, else that of the soft drive;  within limits;  z- of the next sample
 
 The step is the one of `PlannedLinear`, written once more as casadi expressions, and a test holds the two against each other. Why OSQP: it writes its own C with
@@ -48,7 +48,7 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
     memory = [
         *states,
         ("estimate.bit.torque", "N m"),
-        ("last torque", "N m"),
+        *[(f"torque sent {k} periods ago" if k > 1 else "last torque", "N m") for k in range(law.filter.periods + 1, 0, -1)],
         ("torque of the soft drive", "N m"),
         ("soft drive acts", "1"),
     ]
@@ -64,46 +64,54 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
 
 
 def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
-    """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound)."""
+    """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound).
+
+    memory: z-, the commands on their way with the last one at the end, the torque of the soft drive, and whether it acts.
+    """
     numbers, observer = law.law, law.filter
-    n, sensors = law.model.A.shape[0] + 1, len(numbers.sensors)
-    y, memory = ca.MX.sym("y", sensors + 1), ca.MX.sym("memory", n + 3)
-    prior, last, offset, acting = memory[:n], memory[n], memory[n + 1], memory[n + 2]
+    n, sensors, waits = law.model.A.shape[0] + 1, len(numbers.sensors), observer.periods + 1
+    y, memory = ca.MX.sym("y", sensors + 1), ca.MX.sym("memory", n + waits + 2)
+    prior, waiting, offset, acting = memory[:n], memory[n : n + waits], memory[n + waits], memory[n + waits + 1]
+    last = waiting[-1]
     reference = y[sensors]
     z = prior + ca.DM(observer.gain) @ (y[:sensors] - ca.DM(observer.rows) @ prior)
-    arrival = ca.DM(observer.first) @ z + ca.DM(observer.first_drive) * last
+    begun_period = ca.DM(observer.first) @ z + ca.DM(observer.first_drive) * waiting[0]
+    arrival = begun_period
+    for k in range(1, waits):
+        arrival = ca.DM(observer.whole) @ arrival + ca.DM(observer.whole_drive) * waiting[k]
     theta = ca.vertcat(arrival[:-1], last, arrival[-1], reference)
-    g = ca.DM(law.slope) @ theta + ca.DM(law.linear)
-    width = law.linear.size
-    shift = ca.vertcat(ca.MX.zeros(width), ca.DM(law.known) @ theta)
-    low, high = (ca.fmin(ca.fmax(ca.DM(np.clip(bound, -FAR, FAR)) - shift, -FAR), FAR) for bound in (law.low, law.high))
+    width = law.back.shape[0]
+    moved = ca.DM(law.given) @ theta + ca.DM(law.constant)
+    g, shift = moved[:width], moved[width:]
+    low, high = (ca.fmin(ca.fmax(ca.DM(np.clip(bound, -FAR, FAR)) - shift, -FAR), FAR) for bound in law.bounds[:, width:])
     before = ca.Function(f"{name}_before", [y, memory], [g, low, high], ["y", "memory"], ["g", "low", "high"])
 
     # the check of `controllers.quadratic_program.residuals`
-    H, A = ca.DM(law.program.H), ca.DM(law.program.A)
-    U, dual, solved = ca.MX.sym("primal", width), ca.MX.sym("dual", law.low.size), ca.MX.sym("solved")
-    curved, pushed = H @ U, dual[:width] + A.T @ dual[width:]
-    size = 1.0 + ca.fmax(ca.fmax(ca.mmax(ca.fabs(curved)), ca.mmax(ca.fabs(g))), ca.mmax(ca.fabs(pushed)))
-    value = ca.vertcat(U, A @ U)
+    A = ca.DM(law.program.A)
+    w, dual, solved = ca.MX.sym("primal", width), ca.MX.sym("dual", A.shape[0]), ca.MX.sym("solved")
+    pushed = A.T @ dual
+    size = 1.0 + ca.fmax(ca.fmax(ca.mmax(ca.fabs(w)), ca.mmax(ca.fabs(g))), ca.mmax(ca.fabs(pushed)))
+    value = A @ w
     reach = 1.0 + ca.fabs(value)
     below, above = value - low, high - value
     outside = ca.fmax(-ca.fmin(below, above), 0.0) / reach
     distance = ca.fabs(ca.if_else(dual > 0.0, above, below))
     standing = ca.fabs(dual) / size * ca.if_else(distance < FAR / 10, distance / reach, 1.0)
-    residual = ca.fmax(ca.fmax(ca.mmax(ca.fabs(curved + g + pushed)) / size, ca.mmax(outside)), ca.mmax(standing))
+    residual = ca.fmax(ca.fmax(ca.mmax(ca.fabs(w + g + pushed)) / size, ca.mmax(outside)), ca.mmax(standing))
     sound = ca.logic_and(solved > 0.5, residual <= TOLERANCE)
 
     error = reference - ca.DM(law.top[None, :]) @ z[:-1]
     begun = ca.if_else(acting > 0.5, offset, last - law.drive.proportional * error) + law.drive.integral * numbers.period * error
-    wanted = ca.if_else(sound, U[0] * numbers.torque_size, begun + law.drive.proportional * error)
+    wanted = ca.if_else(sound, ca.DM(law.back[:1]) @ w * numbers.torque_size, begun + law.drive.proportional * error)
     if np.isfinite(law.rate):
         wanted = ca.fmin(ca.fmax(wanted, last - law.rate), last + law.rate)
     command = ca.fmin(ca.fmax(wanted, max(law.lowest, -FAR)), min(law.highest, FAR))
-    following = ca.DM(observer.rest) @ arrival + ca.DM(observer.rest_drive) * command
-    memory_next = ca.vertcat(following, command, ca.if_else(sound, 0.0, begun), 1.0 - sound)
+    sent = ca.vertcat(*[waiting[k] for k in range(1, observer.periods + 1)], command)
+    following = ca.DM(observer.rest) @ begun_period + ca.DM(observer.rest_drive) * sent[0]
+    memory_next = ca.vertcat(following, sent, ca.if_else(sound, 0.0, begun), 1.0 - sound)
     after = ca.Function(
         f"{name}_after",
-        [y, memory, U, dual, solved],
+        [y, memory, w, dual, solved],
         [command, memory_next, sound],
         ["y", "memory", "primal", "dual", "solved"],
         ["u", "next", "sound"],
@@ -114,15 +122,14 @@ def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
 def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> None:
     """The sources of a solver for the program, in NAME_osqp."""
     import osqp
-    from scipy.sparse import csc_matrix, eye, vstack
+    from scipy.sparse import csc_matrix, eye
 
-    H, A = law.program.H, law.program.A
-    n, many = H.shape[0], H.shape[0] + A.shape[0]
+    A = law.program.A
+    many, n = A.shape
     program = osqp.OSQP()
-    rows = vstack([eye(n), csc_matrix(A)], format="csc")
     program.setup(
-        csc_matrix(np.triu(H)), np.zeros(n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-8, eps_rel=1e-9, max_iter=iterations,
-        adaptive_rho_interval=50,
+        eye(n, format="csc"), np.zeros(n), csc_matrix(A), np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-8, eps_rel=1e-9,
+        max_iter=iterations, adaptive_rho_interval=50,
     )  # fmt: skip
     target = folder / f"{name}_osqp"
     if target.exists() and not (target / "osqp_configure.h").exists():
@@ -140,7 +147,7 @@ def _solver(law: PlannedLinear, folder: Path, name: str, iterations: int) -> Non
 
 def _orchestration(name: str, law: PlannedLinear, before: ca.Function, after: ca.Function) -> str:
     """The step around the solver."""
-    width, many = law.linear.size, law.low.size
+    many, width = law.program.A.shape
     memory = after.size1_out("next")
     work = [max(getattr(before, word)(), getattr(after, word)(), 1) for word in ("sz_arg", "sz_res", "sz_iw", "sz_w")]
     warm = "" if law.program.warm else f"  osqp_cold_start(&{name}_solver);\n"

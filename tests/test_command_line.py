@@ -12,8 +12,9 @@ import time
 import numpy as np
 import pytest
 
-from toolbox import ZenoError, command_line, study
+from toolbox import ZenoError, study
 from toolbox.command_line import main
+from toolbox.commands import terminal
 from toolbox.scene import Scene
 
 RIG = """
@@ -407,12 +408,12 @@ def test_list_shows_every_part_with_parameters_and_units(capsys):
 
 
 def test_files_of_odd_labels_differ_and_stay_in_the_folder():
-    stems = command_line._stems(["../../etc/passwd", "A b", "a  B", "тест", "x" * 300, "CON"])
+    stems = terminal.file_stems(["../../etc/passwd", "A b", "a  B", "тест", "x" * 300, "CON"])
     assert stems == ["01_etc_passwd", "02_a_b", "03_a_b", "04", "05_" + "x" * 40, "06_con"]
 
 
 def test_a_bar_appears_on_stderr_when_work_takes_more_than_a_second(capsys):
-    with command_line._progress(2) as reached:
+    with terminal.progress(2) as reached:
         reached(0.5, "quick")
         assert capsys.readouterr().err == ""
         time.sleep(1.05)

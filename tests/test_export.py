@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control
 import numpy as np
@@ -30,7 +30,7 @@ from controllers import (
 from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from models import BitRock, wells
-from toolbox import Controller, Observed, SceneError, Takeover, compose, export_c, linearise, simulate, to_control
+from toolbox import Controller, Observed, Sampled, SceneError, Takeover, compose, export_c, linearise, simulate, to_control
 
 PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
@@ -162,21 +162,23 @@ def compiled_program(tmp_path, law, iterations=20_000):
 
 
 @compiled
-def test_the_c_of_the_linear_mpc_plans_each_sample_like_the_law_in_python_with_warm_start(tmp_path):
-    exported, rows = compiled_program(tmp_path, PREDICTIVE)
-    assert rows["y"] == ["top.speed", "top.reference"] and len(rows["memory"]) == 7
-    run = simulate(HEAVY, 40.0, controller=PREDICTIVE, sample_time=0.1, output_times=0.1 * np.arange(401))
-    planned = PREDICTIVE.design(HEAVY)
+@pytest.mark.parametrize(("delay", "waiting"), [(0.0, 1), (0.25, 3)])
+def test_the_c_of_the_linear_mpc_plans_each_sample_like_the_law_in_python_with_warm_start(tmp_path, delay, waiting):
+    law = replace(PREDICTIVE, highest_torque=18_000.0, delay=delay)
+    exported, rows = compiled_program(tmp_path, law)
+    assert rows["y"] == ["top.speed", "top.reference"] and len(rows["memory"]) == 6 + waiting
+    run = simulate(HEAVY, 40.0, controller=Sampled(law, 0.1, delay=delay), output_times=0.1 * np.arange(401))
+    planned = law.design(HEAVY)
     torques, wanted = [], []
     for k, speed in enumerate(run["top.speed"][:-1]):
         # the loop, not the law alone, forgets what was: each sample starts from the memory of the law in Python
-        exported.memory[:5] = (*planned.filter.z, planned.last)
+        exported.memory[: 4 + waiting] = (*planned.filter.z, *planned.filter.waiting)
         torques.append(float(exported(0.1 * k, [speed, 8.0])[0]))
         wanted.append(planned(0.1 * k, [speed]))
-        assert np.allclose(exported.memory[:5], (*planned.filter.z, planned.last), rtol=1e-6, atol=1e-4)
-        assert exported.memory[6] == 0.0  # the plan passed its check
+        assert np.allclose(exported.memory[: 4 + waiting], (*planned.filter.z, *planned.filter.waiting), rtol=1e-6, atol=1e-4)
+        assert exported.memory[5 + waiting] == 0.0  # the plan passed its check
     assert not planned.record.fallbacks
-    assert max(wanted) == 20_000.0 and np.abs(np.diff(wanted)).max() == pytest.approx(2000.0)  # limits of torque and rate bind
+    assert max(wanted) == 18_000.0 and np.abs(np.diff(wanted)).max() == pytest.approx(2000.0)  # limits of torque and rate bind
     assert np.abs(np.subtract(torques, wanted)).max() < 1e-6 * 20_000.0
 
 

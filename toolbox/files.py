@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import secrets
+import shutil
+import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
@@ -27,3 +30,55 @@ def replaced(path: Path) -> Iterator[IO[bytes]]:
     except BaseException:
         os.unlink(name)
         raise
+
+
+@contextmanager
+def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set[str]]) -> Iterator[Path]:
+    """A temporary folder whose files `names` appear in `path` together when the block ends well, and vanish otherwise.
+
+    Files of an earlier study in `path` are replaced, other files stay; left_by: function that names those of an earlier one.
+    Raises SceneError, before the block runs, where `path` cannot be written and where a file in the way is not from an earlier study.
+    """
+    path = path.absolute()
+    if os.path.lexists(path) and not path.is_dir():
+        raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
+    exists = path.is_dir()
+    earlier = left_by(path) if exists else set()
+    for name in names:
+        if exists and (path / name).exists() and name not in earlier:
+            raise SceneError(f"Argument `--out` must not hide your own files, but `{path / name}` is not from an earlier study.")
+    ground = path if exists else next(parent for parent in path.parents if parent.exists())
+    shelter = ground / f".stickslip-{secrets.token_hex(8)}"  # named before it exists, so that an interrupt leaves nothing behind
+    folder = shelter / "study"
+    try:
+        try:
+            shelter.mkdir(mode=0o700)
+            folder.mkdir()
+        except OSError as error:
+            raise SceneError(f"Argument `--out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
+        yield folder
+        with _uninterrupted():
+            if not exists:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                folder.rename(path)
+            else:
+                for name in earlier:
+                    (path / name).unlink(missing_ok=True)
+                for file in folder.iterdir():
+                    file.replace(path / file.name)
+    finally:
+        shutil.rmtree(shelter, ignore_errors=True)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ctrl-C has no effect on the block (where signals can be handled at all)."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # not the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,113 @@
+"""stickslip onset: where stick-slip begins and where it ends over one parameter."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import file_stems, plain, progress
+from toolbox.errors import SceneError
+from toolbox.files import whole_folder
+
+ONSET_FILES = ("onset.png", "onset.txt")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip onset`."""
+    border = commands.add_parser(
+        "onset",
+        help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
+        description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
+        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and one table (csv) "
+        "per controller: all of it, or nothing.",
+        epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
+    )
+    border.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
+    border.add_argument("--from", dest="low", required=True, metavar="LOW", help="begin of its range: SI, or with a unit such as '10 rpm'")
+    border.add_argument("--to", dest="high", required=True, metavar="HIGH", help="end of its range")
+    border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
+    border.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
+    border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
+    border.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for figure, report and tables; those of an earlier search are replaced"
+    )
+    border.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Find the borders of stick-slip. Returns the exit code."""
+    from toolbox.errors import SimulationError
+    from toolbox.onset import Comparison, onset
+    from toolbox.scene import Scene
+    from toolbox.units import parse
+
+    scene = Scene.load(given.scene)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    units = {label: _unit(scene, label, given.parameter) for label in labels}
+    unit = next((word for word in units.values() if word is not None), None)
+    if unit is None:
+        _unit(scene, labels[0], given.parameter, complain=True)
+    number = {
+        word: None if text is None else parse(plain(text), str(unit), f"--{word}")
+        for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
+    }
+    onsets, failures = {}, {}
+    stems = file_stems(labels)
+    names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]
+    with whole_folder(given.out, names, _earlier_onset) if given.out else nullcontext() as folder:
+        with progress(len(labels)) as reached:
+            for i, label in enumerate(labels):
+                reached(i, label)
+                if units[label] is None:
+                    failures[label] = f"it has no parameter or input `{given.parameter}`."
+                    continue
+                try:
+                    onsets[label] = onset(
+                        scene, given.parameter, (number["from"], number["to"]), controller=label,  # type: ignore[arg-type]
+                        values=given.values, tolerance=number["tolerance"], at=number["at"],
+                    )  # fmt: skip
+                except (SceneError, SimulationError) as error:
+                    if "Argument" in str(error):
+                        raise
+                    failures[label] = str(error)
+        found = Comparison(onsets, failures)
+        text = "\n\n".join([scene.title, *(str(each) for each in onsets.values()), str(found)]) + "\n"
+        if folder is not None:
+            (folder / "onset.txt").write_text(text, encoding="utf-8")
+            for label, stem in zip(labels, stems, strict=True):
+                if label in onsets:
+                    onsets[label].save(folder / f"{stem}_onset.csv")
+            if onsets:
+                from toolbox import study
+
+                study.draw_onsets(scene, onsets, folder / "onset.png")
+    print(text, end="")
+    if given.out:
+        print(f"\nFigure, report and tables are in {given.out}")
+    return 0 if onsets else 1
+
+
+def _unit(scene: Any, label: str, parameter: str, complain: bool = False) -> str | None:
+    """Unit of what varies under one controller; None where it has no such parameter or law, or the error that says why."""
+    from toolbox.stability import Knob, continuous_loop
+
+    try:
+        return Knob.of(continuous_loop(scene.plant(), scene.case(label).controller), parameter).unit
+    except SceneError:
+        if complain:
+            raise
+        return None
+
+
+def _earlier_onset(path: Path) -> set[str]:
+    """Names of the files that an earlier search for borders left in a folder, as its report tells."""
+    try:
+        if "Onset of stick-slip" not in (path / "onset.txt").read_text(encoding="utf-8"):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {file.name for file in [*path.glob("[0-9][0-9]_*_onset.csv"), *(path / name for name in ONSET_FILES)] if file.is_file()}

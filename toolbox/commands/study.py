@@ -1,0 +1,84 @@
+"""stickslip study: every controller of a scene simulated, judged, tabled and drawn."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import file_stems, progress
+from toolbox.files import whole_folder
+
+COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
+CASE_FILES = (".npz", ".png", "_phase.png")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip study`."""
+    study = commands.add_parser(
+        "study",
+        help="simulate every controller of a scene; table, figures and data",
+        description="Simulate every controller of a scene and print a table. The folder gets one figure with time traces, one phase plane and the "
+        "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing.",
+        epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
+    )
+    study.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="what to simulate; see `toolbox/scene_file.py` and studies/scenes for the keys"
+    )
+    study.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the results; an earlier study in it is replaced, other files stay",
+    )
+    study.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Study a scene. Returns the exit code."""
+    from toolbox import study
+    from toolbox.scene import Scene
+
+    scene = Scene.load(given.scene)
+    stems = file_stems(scene.labels)
+    with whole_folder(given.out, [*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], _earlier_study) as folder:
+        rows, runs = [], {}
+        with progress(len(scene.cases)) as reached:
+            for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
+                reached(i, label)
+                row, run = study.judged(scene, label, stem)
+                rows.append(row)
+                if run is not None and run.time.size > 1:
+                    reached(i + 0.5, f"{label}: figures")
+                    run.save(folder / f"{stem}.npz")
+                    study.draw(scene, label, run, folder / f"{stem}.png", folder / f"{stem}_phase.png")
+                    runs[label] = run
+            if runs:
+                reached(len(scene.cases) - 0.1, "comparison")
+                study.draw_comparison(scene, runs, folder / "comparison.png")
+        study.write_table(rows, folder / "table.csv")
+        scene.save(folder / "scene.toml")
+    print(study.table(scene, rows))
+    if warning := scene.needs().warning:
+        print(f"\n{warning}")
+    print(f"\nFigures, trajectories, table and scene are in {given.out}")
+    return 1 if all(row.failed for row in rows) else 0
+
+
+def _earlier_study(path: Path) -> set[str]:
+    """Names of the files that an earlier study left in a folder, as its table tells."""
+    from toolbox.study import Row
+
+    try:
+        with (path / "table.csv").open(newline="", encoding="utf-8") as file:
+            table = csv.DictReader(file)
+            if table.fieldnames != [field.name for field in dataclasses.fields(Row)]:
+                return set()
+            stems = [row["files"] for row in table if row["files"]]
+    except (OSError, ValueError, csv.Error):
+        return set()
+    names = {*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)}
+    return {name for name in names if (path / name).is_file()}

@@ -1,0 +1,68 @@
+"""stickslip tradeoff: error against time for every method and setting on a scene."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import dataclasses
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import complaint
+from toolbox.files import whole_folder
+
+TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip tradeoff`."""
+    trade = commands.add_parser(
+        "tradeoff",
+        help="error against time for every method and setting on a scene",
+        description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
+        "folder gets the figure and the table (csv): both, or nothing.",
+        epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
+    )
+    trade.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    trade.add_argument("--controller", metavar="LABEL", help="which case; the first without")
+    trade.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
+    trade.add_argument("--out", type=Path, metavar="DIR", help="folder for figure and table; those of an earlier measurement are replaced")
+    trade.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Measure error against time. Returns the exit code."""
+    from toolbox import study
+    from toolbox.errors import SimulationError
+    from toolbox.scene import Scene
+    from toolbox.work_precision import work_precision
+
+    scene = Scene.load(given.scene)
+    if given.controller:
+        scene.case(given.controller)
+    with whole_folder(given.out, TRADE_FILES, _earlier_tradeoff) if given.out else nullcontext() as folder:
+        try:
+            found = work_precision(scene, given.duration, case=given.controller)
+        except SimulationError as error:
+            return complaint(str(error), 1)
+        if folder is not None:
+            found.save(folder / "tradeoff.csv")
+            study.draw_found(found, folder / "tradeoff.png")
+    print(found)
+    if given.out:
+        print(f"\nFigure and table are in {given.out}")
+    return 0
+
+
+def _earlier_tradeoff(path: Path) -> set[str]:
+    """Names of the files that an earlier measurement left in a folder, as its table tells."""
+    from toolbox.work_precision import Point
+
+    try:
+        with (path / "tradeoff.csv").open(newline="", encoding="utf-8") as file:
+            if csv.DictReader(file).fieldnames != [field.name for field in dataclasses.fields(Point)]:
+                return set()
+    except (OSError, ValueError, csv.Error):
+        return set()
+    return {name for name in TRADE_FILES if (path / name).is_file()}

@@ -1,0 +1,121 @@
+"""stickslip tune: the numbers of a control law that do best."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import INTERRUPTED, complaint, plain
+from toolbox.errors import SceneError
+from toolbox.files import whole_folder
+
+TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip tune`."""
+    tuning = commands.add_parser(
+        "tune",
+        help="find the numbers of a control law that do best on one scene, or on the worst of several",
+        description="Search the free numbers of one control law for the smallest objective on all scenes, or for the front of several objectives, and print "
+        "the numbers with the law as given beside them. The folder gets the report, a figure, every point tried (csv), and each scene with the "
+        "law as given and the tuned one, ready for `stickslip study`: all of it, or nothing.",
+        epilog="example: stickslip tune studies/scenes/jansen_2.toml --law 'stiff PI' --free proportional=500:50e3 --free integral=50:20e3 "
+        "--objective settling --out tuned",
+    )
+    tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
+    tuning.add_argument("--law", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it")
+    tuning.add_argument(
+        "--free",
+        action="append",
+        required=True,
+        metavar="NAME=LOW:HIGH",
+        help="a number of the law and its range: SI, or with units, such as 'surface=0.05:1' or 'integral=0.05:20 kN m/rad'; may be repeated",
+    )
+    tuning.add_argument(
+        "--objective",
+        action="append",
+        required=True,
+        metavar="NAME",
+        help="what is made small: stuck, severity, settling, overshoot or peak, judged as the scene says; several give a front",
+    )
+    tuning.add_argument("--over", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
+    tuning.add_argument("--runs", type=int, default=200, metavar="N", help="most points tried, one run per scene each (200)")
+    tuning.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search; the same seed gives the same result (0)")
+    tuning.add_argument(
+        "--journal", type=Path, metavar="FILE", help="keeps every point, so that a tuning that was stopped goes on where it was"
+    )
+    tuning.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
+    )
+    tuning.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Tune a law. Returns the exit code."""
+    import statistics
+
+    from toolbox import study
+    from toolbox.scene import Scene
+    from toolbox.tune import tune
+
+    scenes = {path: Scene.load(path) for path in given.scenes}
+    first = scenes[given.scenes[0]]
+    if len(scenes) < len(given.scenes):
+        raise SceneError("Argument `SCENE.toml` must name every scene once, but one is there twice.")
+    bounds = dict(_range(text, first.case(given.law).law) for text in given.free)
+    twice = next((text for text in given.free if sum(text.partition("=")[0] == other.partition("=")[0] for other in given.free) > 1), None)
+    if twice is not None:
+        raise SceneError(f"Argument `--free` must name every number once, but `{twice.partition('=')[0]}` is there twice.")
+    names = {
+        path: f"tuned_{path.name}" if len({p.name for p in scenes}) == len(scenes) else f"tuned_{i}_{path.name}"
+        for i, path in enumerate(scenes, 1)
+    }
+    try:
+        with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder:
+            found = tune(
+                list(scenes.values()), given.law, list(given.objective), bounds,
+                over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
+            )  # fmt: skip
+            (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
+            found.save(folder / "trials.csv")
+            if found.front:
+                study.draw_found(found, folder / "tune.png")
+                for path, scene in scenes.items():
+                    found.applied(scene, given.law).save(folder / names[path])
+    except KeyboardInterrupt:
+        if given.journal is None:
+            raise
+        return complaint(f"interrupted; the same command goes on from `{given.journal}`.", INTERRUPTED)
+    print(found)
+    if not found.front:
+        return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)
+    print(f"\nReport, figure, points and tuned scenes are in {given.out}")
+    return 0
+
+
+def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:
+    """(name, (low, high)) of `NAME=LOW:HIGH`; a unit behind HIGH is that of LOW, too, where it has none."""
+    from toolbox.tune import unit_of
+    from toolbox.units import parse
+
+    match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*", text)
+    if match is None:
+        raise SceneError(f"Argument `--free` must be NAME=LOW:HIGH, but it is `{text}`.")
+    name, low, high = match.groups()
+    unit = unit_of(law, name)
+    if isinstance(plain(low), float) and not isinstance(plain(high), float):
+        low += re.sub(r"^[-+0-9.eE_]+", "", high)
+    return name, (parse(plain(low), unit, f"--free {name}"), parse(plain(high), unit, f"--free {name}"))
+
+
+def _earlier_tuning(path: Path) -> set[str]:
+    """Names of the files that an earlier tuning left in a folder, as its report tells."""
+    try:
+        if not (path / "tune.txt").read_text(encoding="utf-8").startswith("Tuning of "):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {file.name for file in [*path.glob("tuned_*.toml"), *(path / name for name in TUNE_FILES)] if file.is_file()}

@@ -7,8 +7,9 @@ import re
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -158,10 +159,20 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
         assert found["steps"][i] == run.steps[0]
 
 
-def test_laws_in_python_run_in_processes_by_default():
-    found = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
-    assert not found.errors
-    assert np.isfinite(found["mean"]).all()
+def test_laws_in_python_run_in_processes():
+    here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        there = sweep(
+            RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"), executor=pool
+        )
+
+        class Local(Gentle):
+            pass
+
+        with pytest.raises(SceneError, match="must be importable"):
+            sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Local(), 0.05), executor=pool)
+    assert not there.errors
+    np.testing.assert_array_equal(there["mean"], here["mean"])
 
 
 class Gentle:

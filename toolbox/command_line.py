@@ -40,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
-        return _complaint("interrupted, and nothing was written.", INTERRUPTED)
+        kept = given.action in (_sweep, _map)
+        return _complaint("interrupted; the same call goes on from here." if kept else "interrupted, and nothing was written.", INTERRUPTED)
 
 
 def script() -> None:

@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -158,10 +160,20 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
         assert found["steps"][i] == run.steps[0]
 
 
-def test_laws_in_python_run_in_processes_by_default():
-    found = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
-    assert not found.errors
-    assert np.isfinite(found["mean"]).all()
+def test_laws_in_python_run_in_processes():
+    here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        there = sweep(
+            RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"), executor=pool
+        )
+
+        class Local(Gentle):
+            pass
+
+        with pytest.raises(SceneError, match="must be importable"):
+            sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Local(), 0.05), executor=pool)
+    assert not there.errors
+    np.testing.assert_array_equal(there["mean"], here["mean"])
 
 
 class Gentle:
@@ -388,3 +400,21 @@ def test_runs_may_begin_each_in_its_own_state():
     )  # fmt: skip
     np.testing.assert_allclose(found["end"], np.sin(2 * w), atol=1e-8)
     np.testing.assert_array_equal(found["called"], found["end"])
+
+
+def test_threads_that_need_the_same_code_at_once_share_it():
+    from toolbox.emit import Body, compiled, function_text
+
+    for k in range(3):
+        body = Body()
+        body.store(f"0x{k:016X}", "%y", 0)
+        text = function_text("fresh", body)
+        gate = Barrier(8)
+
+        def load(text=text, gate=gate):
+            gate.wait()
+            return compiled(text, ["fresh"], 1)["fresh"]
+
+        with ThreadPoolExecutor(8) as pool:
+            addresses = {future.result() for future in [pool.submit(load) for _ in range(8)]}
+        assert len(addresses) == 1  # two would mean that the code of one is freed while its owner still calls it

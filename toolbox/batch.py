@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import threading
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -74,12 +75,17 @@ def finished(task: Task) -> Outcome:
     return Outcome(task.first, values, errors, clock.perf_counter() - began)
 
 
+_PREPARING = threading.Lock()
+"""Threads that begin together compile once; the symbols of casadi are shared by all of them."""
+
+
 def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
     run = task.run
-    program = program_of(run.system, run.kinds, pair_of(run))
-    loop, advance = _compiled_loop(run, program)
-    tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-    work = _work(loop, run, program)
+    with _PREPARING:
+        program = program_of(run.system, run.kinds, pair_of(run))
+        loop, advance = _compiled_loop(run, program)
+        tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
+        work = _work(loop, run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held, memory = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel()), slice(0, None)

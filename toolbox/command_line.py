@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt:
-        return complaint("interrupted, and nothing was written.", INTERRUPTED)
+        return complaint(getattr(given, "interrupted", "interrupted, and nothing was written."), INTERRUPTED)
 
 
 def script() -> None:

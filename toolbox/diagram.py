@@ -137,7 +137,7 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
             )
             for name, (label, look) in looks.items():
                 segments = found.borders[name] / [scales[0][0], scales[1][0]]
-                ax.add_collection(LineCollection(list(_chained(segments)), label=label, zorder=3, **look))
+                ax.add_collection(LineCollection(list(chained(segments)), label=label, zorder=3, **look))
             ax.set_title(title, loc="left", fontsize=9.0)
             ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
             ax.set_xlabel(f"{_words(found.names[0])} [{scales[0][1]}]")
@@ -158,7 +158,7 @@ def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
     return (1e3, f"k{unit}") if large else (1.0, unit)
 
 
-def _chained(segments: np.ndarray) -> list[np.ndarray]:
+def chained(segments: np.ndarray) -> list[np.ndarray]:
     """Segments joined end to end into lines, so that dashes run through."""
     ends: dict[tuple[float, float], list[int]] = {}
     keys = [[tuple(end) for end in segment] for segment in segments.tolist()]

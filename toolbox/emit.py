@@ -13,6 +13,7 @@ import os
 import struct
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -195,6 +196,14 @@ def compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, in
 
     instructions: size of the module, which decides how hard the code generator works.
     """
+    with _COMPILING:  # else two threads load the same code, and that of the first is freed while it still runs
+        return _compiled(text, names, instructions)
+
+
+_COMPILING = threading.Lock()
+
+
+def _compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, int]:
     import llvmlite.binding as llvm
 
     if not _MACHINE:

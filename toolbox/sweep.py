@@ -11,9 +11,11 @@ releases the interpreter; laws in Python run in processes.
 from __future__ import annotations
 
 import concurrent.futures
+import concurrent.futures.process
 import dataclasses
 import hashlib
 import json
+import math
 import multiprocessing
 import os
 import pickle
@@ -32,6 +34,7 @@ from toolbox.elements import FrictionLaw, finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
+from toolbox.inputs import Table
 from toolbox.onset import _contact, _speed
 from toolbox.parts import Component, _fields, _nested, checked, numbers_of, rebuilt, structure_of
 from toolbox.simulate import Run, _run, checked_run, place_start
@@ -43,6 +46,9 @@ if TYPE_CHECKING:
 
 WORK = 0.5
 """Seconds of work in one chunk, about."""
+
+START = 5.0
+"""Seconds of work below which processes for laws in Python are not worth starting."""
 
 
 # -------------------------------------------------------------------------------------------------------------------------------- what is varied
@@ -373,8 +379,9 @@ def sweep(
     whether the stiff method pays is decided once, on the middle variation. `start` may also be a function {name: value of what is varied} -> {state: value}.
     All runs see the same measurement noise.
 
-    executor: any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`); without, one thread per core, or one process per
-    core where a law is Python.  out: a folder to which finished chunks are written; the same call after an interruption goes on where it was.
+    executor: any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`); without, one thread per core, or one process
+    per core where a law is Python and the work is worth it.  out: a folder to which finished chunks are written; the same call after an
+    interruption goes on where it was.
 
     Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, and
     an `out` that holds the sweep of other arguments.
@@ -539,6 +546,7 @@ def evaluated(
     values = np.full((total, len(task.measures)), np.nan)
     errors = dict(broken)
     chunks: list[tuple[int, int]] | None = None
+    cost = math.inf
     done: dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]] = {}
     folder = Path(out) if out is not None else None
     method = task.run.method
@@ -571,7 +579,7 @@ def evaluated(
             _written(folder, outcome)
 
     own = executor is None
-    pool = executor or _pool(task)
+    pool = executor or _pool(task, cost * total)
     from tqdm import tqdm
 
     waiting: list[concurrent.futures.Future[Outcome]] = []
@@ -588,6 +596,11 @@ def evaluated(
         if "pickle" not in str(error):
             raise
         raise SceneError(f"Laws and measures that travel to other processes must be importable, but one is not: {error}") from None
+    except concurrent.futures.process.BrokenProcessPool:
+        raise SceneError(
+            'Laws and measures in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, because '
+            "they travel to other processes; or give an `executor` of threads."
+        ) from None
     finally:
         for future in waiting:
             future.cancel()
@@ -596,11 +609,11 @@ def evaluated(
     return values, dict(sorted(errors.items())), clock.perf_counter() - began
 
 
-def _pool(task: Task) -> concurrent.futures.Executor:
-    """Threads for laws in machine code, processes for laws in Python."""
+def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
+    """Threads for laws in machine code; processes for laws in Python, or one thread where that is done before processes have started."""
     workers = os.cpu_count() or 1
-    if not task.run.laws:
-        return concurrent.futures.ThreadPoolExecutor(workers)
+    if not task.run.laws or seconds < START:
+        return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else workers)
     return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
 
 
@@ -678,7 +691,7 @@ def _fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> di
         "machine": [_plain(structure_of(part)) for part in run.system.parts] + [run.system.values.tolist()],
         "controller": [_name(law) for law in run.laws] + [run.clocks, run.seeds],
         "vary": [variations.names, variations.shape, hashlib.sha256(variations.points.tobytes()).hexdigest()],
-        "inputs": [str({k: v for k, v in sorted(run.inputs.items()) if k not in variations.names})],
+        "inputs": [(k, _number(v)) for k, v in sorted(run.inputs.items()) if k not in variations.names],
         "start": [
             str({k: np.asarray(v).tolist() for k, v in sorted(run.start.items())}),
             *(hashlib.sha256(a.tobytes()).hexdigest() for a in arrays),
@@ -689,6 +702,11 @@ def _fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> di
         "method": [run.method],
     }
     return {word: hashlib.sha256(repr(value).encode()).hexdigest()[:16] for word, value in content.items()}
+
+
+def _number(value: Any) -> Any:
+    """An input as text that tells it from every other."""
+    return ("table", value.times.tolist(), value.values.tolist()) if isinstance(value, Table) else str(value)
 
 
 def _name(thing: Any) -> str:

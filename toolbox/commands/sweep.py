@@ -11,6 +11,9 @@ from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
 
 
+GOES_ON = "interrupted; the same call goes on from here."
+
+
 def add(commands: Any) -> None:
     """Declare the arguments of `stickslip sweep` and `stickslip map`."""
     many = commands.add_parser(
@@ -34,7 +37,7 @@ def add(commands: Any) -> None:
     many.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
     )
-    many.set_defaults(action=run)
+    many.set_defaults(action=run, interrupted=GOES_ON)
     chart = commands.add_parser(
         "map",
         help="severity of stick-slip over two parameters, with its borders",
@@ -53,7 +56,7 @@ def add(commands: Any) -> None:
     chart.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
     )
-    chart.set_defaults(action=run_map)
+    chart.set_defaults(action=run_map, interrupted=GOES_ON)
 
 
 def run(given: argparse.Namespace) -> int:

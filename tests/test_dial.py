@@ -13,8 +13,8 @@ SCENES = (
     "thomsen_fidlin", "top_drive", "two_blocks", "two_disks", "veraszto_stepan", "whirl",
 )  # fmt: skip
 
-# motion that forgets its start, so that any error becomes as large as the motion; and a bit that loses contact cut by cut, at a loose accuracy
-SENSITIVE = {("alternating_load", 1e-3), ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}
+# motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut
+SENSITIVE = {("popp_rudolph", 1e-6), ("alternating_load", 1e-3), ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}
 
 
 @functools.cache
@@ -32,8 +32,9 @@ def kept(root, name, label, duration, accuracy):
     plant, arguments, exact = truth(root, name, label, duration)
     run = simulate(plant, duration, accuracy=accuracy, **arguments)
     made = run.difference(exact)
-    # where chaos has swallowed the start both are of the size of the motion; below 1e-11 the truth is not known
-    assert made / 10 <= run.error <= 10 * made or max(made, run.error) < 1e-10
+    # below 1e-10 the truth is not known; a run that is better by chance than the one at accuracy / 100 reports the error of that one
+    assert made <= 10 * max(run.error, 1e-11)
+    assert run.error <= max(10 * made, accuracy / 10)
     return made < 10 * accuracy
 
 

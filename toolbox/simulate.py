@@ -37,7 +37,7 @@ MAX_STEPS = 20_000_000
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
-METHODS = ("event", "explicit", "stiff", "time-stepping", "smoothed")
+METHODS = ("event", "explicit", "stiff", "time-stepping", "smoothed", "auto")
 """How a run may step."""
 
 
@@ -92,7 +92,8 @@ def simulate(
     linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in Python stay explicit); "explicit" and "stiff"
     prescribe one of the two. Both locate every switch as an event. "time-stepping" locates none (see `toolbox.time_stepping`): its `step` [s] is refined
     until the accuracy is met, unless it is given. "smoothed" regularises friction (see `toolbox.smoothed`): so is its `width`, a slip speed or {element: slip
-    speed}.  accuracy: target for the global error, states scaled by their size.
+    speed}. "auto" takes the cheapest by the rule of `toolbox.choice` and says why in `run.why`.
+    accuracy: target for the global error, states scaled by their size.
     output_times: increasing times [s] at which to record (right-hand limits at events); without, every step and both sides of every event.
 
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
@@ -316,6 +317,10 @@ def _undecided(run: Run) -> bool:
 
 
 def _run(run: Run) -> Trajectory:
+    if run.method == "auto":
+        from toolbox.choice import chosen
+
+        return chosen(run)
     if (run.method == "time-stepping" and run.step is None) or (run.method == "smoothed" and run.widths is None):
         from toolbox.dial import refined
 

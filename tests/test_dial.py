@@ -4,7 +4,7 @@ import functools
 
 import pytest
 
-from toolbox import Scene, simulate
+from toolbox import AccuracyError, Scene, simulate
 
 SCENES = (
     "aarsnes_shor", "absorber", "alternating_load", "bit_bounce", "block_on_belt", "brake_stop", "breaking_circulation", "bristle_contact", "creep_groan",
@@ -57,3 +57,19 @@ def test_every_case_of_a_scene_does_so_over_its_whole_length(root, name, accurac
     for label in scene.labels:
         assert kept(root, name, label, scene.duration, accuracy) or (name, accuracy) in SENSITIVE, label
     truth.cache_clear()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["time-stepping", "smoothed"])
+@pytest.mark.parametrize("name", SCENES)
+def test_the_other_methods_keep_a_loose_accuracy_or_say_that_they_cannot(root, name, method):
+    duration = Scene.load(root / f"studies/scenes/{name}.toml").duration / (50 if name in ("whirl", "disk_stack") else 8)
+    plant, arguments, exact = truth(root, name, "", duration)
+    try:
+        run = simulate(plant, duration, method=method, accuracy=1e-2, **arguments)
+    except AccuracyError as failed:
+        assert failed.run.difference(exact) <= 10 * failed.run.error
+        return
+    made = run.difference(exact)
+    assert made < 10 * 1e-2
+    assert made <= 10 * run.error

@@ -400,7 +400,11 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         names = [program.system.elements[i].name for i in program.varying]
         expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
         bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
-        if (bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)).any():
+        wrong = bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)
+        if isinstance(run, Stepped):  # which sees a contact open at the end of a step, and takes no friction until then
+            wrong[:, 2:] = wrong[:, 2:] & wrong[:, 1:-1] & wrong[:, :-2]
+            wrong[:, :2] = False
+        if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(
                 f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run

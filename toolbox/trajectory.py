@@ -295,6 +295,10 @@ class Trajectory(Samples):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
+        groups = self.program.groups[: size.size]  # a state far below others of its unit is round-off of theirs, as in the control of steps
+        largest = np.zeros(self.program.group_count)
+        np.maximum.at(largest, groups, size)
+        size = np.maximum(size, 1e-10 * largest[groups])
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 

@@ -67,7 +67,7 @@ def finished(task: Task) -> Outcome:
     values = np.full((len(task.numbers), len(task.measures)), np.nan)
     errors: dict[int, str] = {}
     run = task.run
-    dialled = run.method in ("time-stepping", "smoothed")  # their step or width is refined, run by run
+    dialled = run.method in ("time-stepping", "smoothed", "auto")  # their step or width is refined, run by run
     if run.laws or dialled or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
         _one_by_one(task, values, errors)
     else:

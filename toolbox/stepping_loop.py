@@ -105,7 +105,7 @@ def _agrees(w, i):
         return False
     if w.m[i] * after >= -tiny:
         return True
-    w.m[i] = 0.0
+    w.m[i] = 0.0 if bound > 0.0 else -w.m[i]  # without load there is nothing to hold with
     return False
 
 

@@ -62,7 +62,11 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     elastic, ahead, last = ca.SX.sym("elastic", ne), ca.SX.sym("ahead"), ca.SX.sym("last", ne)
     restitution = column([e.restitution if isinstance(e, UnilateralContact) and e.unilateral else ca.SX(0) for e in elements])
     closure = column([e.closure if isinstance(e, UnilateralContact) else ca.SX(0) for e in elements])
-    kinetic, static = column([e.kinetic for e in elements]), column([e.static for e in elements])
+    # a load that an elastic contact gives is below zero until the contact is seen to be open, at the end of the step
+    given = ca.vertcat(t, x, mode)
+    positive = [e.law is not None and ca.depends_on(e.load, given) and not ca.depends_on(e.load, force) for e in elements]
+    kinetic = column([(ca.fmax(e.load, 0) if above else e.load) * e.sliding for e, above in zip(elements, positive, strict=True)])
+    static = column([ca.fmax(e.static, 0) if above else e.static for e, above in zip(elements, positive, strict=True)])
     # a law is taken at the slip that there is, also where a trial turns its direction
     side = ca.sign(slip) + (1 - ca.sign(slip) ** 2) * mode
     straight = ahead * (1 + mode * side) / 2

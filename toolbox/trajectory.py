@@ -140,7 +140,8 @@ class Trajectory(Samples):
     end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
     merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
     can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
-    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end.
+    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end;  why: what made method="auto" take
+    this method, else empty.
     """
 
     laws: tuple[Any, ...] = ()
@@ -163,6 +164,7 @@ class Trajectory(Samples):
         merged: int,
         wall_time: float,
         memory: np.ndarray | None = None,
+        why: str = "",
     ):
         super().__init__(program, time, states, mode, held, parameters, False)
         self.run = run
@@ -175,6 +177,7 @@ class Trajectory(Samples):
         self.end = end
         self.answers = answers
         self.memory = memory
+        self.why = why
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
@@ -184,7 +187,7 @@ class Trajectory(Samples):
 
     def __reduce__(self) -> Any:
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
-        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory")
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
         data = {name: getattr(self, name) for name in names}
         return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
@@ -293,6 +296,10 @@ class Trajectory(Samples):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
+        groups = self.program.groups[: size.size]  # a state far below others of its unit is round-off of theirs, as in the control of steps
+        largest = np.zeros(self.program.group_count)
+        np.maximum.at(largest, groups, size)
+        size = np.maximum(size, 1e-10 * largest[groups])
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 
@@ -358,6 +365,8 @@ class Trajectory(Samples):
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
+        if self.why:
+            lines.append(f"  {self.why}")
         if self.merged:
             lines.append(f"  {self.merged} touches without a change of mode")
         for element in self.program.system.elements:

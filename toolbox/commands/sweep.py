@@ -10,7 +10,6 @@ from typing import Any
 from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
 
-
 GOES_ON = "interrupted; the same call goes on from here."
 
 

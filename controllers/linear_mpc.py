@@ -11,6 +11,7 @@ from controllers.predictive import Predictive, PredictiveLaw, held, riccati, ste
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
 from toolbox import HybridSystem
+from toolbox.export import Declared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +110,7 @@ class PlannedLinear(PredictiveLaw):
         self.known = np.vstack(known) if known else np.zeros((0, n + 3))
         self.program = QuadraticProgram(H, np.vstack(pieces) if pieces else np.zeros((0, width)), law.solver, warm=law.warm)
 
-    def export_c(self, c: Path, h: Path, period: float) -> tuple[Path, Path]:
+    def export_c(self, c: Path, h: Path, period: float) -> Declared:
         """Write the law as C; see `toolbox.export_c` and `controllers.linear_mpc_c`."""
         from controllers.linear_mpc_c import export
 

@@ -7,6 +7,7 @@ from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.export import export_c, to_control
+from toolbox.fmu import export_fmu
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -57,6 +58,7 @@ __all__ = [
     "equilibria",
     "equilibrium",
     "export_c",
+    "export_fmu",
     "follow",
     "hopf_curve",
     "hopf_points",

@@ -82,7 +82,7 @@ def _description(law: Declared, guid: str, once: bool) -> bytes:
         modelIdentifier=law.name, canHandleVariableCommunicationStepSize="true", canGetAndSetFMUstate="false" if once else "true",
         canBeInstantiatedOnlyOncePerProcess="true" if once else "false",
     )  # fmt: skip
-    units = dict.fromkeys(unit for _, unit, *_ in (*law.reads, *law.drives, *law.memory))
+    units = dict.fromkeys(str(row[1]) for row in (*law.reads, *law.drives, *law.memory))
     definitions = ElementTree.SubElement(root, "UnitDefinitions")
     for unit in units:
         ElementTree.SubElement(definitions, "Unit", name=unit)

@@ -362,6 +362,14 @@ def test_the_law_as_given_fails_aloud_where_it_is_wrong_and_is_recorded_where_on
     assert found.law.growth <= 1.0
 
 
+def test_scenes_whose_laws_start_from_different_numbers_are_refused():
+    scenes = {word: scene(Case("dials", Dials(torque=torque))) for word, torque in (("a", 1000.0), ("b", 2000.0))}
+    with pytest.raises(SceneError, match="same `torque` in every scene, but it is 1000 in `a` and 2000 in `b`"):
+        tune(scenes, "dials", off_by, {"torque": (100.0, 1e4)}, runs=10)
+    found = tune(scenes, "dials", off_by, {"dial": (0.0, 1.0)}, runs=10)  # numbers that are not free may differ
+    assert found.before.values[0] != found.before.values[1]
+
+
 def test_the_figure_shows_the_front_or_the_best_so_far(tmp_path):
     both = tune(scene(), Dials(), {"off [N]": off_by, "torque [N m]": torque_of}, {"torque": (100.0, 10_000.0)}, runs=40)
     ax = both.plot()

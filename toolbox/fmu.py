@@ -8,16 +8,10 @@ whole part of it, sample the law as it was designed.
 from __future__ import annotations
 
 import os
-import platform
 import shutil
-import subprocess
 import sys
-import tempfile
-import uuid
-import zipfile
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from toolbox.errors import SceneError
 from toolbox.export import Declared, _paths, declared_c
@@ -31,6 +25,12 @@ def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | 
     Inputs are what the law measures and its set-points, with their stand-ins as start values, outputs what it drives, and its memory is there to look at;
     names and units are those of the signals. Raises SceneError as `export_c` does, and where there is no C compiler (`CC`, or `cc`) or it fails.
     """
+    import platform
+    import subprocess
+    import tempfile
+    import uuid
+    import zipfile
+
     path = Path(path)
     c, _ = _paths(path.with_suffix("") if path.suffix == ".fmu" else path)
     target, name = path.with_name(c.stem + ".fmu"), c.stem
@@ -72,6 +72,8 @@ def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | 
 
 def _description(law: Declared, guid: str, once: bool) -> bytes:
     """modelDescription.xml: variables by value reference in the order reads, drives, memory."""
+    from xml.etree import ElementTree
+
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="2.0", modelName=law.name, guid=guid, generationTool="stickslip-toolbox", variableNamingConvention="flat",

@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -248,7 +247,8 @@ def _front(values: np.ndarray) -> list[int]:
 
 
 def _over_words(over: Any) -> str:
-    return f"the {_OVER[over]}" if over in _OVER else f"`{getattr(over, '__name__', over)}`"
+    name = getattr(over, "__name__", str(over))
+    return f"the {_OVER[name]}" if name in _OVER else f"`{name}`"
 
 
 def _labelled(name: str, unit: str) -> str:
@@ -308,8 +308,11 @@ def tune(
     scenes = _scenes(scene)
     cases = [_case(each, controller) for each in scenes.values()]
     free = _free(cases[0], bounds)
-    for case in cases[1:]:
-        _free(case, bounds)
+    for label, case in zip(scenes, cases, strict=True):
+        for first, here in zip(free, _free(case, bounds), strict=True):
+            if here.given != first.given:
+                words = f"{_plain(first.given)} in `{next(iter(scenes))}` and {_plain(here.given)} in `{label}`"
+                raise SceneError(f"Argument `controller` must start from the same `{here.name}` in every scene, but it is {words}.")
     objectives = _objectives(objective, list(scenes.values()))
     if not callable(over):
         raise SceneError(f"Argument `over` must be a function such as `max`, but it is {over!r}.")
@@ -352,7 +355,7 @@ def tune(
     )
 
 
-_OVER: Mapping[Any, str] = {max: "worst", statistics.fmean: "mean"}
+_OVER = {"max": "worst", "fmean": "mean"}
 
 
 def _scenes(given: Any) -> dict[str, Scene]:

@@ -121,7 +121,11 @@ class Tuned:
 
     @property
     def best(self) -> Trial:
-        """The trial with the smallest objective; of a front the one nearest to its ideal corner. Raises SceneError where no trial succeeded."""
+        """The trial with the smallest objective. Raises SceneError where no trial succeeded.
+
+        Of a front, the one nearest to its ideal corner, the axes counted from its best to its worst; where some are no worse than the given law in any
+        objective, one of these.
+        """
         front = self.front
         if not front:
             reasons = [words for trial in self.trials for words in trial.failures if words]
@@ -129,7 +133,9 @@ class Tuned:
             raise SceneError(f"The tuning found nothing: all {len(self.trials)} trials failed{why}")
         values = np.array([self.counted(trial) for trial in front])
         low, size = values.min(axis=0), np.ptp(values, axis=0)
-        return front[int(np.argmin(np.linalg.norm((values - low) / np.where(size > 0, size, 1.0), axis=1)))]
+        distance = np.linalg.norm((values - low) / np.where(size > 0, size, 1.0), axis=1)
+        better = (values <= self.counted(self.before)).all(axis=1) & np.array([trial is not self.before for trial in front])
+        return front[int(np.argmin(np.where(better, distance, np.inf) if better.any() else distance))]
 
     @property
     def law(self) -> Any:

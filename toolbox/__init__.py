@@ -21,7 +21,8 @@ from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.trajectory import Event, Trajectory
-from toolbox.tune import Tuned, tune
+from toolbox.tune import tune
+from toolbox.tuned import Tuned
 
 __all__ = [
     "Bifurcation",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from toolbox.onset import Onset
     from toolbox.scene import Scene
     from toolbox.trajectory import Trajectory
-    from toolbox.tune import Tuned
+    from toolbox.tuned import Tuned
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from controllers.predictive import Predictive, PredictiveLaw, held, riccati, ste
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
 from toolbox import HybridSystem, quantity
+from toolbox.export import Declared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +119,7 @@ class PlannedLinear(PredictiveLaw):
         self.theta, self.vectors = np.empty(n + 3), self.bounds.copy()
         self.program.solve(self.constant[:width], *self.vectors)  # loads what is compiled, which no sample should wait for
 
-    def export_c(self, c: Path, h: Path, period: float) -> tuple[Path, Path]:
+    def export_c(self, c: Path, h: Path, period: float) -> Declared:
         """Write the law as C; see `toolbox.export_c` and `controllers.linear_mpc_c`."""
         from controllers.linear_mpc_c import export
 

@@ -31,7 +31,7 @@ TOLERANCE = 1e-6
 """Largest KKT residual of a plan that is used, as for the active-set solver in Python."""
 
 
-def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 20000) -> tuple[Path, Path]:
+def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int = 20000) -> Declared:
     """Write NAME.c, NAME.h and the folder NAME_osqp of the solver; compile NAME.c with every .c of the folder and of its `src`.
 
     Raises SceneError for another period than that of the law.
@@ -41,9 +41,8 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
         raise SceneError(f"Argument `period` must be {numbers.period:g} s, the `period` of the law, but it is {period!r}.")
     before, after = _steps(law, name)
     _solver(law, c.parent, name, iterations)
-    units = {"top.speed": "rad/s", "bit.speed": "rad/s"}
-    model = dict(zip(law.model.states, law.model.units, strict=True))
-    reads = [(signal, units.get(signal, model.get(signal, "1")), "") for signal in numbers.sensors]
+    units = dict(zip(law.model.states, law.model.units, strict=True)) | {"top.speed": "rad/s", "bit.speed": "rad/s", "top.load": "N m"}
+    reads: list[tuple[str, str, float | None]] = [(signal, units.get(signal, "1"), None) for signal in numbers.sensors]
     states = [(f"estimate.{signal}", unit) for signal, unit in zip(law.model.states, law.model.units, strict=True)]
     memory = [
         *states,
@@ -54,8 +53,8 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
     ]
     declared = Declared(
         "LinearMPC", name, period,
-        [*reads, ("top.reference", "rad/s", f"set-point, {numbers.reference:.17g} unless it moves")],
-        memory, [("top.torque", "N m", "")],
+        [*reads, ("top.reference", "rad/s", numbers.reference)],
+        memory, [("top.torque", "N m")],
         note=f"The solver in {name}_osqp (OSQP, Apache 2.0) keeps its last answer to start from in static memory: one law, one thread.\n"
         f"Compile with {name}_osqp/*.c and {name}_osqp/src/*.c, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
         "The last entry of the memory is 1 while the plan did not pass its check and the soft drive acts.",

@@ -153,7 +153,8 @@ PREDICTIVE = LinearMPC(reference=8.0, torque_rate=20_000.0, highest_speed=14.0, 
 def compiled_program(tmp_path, law, iterations=20_000):
     """A predictive law and its solver as a shared library: (callable, number of entries of its memory)."""
     planned = law.design(HEAVY)
-    c, h = export(planned, tmp_path / "mpc.c", tmp_path / "mpc.h", law.period, iterations=iterations)
+    c, h = tmp_path / "mpc.c", tmp_path / "mpc.h"
+    export(planned, c, h, law.period, iterations=iterations)
     solver = tmp_path / "mpc_osqp"
     sources = [str(path) for path in (*solver.glob("*.c"), *(solver / "src").glob("*.c"))]
     folders = [f"-I{folder}" for folder in (solver, solver / "inc" / "public", solver / "inc" / "private")]
@@ -226,7 +227,7 @@ def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tm
 def test_the_header_names_signals_units_stand_ins_period_and_memory(tmp_path):
     c, h = export_c(ZTorque(reference=7.25), PLANT, 0.02, tmp_path / "z_torque")
     text = h.read_text()
-    for line in ("y[0]  top.speed [rad/s]", "y[1]  top.reference [rad/s]  set-point, 7.25", "u[0]  top.torque [N m]", "memory[0]  ztorque.speed [rad/s]  0",
+    for line in ("y[0]  top.speed [rad/s]", "y[1]  top.reference [rad/s]  set-point, 7.25", "u[0]  top.torque [N m]", "memory[0]  ztorque.speed [rad/s]",
                  "#define Z_TORQUE_PERIOD 0.02", "int z_torque_step(const double *y, double *memory, double *u);", "every 0.02 s"):  # fmt: skip
         assert line in text
     assert "malloc" not in c.read_text() and '#include "z_torque.h"' in c.read_text()

@@ -85,7 +85,7 @@ def test_the_best_damped_pi_drive_on_a_free_string_is_the_optimum_of_jansen_and_
 def test_the_front_of_two_distances_is_all_that_lies_between_their_zeros():
     first, last = 2000.0, 6000.0
     objectives = {"low": lambda run: (end(run, "top.torque") - first) ** 2, "high": lambda run: (end(run, "top.torque") - last) ** 2}
-    found = tune(scene(), Dials(), objectives, {"torque": (100.0, 10_000.0)}, runs=150)
+    found = tune(scene(), Dials(torque=9500.0), objectives, {"torque": (100.0, 10_000.0)}, runs=150)
     torques = np.array([trial.numbers[0] for trial in found.front])
     assert torques.min() == pytest.approx(first, abs=10.0) and torques.max() == pytest.approx(last, abs=10.0)
     assert len(torques) > 40 and np.diff(torques).max() < 500.0
@@ -95,6 +95,9 @@ def test_the_front_of_two_distances_is_all_that_lies_between_their_zeros():
         low, high = found.counted(trial)
         assert math.sqrt(low) + math.sqrt(high) == pytest.approx(last - first, abs=20.0 if not first <= trial.numbers[0] <= last else 1e-6)
     assert found.best.numbers[0] == pytest.approx((first + last) / 2, abs=300.0)
+    low_given = tune(scene(), Dials(torque=1000.0), objectives, {"torque": (100.0, 10_000.0)}, runs=60)
+    assert (np.array(low_given.counted(low_given.best)) <= low_given.counted(low_given.before)).all()  # not bought by a loss elsewhere
+    assert low_given.best.numbers[0] <= 3000.0
     beaten = [trial for trial in found.trials if not first - 20 <= trial.numbers[0] <= last + 20]
     assert beaten and not any(trial in found.front for trial in beaten)
 
@@ -360,6 +363,14 @@ def test_the_law_as_given_fails_aloud_where_it_is_wrong_and_is_recorded_where_on
     found = tune(scene(Case("escape", Escape(growth=3.0)), duration=1.0), "escape", torque_of, {"growth": (0.5, 1.0)}, runs=10)
     assert found.before.failed and found.before.failures[0].startswith(SimulationError.__name__)
     assert found.law.growth <= 1.0
+
+
+def test_scenes_whose_laws_start_from_different_numbers_are_refused():
+    scenes = {word: scene(Case("dials", Dials(torque=torque))) for word, torque in (("a", 1000.0), ("b", 2000.0))}
+    with pytest.raises(SceneError, match="same `torque` in every scene, but it is 1000 in `a` and 2000 in `b`"):
+        tune(scenes, "dials", off_by, {"torque": (100.0, 1e4)}, runs=10)
+    found = tune(scenes, "dials", off_by, {"dial": (0.0, 1.0)}, runs=10)  # numbers that are not free may differ
+    assert found.before.values[0] != found.before.values[1]
 
 
 def test_the_figure_shows_the_front_or_the_best_so_far(tmp_path):

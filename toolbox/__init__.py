@@ -7,6 +7,7 @@ from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.export import export_c, to_control
+from toolbox.fmu import export_fmu
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -23,7 +24,8 @@ from toolbox.smoothed import smoothed
 from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
 from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
-from toolbox.tune import Tuned, tune
+from toolbox.tune import tune
+from toolbox.tuned import Tuned
 from toolbox.work_precision import WorkPrecision, work_precision
 
 __all__ = [
@@ -66,6 +68,7 @@ __all__ = [
     "equilibria",
     "equilibrium",
     "export_c",
+    "export_fmu",
     "follow",
     "hopf_curve",
     "hopf_points",

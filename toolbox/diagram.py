@@ -17,7 +17,7 @@ from toolbox.plot import LINES, PAPER, WIDTH, _words
 if TYPE_CHECKING:
     from toolbox.onset import Onset
     from toolbox.severity_map import SeverityMap
-    from toolbox.tune import Tuned
+    from toolbox.tuned import Tuned
 
 
 def onset_diagram(found: Onset, ax: Any = None) -> Any:

@@ -162,6 +162,13 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
     Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
     """
     c, h = _paths(path)
+    declared_c(controller, plant, period, path)
+    return c, h
+
+
+def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
+    """Write a law as `export_c` does, and return what its header lists."""
+    c, h = _paths(path)
     designed = controller.design(plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
     if hasattr(designed, "export_c"):
         return designed.export_c(c, h, period)
@@ -170,24 +177,26 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
-    return written(c, h, Declared(law.title, c.stem, period, _reads(law), law.labels, _drives(law)), [step])
+    reads = [(name, unit, stand_in) for name, (_, unit, stand_in) in law.reads.items()]
+    return written(
+        c, h, Declared(law.title, c.stem, period, reads, law.labels, [(name, law.gives[name][1]) for name in law.drives]), [step]
+    )
 
 
 @dataclass(frozen=True)
 class Declared:
-    """What the header of a law in C lists: (signal, unit, note) of everything it reads and drives, (name, unit) of its memory, its start values."""
+    """What the header of a law in C lists: (signal, unit, stand-in or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
 
     title: str
     name: str
     period: float
-    reads: list[tuple[str, str, str]]
+    reads: list[tuple[str, str, float | None]]
     memory: list[tuple[str, str]]
-    drives: list[tuple[str, str, str]]
-    start: Sequence[float] | None = None
+    drives: list[tuple[str, str]]
     note: str = ""
 
 
-def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> tuple[Path, Path]:
+def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
     """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
 
     Without `step` there is one function, (y, memory) -> (u, next memory), and the step is that.
@@ -196,7 +205,7 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
     for path, text in zip((h, c), texts, strict=True):
         with replaced(path) as file:
             file.write(text.encode())
-    return c, h
+    return declared
 
 
 def _paths(path: str | Path) -> tuple[Path, Path]:
@@ -207,20 +216,8 @@ def _paths(path: str | Path) -> tuple[Path, Path]:
     return bare.with_name(bare.name + ".c"), bare.with_name(bare.name + ".h")
 
 
-def _reads(law: OpenLaw) -> list[tuple[str, str, str]]:
-    return [
-        (name, unit, "" if stand_in is None else f"set-point, {stand_in:.17g} unless it moves")
-        for name, (_, unit, stand_in) in law.reads.items()
-    ]
-
-
-def _drives(law: OpenLaw) -> list[tuple[str, str, str]]:
-    return [(name, law.gives[name][1], "") for name in law.drives]
-
-
 def _header(law: Declared) -> str:
     name, upper = law.name, law.name.upper()
-    start = law.start if law.start is not None else [0.0] * len(law.memory)
 
     def entries(symbol: str, rows: Sequence[tuple[str, str, str]]) -> list[str]:
         return [f" *   {symbol}[{i}]  {label} [{unit}]" + (f"  {note}" if note else "") for i, (label, unit, note) in enumerate(rows)] or [
@@ -234,11 +231,11 @@ def _header(law: Declared) -> str:
         *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
         " *",
         " * Reads:",
-        *entries("y", law.reads),
+        *entries("y", [(n, unit, "" if value is None else f"set-point, {value:.17g} unless it moves") for n, unit, value in law.reads]),
         " * Drives, held until the next call:",
-        *entries("u", law.drives),
-        " * Memory, with its start values:",
-        *entries("memory", [(label, unit, f"{value:.17g}") for (label, unit), value in zip(law.memory, start, strict=True)]),
+        *entries("u", [(n, unit, "") for n, unit in law.drives]),
+        " * Memory, which starts at 0:",
+        *entries("memory", [(n, unit, "") for n, unit in law.memory]),
         " */",
         f"#ifndef {upper}_H",
         f"#define {upper}_H",
@@ -276,11 +273,9 @@ def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
         entry = body.index(f"int {functions[0].name()}(")
         rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
         body = body[: rest if rest > 0 else None].rstrip()
-    many = len(law.memory)
-    start = law.start if law.start is not None else [0.0] * many
     begin = [
         f"void {name}_start(double *memory) {{",
-        *([f"  memory[{i}] = {float(value)!r};" for i, value in enumerate(start)] or ["  (void)memory;"]),
+        *([f"  int i;\n  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = 0.0;"] if law.memory else ["  (void)memory;"]),
         "}",
     ]
     return f'#include "{name}.h"\n\n{body}\n\n' + "\n".join(begin) + f"\n\n{step}"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from toolbox.scene import Scene
     from toolbox.severity_map import SeverityMap
     from toolbox.trajectory import Trajectory
-    from toolbox.tune import Tuned
+    from toolbox.tuned import Tuned
     from toolbox.work_precision import WorkPrecision
 
 

@@ -81,6 +81,7 @@ __all__ = [
     "read_sections",
     "read_survey",
     "shaft_frequencies",
+    "tangential_dither",
     "uniform_pressure_radius",
     "uniform_wear_radius",
     "wells",

@@ -70,7 +70,11 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     declared = [plant.p, plant.u, plant.x, plant.t]
     numbers = [plant.values, np.array(plant.input_defaults(plant.values)).ravel(), np.zeros(plant.x.numel()), 0.0]
     load, gain = (
-        float(ca.Function("number", [*declared, plant.m, plant.F], [ca.densify(ca.SX(value))])(*numbers, np.ones(len(names)), np.zeros(len(names))))
+        float(
+            ca.Function("number", [*declared, plant.m, plant.F], [ca.densify(ca.SX(value))])(
+                *numbers, np.ones(len(names)), np.zeros(len(names))
+            )
+        )
         for value in (element.load, plant.switching.gain[place, place])
     )
     law = _AtNumbers(speed, ca.substitute(ca.SX(element.law.sliding(speed)), plant.p, ca.SX(plant.values)))

@@ -1,8 +1,9 @@
 """Which law brings a disc brake to standstill at the wanted deceleration, without groan?
 
-Plant: `DiscBrake` with its defaults (a quarter of a car on the disc, pads and caliper at 50 Hz), from 6 rad/s (1.8 m/s at the tyre) to standstill, forces between
-100 N, which hold the wheel once it stands, and 5000 N, at most 20 kN/s. The disc is rough: 5 N more or less at 40 Hz on each pad, without which the
-pad would come to the speed at which it loses its damping in a calm that no machine has. Laws are sampled every millisecond, the predictive one every 30 ms.
+Plant: `DiscBrake` with its defaults (a quarter of a car on the disc, pads and caliper at 50 Hz), from 6 rad/s (1.8 m/s at the tyre) to standstill,
+forces between 100 N, which hold the wheel once it stands, and 5000 N, at most 20 kN/s. The disc is rough: 4 N more or less at 40 Hz on the pad, without which it
+would come to the speed at which it loses its damping in a calm that no machine has. Laws are sampled every millisecond, the predictive one every 30 ms;
+dither acts at once, by an actuator of its own.
 
 Groan: a stick of the pad that lets go again while the disc still turns faster than 0.1 rad/s (12 mm/s at the pads). Slower than that every brake sticks
 a last time, because a pad that swings at all swings faster than the disc. A stop succeeds where there is no groan, the disc stands, and its way is within
@@ -10,18 +11,19 @@ a last time, because a pad that swings at all swings faster than the disc. A sto
 table shows the last success.
 
 nominal: the actuator follows at once, everything is measured at once and exactly.  real: an actuator of 10 ms, commands 2 ms late, 0.005 rad/s of
-noise on the speed and 2 N m on the torque, friction 20 % higher (and so its fall), three seeds of noise.
+noise on the speed and 2 N m on the torque, friction 20 % higher (and so its fall), three seeds of noise. PI and sliding mode without ease then have
+lower gains (`SOFT_PI`, `SOFT_SLIDING`), because with those of the nominal case they feed the noise to the pad; eased, they have them throughout.
 
 At 2 rad/s2: groans, way beyond the planned one in parts of it (negative: shorter), rms of the speed error until the planned end, peak force of a pad, and the
 jolt: the largest acceleration of the wheel backwards once it stands, as it swings on its caliper. Step: 99th percentile of the time of one sample.
 
-Where groan cannot be avoided: while the force of the plan is held constant the pad grows by exp(G) on its way through the speeds without damping,
+Where groan cannot be avoided: under a constant force the pad grows by exp(G) on its way through the speeds without damping,
 
-    G = [(I D / (mu r^2)) (1 - exp(-q w_e)) - c w_e / a] / (2 m),   D = mu_s - mu_k,  q = decay r,   w_e = ln(N / N_0) / q
+    G = I / (2 m r^2) ln(mu_s / mu(r w_e)) - (what the caliper takes),   w_e the speed at which it loses its damping
 
-(mu that of the plan; see `growth`). N rises with the deceleration a as the time in these speeds falls, so that braking harder does not outrun groan: G
-tends to I D / (2 m mu r^2), 31 here. What remains is to let friction fall without the torque falling, which takes an actuator faster than the pad,
-to take the force back to N_0 on the way to standstill, which takes way, or to change the contact (`studies.dither`).
+(`models.closed_forms.groan_growth`). A larger force shortens the way and strengthens the growth alike, so that braking harder does not outrun groan: G rises
+to I / (2 m r^2) ln(mu_s / mu_k), 31 here. What remains is to let friction fall without the torque falling, which takes an actuator faster than the
+pad, to take the force back on the way to standstill, which takes way, or to change the contact (`studies.dither`).
 
     python -m studies.brakes [--out FOLDER] [--only LABEL ...]        (about three minutes; the table, brakes.csv and brakes.png)
 """
@@ -32,49 +34,58 @@ import argparse
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode, NormalDither
+from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode, NormalDither, PhasedDither
+from controllers.dither import LoadDither
 from models import DiscBrake
+from models.closed_forms import groan_growth
 from studies.drives import update_times
-from toolbox import Controller, HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate, sine
+from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate, sine
 
 BRAKE = DiscBrake(force=0.0)
 START, SLOWEST, FARTHEST = 6.0, 0.1, 0.15
-ROUGH = {"brake.disturbance": sine(5.0, 5.0, 40.0)}
+ROUGH = {"pad.attachment": sine(0.0, 4.0, 40.0)}
 HIGHER = {"pad.friction.static": 0.54, "pad.friction.kinetic": 0.42}
 NOISE = {"disc.speed": 0.005, "brake.torque": 2.0}
 LAG, DELAY = 0.01, 0.002
 SEEDS = (11, 12, 13)
 COMMON, LOWEST, HIGHEST, STEP = 2.0, 0.5, 5.0, 0.1
 EASED = 0.8
+ON_FORCE = {"load": "brake.disturbance", "over": "brake.force"}
+ON_PAD = {"speed": "pad.speed", "unit": "m/s"}
+SOFT_PI = {"proportional": 0.1, "integral": 1.0}
+SOFT_SLIDING = {"filter_time": 0.1, "reaching": 0.3, "width": 0.2, "surface": 1.0}
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A row: what makes the law for a deceleration [rad/s2], its period [s], and the dither that acts beside it."""
+    """A row: what makes the law for a deceleration [rad/s2], its period [s], other numbers of it under real conditions, the dither beside it."""
 
     label: str
-    law: Callable[[float], Controller]
+    law: Callable[..., Any]
     period: float = 0.001
-    dither: tuple[NormalDither, ...] = ()
+    real: dict[str, float] = field(default_factory=dict)
+    dither: LoadDither | None = None
 
 
 def contenders() -> list[Contender]:
     """All rows, in the order of the table."""
-    slow = {"margin": EASED, "filter_time": 0.1}
     return [
-        Contender("constant force", lambda a: BrakeForce(deceleration=a)),
-        Contender("constant force, eased", lambda a: BrakeForce(deceleration=a, margin=EASED)),
-        Contender("PI", lambda a: BrakePI(deceleration=a)),
-        Contender("PI, eased", lambda a: BrakePI(deceleration=a, margin=EASED)),
-        Contender("sliding mode", lambda a: BrakeSlidingMode(deceleration=a)),
-        Contender("sliding mode, eased", lambda a: BrakeSlidingMode(deceleration=a, **slow)),
-        Contender("MPC", lambda a: BrakeMPC(deceleration=a, margin=EASED), 0.03),
+        Contender("constant force", BrakeForce),
+        Contender("constant force, eased", partial(BrakeForce, margin=EASED)),
+        Contender("PI", BrakePI, real=SOFT_PI),
+        Contender("PI, eased", partial(BrakePI, margin=EASED, **SOFT_PI)),
+        Contender("sliding mode", BrakeSlidingMode, real=SOFT_SLIDING),
+        Contender("sliding mode, eased", partial(BrakeSlidingMode, margin=EASED, **SOFT_SLIDING)),
+        Contender("MPC", partial(BrakeMPC, margin=EASED), 0.03),
+        Contender("constant, sine dither", BrakeForce, dither=NormalDither(**ON_FORCE, depth=0.9, frequency=150.0)),
+        Contender("constant, phased dither", BrakeForce, dither=PhasedDither(**ON_FORCE, **ON_PAD, depth=0.5, size=-0.2)),
     ]
 
 
@@ -111,17 +122,17 @@ def plant_of(lag: float | None) -> HybridSystem:
 
 def run_of(contender: Contender, deceleration: float, real: bool, seed: int = 0, lag: float | None = None) -> Trajectory:
     """A stop of a contender; `lag` [s] of the actuator where it is not that of nominal or real."""
-    law = contender.law(deceleration)
+    law = contender.law(deceleration=deceleration, **(contender.real if real else {}))
+    lag = lag if lag is not None else LAG if real else None
     controllers: list[Any] = [Sampled(law, contender.period)]
     if real:
         noise = {name: value for name, value in NOISE.items() if name in law.measures}
         controllers = [Sampled(law, contender.period, delay=DELAY, noise=noise, seed=seed)]
-    lag = lag if lag is not None else LAG if real else None
+    if contender.dither is not None:
+        controllers.append(replace(contender.dither, over="brake.normal_force" if lag else "brake.force"))
     duration = 2.0 * START / deceleration + 2.0
     parameters = HIGHER if real else {}
-    return simulate(
-        plant_of(lag), duration, start={"disc.speed": START}, inputs=ROUGH, controller=[*controllers, *contender.dither], parameters=parameters
-    )
+    return simulate(plant_of(lag), duration, start={"disc.speed": START}, inputs=ROUGH, controller=controllers, parameters=parameters)
 
 
 def stop_of(run: Trajectory, deceleration: float) -> Stop:
@@ -164,21 +175,6 @@ def highest(contender: Contender, real: bool, lag: float | None = None) -> float
             return found
         found = deceleration
     return found
-
-
-def growth(brake: DiscBrake, deceleration: float, friction: float = 0.4) -> float:
-    """G, the exponent by which the pad grows while a constant force brakes with `deceleration` [rad/s2]; 0 where it never loses its damping.
-
-    Exponential friction; the drop of the speed in a period is taken as small, and the torque as that of the plan.
-    """
-    law = brake.friction
-    force = brake.inertia * deceleration / (2.0 * brake.radius * friction)
-    fall, rate = law.static - law.kinetic, law.decay * brake.radius
-    edge = math.log(2.0 * force * fall * law.decay / brake.damping) / rate
-    if edge <= 0.0:
-        return 0.0
-    fed = 2.0 * force * fall / (brake.radius * deceleration) * -math.expm1(-rate * edge)
-    return (fed - brake.damping * edge / deceleration) / (2.0 * brake.pad_mass)
 
 
 # --- the table
@@ -272,7 +268,11 @@ def picture(path: Path) -> None:
         for label, (colour, marker) in styles.items():
             found = [np.nan_to_num(highest(every[label], False, lag)) for lag in lags]
             right.semilogx(1e3 * np.array(lags), found, marker=marker, color=colour, linewidth=1.0, markersize=4, label=label)
-        right.set(xlabel="time constant of the actuator [ms]", ylabel="highest deceleration without groan,\nway within 15 % [rad/s$^2$]", ylim=(0, None))
+        right.set(
+            xlabel="time constant of the actuator [ms]",
+            ylabel="highest deceleration without groan,\nway within 15 % [rad/s$^2$]",
+            ylim=(0, None),
+        )
         right.set_xticks([0.5, 1, 2, 5, 10, 20, 30], ["0.5", "1", "2", "5", "10", "20", "30"])
         right.minorticks_off()
         right.legend(frameon=False, fontsize=8.0)
@@ -290,7 +290,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     rows = [verdict(contender) for contender in contenders() if contender.label in given.only]
     print(table(rows))
-    print("\nexponent G of the growth of the pad under constant force: " + ", ".join(f"{growth(BRAKE, a):.1f} at {a:g} rad/s2" for a in (1, 2, 3, 5, 10)))
+    print(
+        "\nexponent G of the growth of the pad under constant force: "
+        + ", ".join(f"{groan_growth(BRAKE, force):.1f} at {force} N" for force in (300, 750, 1500, 5000))
+    )
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         with (given.out / "brakes.csv").open("w", newline="", encoding="utf-8") as file:

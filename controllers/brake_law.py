@@ -54,7 +54,7 @@ class BrakeLaw(Controller):
             found |= {"border": border if self.border is None else self.border, "growth": growth if self.growth is None else self.growth}
         return replace(self, **found)
 
-    def force_for(self, deceleration: Any, friction: Any = None) -> Any:
+    def force_for(self, deceleration, friction=None):
         """The force of one pad that brakes with a deceleration [rad/s2], under the expected friction or another."""
         return self.inertia * deceleration / (2.0 * self.radius * (self.friction if friction is None else friction))
 
@@ -64,7 +64,7 @@ class BrakeLaw(Controller):
         now = ca.if_else(begun > 0.5, following, speed)
         return now, {begun: 1.0, following: ca.fmax(now - self.deceleration * period, 0.0)}
 
-    def limited(self, wanted: Any, speed: Any, period: Any, last: State) -> Any:
+    def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:
             wanted = ca.fmin(wanted, self.margin * self.border * ca.exp(self.growth * ca.fmax(speed, 0.0)))

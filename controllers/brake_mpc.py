@@ -69,7 +69,8 @@ class PlannedStop:
     drives = BrakeMPC.drives
 
     def __init__(self, law: BrakeMPC, lag: float):
-        self.law, N = law, law.horizon
+        self.law: Any = law
+        N = law.horizon
         self.keep = float(np.exp(-law.period / lag)) if lag > 0.0 else 0.0
         power = np.arange(N)[:, None] - np.arange(N)
         self.free = self.keep ** np.arange(1, N + 1)

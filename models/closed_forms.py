@@ -185,7 +185,8 @@ def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
           = I / (2 m r^2) ln(mu(r w) / mu(r w_e)) - c I / (4 m r N q mu_k) ln((mu_k e^(q w_e) + D) / (mu_k e^(q w) + D)),   q = decay r,  D = mu_s - mu_k
 
     Exponential friction, no drive. G rises with the force to I / (2 m r^2) ln(mu_s / mu_k): braking harder does not outrun groan. 0 where the disc is not
-    slower than w_e. Range: a speed that changes little within a period of the pad; swings too small to stick. Raises SceneError for other laws and a force <= 0.
+    slower than w_e. Range: a speed that changes little within a period of the pad; swings too small to stick. Raises SceneError for other laws and
+    for a force <= 0.
     """
     law = brake.friction
     if not isinstance(law, Exponential):

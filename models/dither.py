@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -67,8 +67,8 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     if element.law is None or element.law.breaks():
         raise SceneError(f"Argument `contact` must have a friction law without breaks, but `{contact}` has {element.law!r}.")
     speed = ca.SX.sym("speed")
-    declared = [plant.p, plant.u, plant.x, plant.t]
-    numbers = [plant.values, np.array(plant.input_defaults(plant.values)).ravel(), np.zeros(plant.x.numel()), 0.0]
+    declared: list[Any] = [plant.p, plant.u, plant.x, plant.t]
+    numbers: list[Any] = [plant.values, np.array(plant.input_defaults(plant.values)).ravel(), np.zeros(plant.x.numel()), 0.0]
     load, gain = (
         float(
             ca.Function("number", [*declared, plant.m, plant.F], [ca.densify(ca.SX(value))])(

@@ -1,9 +1,9 @@
 """Which law brings a disc brake to standstill at the wanted deceleration, without groan?
 
 Plant: `DiscBrake` with its defaults (a quarter of a car on the disc, pads and caliper at 50 Hz), from 6 rad/s (1.8 m/s at the tyre) to standstill,
-forces between 100 N, which hold the wheel once it stands, and 5000 N, at most 20 kN/s. The disc is rough: 4 N more or less at 40 Hz on the pad, without which it
-would come to the speed at which it loses its damping in a calm that no machine has. Laws are sampled every millisecond, the predictive one every 30 ms;
-dither acts at once, by an actuator of its own.
+forces between 100 N, which hold the wheel once it stands, and 5000 N, at most 20 kN/s. The disc is rough: 4 N more or less at 40 Hz on the pad, without
+which it would come to the speed at which it loses its damping in a calm that no machine has. Laws are sampled every millisecond, the predictive one
+every 30 ms; dither acts at once, by an actuator of its own.
 
 Groan: a stick of the pad that lets go again while the disc still turns faster than 0.1 rad/s (12 mm/s at the pads). Slower than that every brake sticks
 a last time, because a pad that swings at all swings faster than the disc. A stop succeeds where there is no groan, the disc stands, and its way is within

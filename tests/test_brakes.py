@@ -13,7 +13,7 @@ from controllers.brake_law import groan_force
 from models import Coulomb, DiscBrake
 from models.closed_forms import groan_growth
 from studies.brakes import HIGHER, LAG, contenders, run_of, stop_of, stops
-from toolbox import SceneError, compose, energy_audit, simulate, sine
+from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate, sine, study
 
 EVERY = {contender.label: contender for contender in contenders()}
 STEADY = DiscBrake(force=0.0, friction=Coulomb(static=0.3, kinetic=0.3))
@@ -57,7 +57,7 @@ def test_under_constant_force_the_pad_grows_by_the_exponent_of_the_closed_form()
 
 def test_braking_harder_does_not_outrun_groan():
     brake = DiscBrake()
-    growth = [groan_growth(brake, force) for force in (150.0, 300.0, 1000.0, 1e4, 1e6)]
+    growth = [groan_growth(brake, force) for force in (150.0, 300.0, 1000.0, 1e4, 1e8)]
     assert growth[0] == 0.0 and growth == sorted(growth)
     assert growth[-1] == pytest.approx(36 / (2 * 10 * 0.12**2) * math.log(0.45 / 0.35), rel=1e-3)
     with pytest.raises(SceneError, match="Exponential"):
@@ -178,3 +178,41 @@ def test_what_shakes_the_pads_is_in_the_energy_audit():
     audit = energy_audit(run)
     assert audit.relative < 1e-8
     assert abs(audit.supplies["disc.attachment"]) > 0.0
+
+
+# --- the verdict of a stop
+
+
+def shipped(root, name):
+    return Scene.load(root / "studies" / "scenes" / f"{name}.toml")
+
+
+def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_wheel_stuck(root):
+    scene = shipped(root, "brake_laws")
+    rows = {label: study.judged(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
+    assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
+    assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
+    assert rows["eased force"].settling > rows["constant force"].settling > 2.0
+    without = study.judged(dataclasses.replace(scene, standstill=None), "eased force")[0]
+    assert without.verdict != "free"  # the wheel that stands
+    late = study.judged(dataclasses.replace(scene, duration=1.0), "constant force")[0]
+    assert late.verdict == "does not stand" and late.settling == math.inf
+    assert "standstill at 0.1 rad/s" in study.table(scene, [rows["MPC"]]) and "stands at" in study.table(scene, [rows["MPC"]])
+
+
+def test_a_scene_of_a_stop_is_the_same_after_a_round_trip(root, tmp_path):
+    scene = shipped(root, "brake_laws")
+    assert scene.standstill == 0.1
+    assert Scene.load(scene.save(tmp_path / "saved.toml")) == scene
+
+
+def test_standstill_is_found_where_the_closed_form_has_it():
+    # constant torque 2 mu N r: w = w_0 - T t / I
+    run = simulate(compose(STEADY), 3.0, start={"disc.speed": 3.0}, inputs={"brake.force": 1000.0}, accuracy=1e-11)
+    rate = 2 * 0.3 * 1000.0 * 0.12 / 36.0
+    for speed in (2.5, 1.0, 0.7):
+        assert measure.standstill(run, "disc.speed", speed) == pytest.approx((3.0 - speed) / rate, rel=1e-9)
+    assert measure.standstill(run, "disc.speed", 0.7, after=2.0) == 2.0
+    assert measure.standstill(run, "disc.speed", -5.0) == math.inf
+    with pytest.raises(SceneError, match="speed"):
+        measure.standstill(run, "disc.speed", math.nan)

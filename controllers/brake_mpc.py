@@ -77,15 +77,14 @@ class PlannedStop:
         self.forced = np.where(power >= 0, (1.0 - self.keep) * self.keep ** np.maximum(power, 0), 0.0)
         self.sum = np.tril(np.ones((N, N)))
         moves = np.eye(N) - np.eye(N, k=-1)
-        self.moves = moves
         self.curvature = (UNIT / law.move_size) ** 2 * moves.T @ moves
-        slack = 0 if law.margin is None else 1
+        slack = self.slack = 0 if law.margin is None else 1
         self.rows = np.zeros((N * (1 + slack), N + slack))
         self.rows[:N, :N] = moves
         self.program = QuadraticProgram(np.eye(N + slack), self.rows, law.solver)
-        self.slack = slack
         self.samples, self.last, self.normal, self.excess, self.begin = 0, 0.0, 0.0, 0.0, 0.0
         self.friction = law.friction
+        self.step = np.inf if law.force_rate is None else law.force_rate * law.period
         self.plan = np.zeros(N)
         self.speeds: np.ndarray | None = None
         self.record = Record()
@@ -101,14 +100,13 @@ class PlannedStop:
             raise SceneError(f"Argument `sample_time` must be {law.period:g} s, the `period` of the law, but a sample came at {t:g} s.")
         if not self.samples:
             self.begin = speed
-            self.plan[:] = 0.0
         wish = np.maximum(self.begin - law.deceleration * law.period * (self.samples + np.arange(law.horizon + 1)), 0.0)
         command = self.last
         if speed > 0.0:
             self._learn(torque)
-            answer = self._solved(speed, wish)
-            if answer is None:
-                self.record.fallbacks.append((float(t), self.record.answer.reason if self.record.answer else ""))
+            reason = self._solved(speed, wish)
+            if reason:
+                self.record.fallbacks.append((float(t), reason))
                 self.plan = np.append(self.plan[1:], self.plan[-1])
             command = self.within(float(self.plan[0]))
         self.excess += law.period * (speed - wish[0])
@@ -119,12 +117,10 @@ class PlannedStop:
         return command
 
     def within(self, force: float) -> float:
-        """The force inside its limits, exactly."""
-        law = self.law
-        if law.force_rate is not None:
-            step = law.force_rate * law.period
-            force = min(max(force, self.last - step), self.last + step)
-        return min(max(force, min(law.lowest_force, self.last + (step if law.force_rate is not None else np.inf))), law.highest_force)
+        """The force inside its limits, exactly; one that is still below the lowest force rises as fast as it may."""
+        law, step = self.law, self.step
+        force = min(max(force, law.lowest_force), law.highest_force)
+        return min(max(force, self.last - step), self.last + step)
 
     def _learn(self, torque: float) -> None:
         law = self.law
@@ -133,7 +129,8 @@ class PlannedStop:
             seen = min(max(seen, 0.5 * law.friction), 2.0 * law.friction)
             self.friction += law.period / (law.period + law.filter_time) * (seen - self.friction)
 
-    def _solved(self, speed: float, wish: np.ndarray) -> np.ndarray | None:
+    def _solved(self, speed: float, wish: np.ndarray) -> str:
+        """Plan anew; why that failed, or nothing."""
         law, N, h = self.law, self.law.horizon, self.law.period
         fall = 2.0 * law.radius * self.friction * h / law.inertia
         start = self.normal * self.free
@@ -148,7 +145,7 @@ class PlannedStop:
         g[0] -= UNIT * self.last / law.move_size**2
         low = np.full(N + self.slack, law.lowest_force / UNIT)
         high = np.full(N + self.slack, law.highest_force / UNIT)
-        step = np.inf if law.force_rate is None else law.force_rate * h
+        step = self.step
         low[:N] = np.minimum(low[:N], (self.last + step * np.arange(1, N + 1)) / UNIT)  # a force still rising to its lowest value
         below, above = np.full(N, -step / UNIT), np.full(N, step / UNIT)
         below[0] += self.last / UNIT
@@ -167,7 +164,7 @@ class PlannedStop:
         self.record.answer = answer
         self.record.programs += 1
         if not answer.sound:
-            return None
+            return answer.reason
         self.plan = UNIT * answer.z[:N]
         self.speeds = offset + S @ answer.z[:N]
-        return self.plan
+        return ""

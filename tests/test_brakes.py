@@ -216,3 +216,29 @@ def test_standstill_is_found_where_the_closed_form_has_it():
     assert measure.standstill(run, "disc.speed", -5.0) == math.inf
     with pytest.raises(SceneError, match="speed"):
         measure.standstill(run, "disc.speed", math.nan)
+
+
+# --- the predictive law
+
+
+def test_the_predicted_stop_is_the_simulated_one():
+    # friction as expected and constant: the plan of the first sample, applied as it is, must lead where the law says
+    law = BrakeMPC(deceleration=2.0, force_rate=None).design(compose(DiscBrake()))
+    law(0.0, (6.0, 0.0))
+    brake = compose(dataclasses.replace(STEADY, friction=Coulomb(static=0.4, kinetic=0.4)))
+    edges = 0.03 * np.arange(61)
+    steps = (np.repeat(edges, 2)[1:-1], np.repeat(law.plan, 2))
+    start = {"disc.speed": 6.0, "pad.position": 2 * 0.4 * law.plan[0] / 1e6}
+    run = simulate(brake, 1.8, start=start, inputs={"brake.force": steps}, accuracy=1e-9)
+    np.testing.assert_allclose(run.at(edges[1:])["disc.speed"], law.speeds, atol=1e-6)
+    assert law.speeds[-1] == pytest.approx(6.0 - 2.0 * 1.8, abs=0.1)
+
+
+def test_without_a_sound_answer_the_last_plan_goes_on(monkeypatch):
+    law = BrakeMPC(deceleration=2.0).design(compose(DiscBrake()))
+    first = law(0.0, (6.0, 0.0))
+    expected = law.plan[1]
+    unsound = dataclasses.replace(law.record.answer, sound=False, reason="no")
+    monkeypatch.setattr(law.program, "solve", lambda *vectors: unsound)
+    assert law(0.03, (5.99, 30.0)) == expected != first
+    assert law.record.fallbacks == [(0.03, "no")]

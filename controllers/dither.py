@@ -10,7 +10,8 @@ stick-slip, far above it does nothing. Where the band is must be measured on the
 
     N = N_0 (1 + depth clip((v - v_0) / size, -1, 1)),   d(mu N)/dv at v_0 = N_0 (mu' + mu depth / size)
 
-and friction rises with speed where depth / size > -mu' / mu. It must know the slip in time: a delay of a quarter of the period turns it round.
+and friction rises with speed where depth / size > -mu' / mu. It must know the slip in time: what comes late by tau keeps cos(w tau) of it, nothing
+after a quarter of the period, and feeds the swing later. All of this moves a load as fast as the plant swings: what does that is not modelled.
 """
 
 from __future__ import annotations

@@ -7,12 +7,13 @@ Three rigs, each deep in stick-slip without a cure:
                        from rest; bit against table at 0.179 Hz; the load is the weight on bit, 97.3 kN
 
 Cures: dither of the load by a sine in the band, by one below it at 0.8 of the natural frequency, by a square wave and by a sweep in the band, and phased
-with the slip; dither along the slip at ten times the natural frequency, 1.2 times the amplitude that `tangential_dither` asks for (from the averaged
-friction); and the cures of Popp and Rudolph and of Maegawa and Itoigawa: damping of 1.2 times what the falling friction takes, excitation at three times the
-natural frequency with the velocity amplitude of the tangential dither, an absorber of a tenth of the mass (brake: 2 %). In the band: at the
-frequency and depth that `dither_map` measured as best, so that these rows are what dither can do, not what it does off-hand. On the string nothing
-reaches the bit along its slip but the torque of the top drive, which excites at three times the natural frequency with a tenth of the torque; its damper
-is a drag of 100 N m s/rad more at the bit, its absorber the active damping of Jansen and van den Steen.
+with the slip (depth 0.5 at a deviation of the mean slip), at once and late by a fifth of the natural period; dither along the slip at ten times the
+natural frequency, 1.2 times the amplitude that `tangential_dither` asks for (from the averaged friction); and the cures of Popp and Rudolph and of
+Maegawa and Itoigawa: damping of 1.2 times what the falling friction takes, excitation at three times the natural frequency with the velocity amplitude of
+the tangential dither, an absorber of a tenth of the mass (brake: 2 %). In the band: at the frequency and depth that `dither_map` measured as best,
+so that these rows are what dither can do, not what it does off-hand. On the string nothing reaches the bit along its slip but the torque of the
+top drive, which excites at three times the natural frequency with a tenth of the torque; its damper is a drag of 100 N m s/rad more at the bit, its
+absorber the active damping of Jansen and van den Steen.
 
 Columns, over the last half of 160 natural periods:
     swing      range of the position (string: of the bit speed), in parts of that without a cure; above 1 the cure harms
@@ -181,6 +182,7 @@ def cures(rig: Rig) -> dict[str, dict[str, Any]]:
         "square in the band": {"law": Sampled(SquareDither(**common, frequency=frequency), period)},
         "sweep in the band": {"law": SweptDither(**common, frequency=frequency, span=0.25 * frequency, sweep_time=20.0 / frequency)},
         "phased with the slip": {"law": PhasedDither(**{**common, **steep})},
+        "the same, T/5 late": {"law": Sampled(PhasedDither(**{**common, **steep}), 0.005 / rig.natural, delay=0.2 / rig.natural)},
     }
     if rig is STRING:
         excited = sine(TORQUE, 0.1 * TORQUE, 3.0 * rig.natural)

@@ -25,7 +25,7 @@ from models import (
     wells,
 )
 from studies.dither import BRAKE, LEINE, STRING, cures, falling, judged
-from toolbox import Scene, SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine, square
+from toolbox import Sampled, Scene, SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine, square
 
 NATURAL = 1.0 / (2.0 * math.pi)
 BLOCK = compose(oscillators.LEINE)
@@ -112,6 +112,15 @@ def test_a_load_phased_with_the_slip_ends_stick_slip_and_phased_against_it_does_
     assert run.time_in("belt", "stick", after=300.0) == 0.0 and swing(run) < 1e-6
     against = simulate(BLOCK, 400.0, controller=dataclasses.replace(with_slip, size=0.2))
     assert swing(against) > 1.0
+
+
+def test_a_phased_load_that_comes_late_loses_its_hold_where_the_cosine_says():
+    # N_0 (mu' + mu cos(w tau) depth / size) > 0 for cos(w tau) > 3 mu 0.2 / 0.5 = 0.75, tau < 0.115 periods (a little less: the phase stiffens the block)
+    law = PhasedDither(load="block.load", mean=1.0, depth=0.5, speed="block.speed", unit="m/s", size=-0.2)
+    for periods, calm in ((0.05, True), (0.13, False)):
+        late = Sampled(law, 0.01, delay=periods / NATURAL)
+        stuck = simulate(BLOCK, 500.0, controller=late).time_in("belt", "stick", after=400.0)
+        assert (stuck == 0.0) == calm
 
 
 # --- along the slip

@@ -14,8 +14,9 @@ nominal: the actuator follows at once, everything is measured at once and exactl
 noise on the speed and 2 N m on the torque, friction 20 % higher (and so its fall), three seeds of noise. PI and sliding mode without ease then have
 lower gains (`SOFT_PI`, `SOFT_SLIDING`), because with those of the nominal case they feed the noise to the pad; eased, they have them throughout.
 
-At 2 rad/s2: times that the pad lets go, way beyond the planned one in parts of it (negative: shorter), rms of the speed error until the planned end, peak force of a pad, and the
-jolt: the largest acceleration of the wheel backwards once it stands, as it swings on its caliper. Step: 99th percentile of the time of one sample.
+At 2 rad/s2: times that the pad lets go, way beyond the planned one in parts of it (negative: shorter), rms of the speed error until the planned end,
+peak force of a pad, and the jolt: the largest acceleration of the wheel backwards once it stands, as it swings on its caliper. Step: 99th
+percentile of the time of one sample.
 
 Where groan cannot be avoided: under a constant force the pad grows by exp(G) on its way through the speeds without damping,
 
@@ -94,7 +95,7 @@ def contenders() -> list[Contender]:
 
 @dataclass(frozen=True)
 class Stop:
-    """What became of a stop, in SI: groans (how often the pad lets go), time of standstill (inf for none), way and planned way [rad], rms error, peak force, jolt."""
+    """What became of a stop, in SI: how often the pad lets go, time of standstill (inf for none), way and planned way [rad], rms error, peak force, jolt."""
 
     groans: int
     standstill: float

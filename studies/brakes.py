@@ -163,11 +163,11 @@ def stops(contender: Contender, deceleration: float, real: bool) -> list[Stop]:
     return [stop_of(run_of(contender, deceleration, real, seed), deceleration) for seed in (SEEDS if real else (0,))]
 
 
-def highest(contender: Contender, real: bool, lag: float | None = None) -> float:
+def highest(contender: Contender, real: bool, lag: float | None = None, step: float = STEP) -> float:
     """The last deceleration [rad/s2] of the upward scan that succeeds; nan where the first one fails."""
     found = math.nan
-    for k in range(round((HIGHEST - LOWEST) / STEP) + 1):
-        deceleration = round(LOWEST + k * STEP, 2)
+    for k in range(round((HIGHEST - LOWEST) / step) + 1):
+        deceleration = round(LOWEST + k * step, 2)
         try:
             for seed in SEEDS if real else (0,):
                 if not stop_of(run_of(contender, deceleration, real, seed, lag), deceleration).succeeds:
@@ -228,7 +228,7 @@ def table(rows: Sequence[Verdict]) -> str:
 
 
 def picture(path: Path) -> None:
-    """Three stops, and how far each law brakes without groan behind a slower actuator."""
+    """Four stops, and how far each law brakes without groan behind a slower actuator."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -238,9 +238,9 @@ def picture(path: Path) -> None:
 
     every = {contender.label: contender for contender in contenders()}
     with pyplot.rc_context(plot.PAPER):
-        figure = pyplot.figure(figsize=(10.5, 4.8), layout="constrained")
-        grid = figure.add_gridspec(3, 2, width_ratios=(1.5, 1.0))
-        for i, (label, lag) in enumerate((("constant force", LAG), ("sliding mode", LAG), ("MPC", LAG))):
+        figure = pyplot.figure(figsize=(10.5, 5.4), layout="constrained")
+        grid = figure.add_gridspec(4, 2, width_ratios=(1.5, 1.0))
+        for i, (label, lag) in enumerate((("constant force", LAG), ("sliding mode", 0.001), ("sliding mode", LAG), ("MPC", LAG))):
             run = run_of(every[label], 3.0, False, lag=lag)
             times = np.linspace(0.0, 4.6, 12_000)
             at = run.at(times)
@@ -254,11 +254,11 @@ def picture(path: Path) -> None:
             panel.set_title(f"{label}, actuator of {1e3 * lag:.0f} ms, 3 rad/s$^2$", loc="left", fontsize=9.0)
             if i == 0:
                 panel.legend(frameon=False, fontsize=8.0, loc="upper right", ncols=3)
-            if i < 2:
+            if i < 3:
                 panel.tick_params(labelbottom=False)
         panel.set_xlabel("time [s], grey where the pad sticks")
         right = figure.add_subplot(grid[:, 1])
-        lags = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03)
+        lags = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.02, 0.03)
         styles = {
             "constant force": ("0.55", "s"),
             "PI": ("0.35", "^"),
@@ -267,7 +267,7 @@ def picture(path: Path) -> None:
             "MPC": ("black", "x"),
         }
         for label, (colour, marker) in styles.items():
-            found = [np.nan_to_num(highest(every[label], False, lag)) for lag in lags]
+            found = [np.nan_to_num(highest(every[label], False, lag, 0.25)) for lag in lags]
             right.semilogx(1e3 * np.array(lags), found, marker=marker, color=colour, linewidth=1.0, markersize=4, label=label)
         right.set(
             xlabel="time constant of the actuator [ms]",

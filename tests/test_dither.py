@@ -268,8 +268,12 @@ def test_on_the_string_no_weight_dither_helps_where_smooth_drilling_is_unstable(
     assert run.time_in("bit", "stick", after=run.end / 2) > 20.0
 
 
+def shipped(root, name):
+    return Scene.load(root / "studies" / "scenes" / f"{name}.toml")
+
+
 def test_the_scene_of_weight_dither_says_what_the_study_says(root):
-    scene = Scene.load(root / "studies" / "scenes" / f"{'weight_dither'}.toml")
+    scene = shipped(root, "weight_dither")
     stuck = {label: scene.run(label).time_in("bit", "stick", after=scene.after) for label in scene.labels}
     assert stuck["steady weight"] > 50.0 and stuck["sine, 0.8 x natural"] > 50.0
     assert stuck["sine, 11 x natural"] == stuck["phased with the bit speed"] == 0.0

@@ -52,7 +52,12 @@ class DiscBrake(Component):
         grip = -pad.force  # on the pads, along the rotation
         torque = self.radius * grip
         return Equations(
-            flow={w: (drive - torque) / self.inertia, x: v, v: (grip + attachment - self.stiffness * x - self.damping * v) / self.pad_mass, **flow},
+            flow={
+                w: (drive - torque) / self.inertia,
+                x: v,
+                v: (grip + attachment - self.stiffness * x - self.damping * v) / self.pad_mass,
+                **flow,
+            },
             gives={"brake.torque": (torque, "N m")},
             elements=[pad],
             stored=self.inertia * w**2 / 2 + self.pad_mass * v**2 / 2 + self.stiffness * x**2 / 2,

@@ -2,6 +2,11 @@
 
 from controllers import observers
 from controllers.active_damping import ActiveDamping
+from controllers.brake_force import BrakeForce
+from controllers.brake_mpc import BrakeMPC
+from controllers.brake_pi import BrakePI
+from controllers.brake_sliding_mode import BrakeSlidingMode
+from controllers.dither import NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
 from controllers.h_infinity import HInfinity
 from controllers.implicit_sliding_mode import ImplicitSlidingMode
 from controllers.linear_mpc import LinearMPC
@@ -20,17 +25,26 @@ __all__ = [
     "LQR",
     "PI",
     "ActiveDamping",
+    "BrakeForce",
+    "BrakeMPC",
+    "BrakePI",
+    "BrakeSlidingMode",
     "HInfinity",
     "IdealSlidingMode",
     "ImpedanceSuperTwisting",
     "ImplicitSlidingMode",
     "LinearMPC",
     "NonlinearMPC",
+    "NormalDither",
+    "PhasedDither",
     "SlidingMode",
     "SoftTorque",
+    "SquareDither",
     "StiffPI",
     "SuperTwisting",
+    "SweptDither",
     "ZTorque",
+    "dither_map",
     "observers",
     "pipe_impedance",
 ]

@@ -11,7 +11,7 @@ from models.damper import FrictionDamper
 from models.disc_brake import DiscBrake
 from models.disk_stack import DiskStack
 from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius
-from models.dither import averaged_friction
+from models.dither import averaged_friction, tangential_dither
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic_rock import ElasticRock
@@ -81,6 +81,7 @@ __all__ = [
     "read_sections",
     "read_survey",
     "shaft_frequencies",
+    "tangential_dither",
     "uniform_pressure_radius",
     "uniform_wear_radius",
     "wells",

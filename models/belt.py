@@ -119,14 +119,15 @@ class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
 
     Signals: needs `block.position` [m] and `block.speed` [m/s]; gives `absorber.position` y [m], `absorber.speed` w [m/s] and
-    `block.attachment` [N]. `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic
-    foundation with an absorber is that of Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to
-    a block of 1 kg on 1 N/m.
+    `block.attachment` [N]; with `on="pad"` the same of the pads of a `DiscBrake`. `Absorber.tuned` gives the one that lets a block bear the most
+    falling friction. An oscillator on an elastic foundation with an absorber is that of Maegawa and Itoigawa, of whose work only this much is
+    known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
     """
 
     mass: float = quantity(0.1, "kg", "mass of the absorber", above=0)
     stiffness: float = quantity(0.0909091, "N/m", "stiffness to the block", at_least=0)
     damping: float = quantity(0.0287480, "N s/m", "viscous damping to the block", at_least=0)
+    on: str = "block"
 
     @staticmethod
     def tuned(block: Block | BlockOnBelt, mass_ratio: float) -> Absorber:
@@ -156,14 +157,14 @@ class Absorber(Component):
 
     def equations(self, signal):
         y, w = state("absorber.position", "m"), state("absorber.speed", "m/s")
-        x, v = signal("block.position", "m"), signal("block.speed", "m/s")
+        x, v = signal(f"{self.on}.position", "m"), signal(f"{self.on}.speed", "m/s")
         pull = self.stiffness * (x - y) + self.damping * (v - w)
         return Equations(
             flow={y: w, w: pull / self.mass},
-            gives={"block.attachment": (-pull, "N")},
+            gives={f"{self.on}.attachment": (-pull, "N")},
             stored=self.mass * w**2 / 2 + self.stiffness * (x - y) ** 2 / 2,
             losses={"damping": self.damping * (v - w) ** 2},
-            supplies={"block": pull * v},
+            supplies={self.on: pull * v},
         )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from models.belt import BlockOnBelt
 from models.bit_rock import BitRock
+from models.disc_brake import DiscBrake
 from models.disks import TwoDisks
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb, CubicStribeck, Exponential
@@ -175,3 +176,29 @@ def hopf_speed_of_string(chain: TorsionalChain, rock: BitRock, *, held: bool = F
     if not bearable > 0:
         raise SceneError(f"The string must bear some falling friction for a Hopf speed to exist, but it bears {bearable:.6g} N m s/rad.")
     return math.log(steepest / bearable) / law.decay if steepest > bearable else 0.0
+
+
+def groan_growth(brake: DiscBrake, force: float, until: float = 0.0) -> float:
+    """Exponent G by which the pad of a disc brake grows while a constant force [N] slows the disc down to the speed `until` [rad/s].
+
+        G = int (2 N |mu'| - c) / (2 m) dt  from the speed w_e at which the pad loses its damping, 2 N |mu'(r w_e)| = c, with dt = -I dw / (2 r N mu(r w))
+          = I / (2 m r^2) ln(mu(r w) / mu(r w_e)) - c I / (4 m r N q mu_k) ln((mu_k e^(q w_e) + D) / (mu_k e^(q w) + D)),   q = decay r,  D = mu_s - mu_k
+
+    Exponential friction, no drive. G rises with the force to I / (2 m r^2) ln(mu_s / mu_k): braking harder does not outrun groan. 0 where the disc is not
+    slower than w_e. Range: a speed that changes little within a period of the pad; swings too small to stick. Raises SceneError for other laws and
+    for a force <= 0.
+    """
+    law = brake.friction
+    if not isinstance(law, Exponential):
+        raise SceneError(f"Argument `brake.friction` must be Exponential, but it is {law!r}.")
+    if not 0 < force < math.inf:
+        raise SceneError(f"Argument `force` must be > 0 N and finite, but it is {force!r}.")
+    drop, rate = law.static - law.kinetic, law.decay * brake.radius
+    fed = 2.0 * force * drop * law.decay
+    if fed <= brake.damping * math.exp(rate * until):
+        return 0.0
+    edge = math.log(fed / brake.damping) / rate
+    ratio = (law.kinetic + drop * math.exp(-rate * until)) / (law.kinetic + drop * math.exp(-rate * edge))
+    taken = math.log((law.kinetic * math.exp(rate * edge) + drop) / (law.kinetic * math.exp(rate * until) + drop))
+    grown = brake.inertia / (2.0 * brake.pad_mass * brake.radius**2) * math.log(ratio)
+    return grown - brake.damping * brake.inertia / (4.0 * brake.pad_mass * brake.radius * force * rate * law.kinetic) * taken

@@ -12,12 +12,13 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, st
 class DiscBrake(Component):
     """Disc between two pads that a caliper holds against turning with a spring and damper.
 
-        I w' = T_drive - r F ;   m v' = F - k x - c v ;   F dry friction against r w - v, with load 2 N
+        I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction against r w - v, with load 2 N
 
     x, v: tangential motion of pads and caliper at the effective radius r;  N = `brake.force` + `brake.disturbance`, the normal force of one pad; a
     first-order `lag` of the actuator stands between the command and N where it is given. The commanded force must stay >= 0: pads push.
-    Signals: needs `brake.force` [N] (the field `force`), `brake.disturbance` [N] (0; a harmonic one is the input `sine`), `disc.torque` T_drive [N m] (0);
-    gives `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
+    Signals: needs `brake.force` [N] (the field `force`), `brake.disturbance` [N] (0; a harmonic one is the input `sine`), `disc.torque` T_drive [N m] (0),
+    `pad.attachment` a [N] (0), the force of what is tied to the pads: an absorber, a shaker; gives `disc.speed` w [rad/s], `pad.position` [m],
+    `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
     Contact: `pad`.
 
     Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are
@@ -41,6 +42,7 @@ class DiscBrake(Component):
         command = signal("brake.force", "N", default=self.force)
         disturbance = signal("brake.disturbance", "N", default=0.0)
         drive = signal("disc.torque", "N m", default=0.0)
+        attachment = signal("pad.attachment", "N", default=0.0)
         flow, normal = {}, command
         if self.lag is not None:
             normal = state("brake.normal_force", "N")
@@ -50,10 +52,15 @@ class DiscBrake(Component):
         grip = -pad.force  # on the pads, along the rotation
         torque = self.radius * grip
         return Equations(
-            flow={w: (drive - torque) / self.inertia, x: v, v: (grip - self.stiffness * x - self.damping * v) / self.pad_mass, **flow},
+            flow={
+                w: (drive - torque) / self.inertia,
+                x: v,
+                v: (grip + attachment - self.stiffness * x - self.damping * v) / self.pad_mass,
+                **flow,
+            },
             gives={"brake.torque": (torque, "N m")},
             elements=[pad],
             stored=self.inertia * w**2 / 2 + self.pad_mass * v**2 / 2 + self.stiffness * x**2 / 2,
             losses={"friction": grip * slip, "caliper": self.damping * v**2},
-            supplies={"drive": drive * w},
+            supplies={"drive": drive * w, "attachment": attachment * v},
         )

@@ -1,13 +1,16 @@
-"""Friction as a slow motion feels it under fast dither along the slip."""
+"""Friction as a slow motion feels it under fast dither along the slip, and the dither that makes it rise with speed."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from toolbox import FrictionLaw, SceneError
+from toolbox import FrictionLaw, HybridSystem, SceneError
+from toolbox.errors import suggest
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
@@ -33,3 +36,73 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
         coefficient = np.array(ca.evalf(ca.SX(law.sliding(ca.SX(slip))))).ravel()
         total += sign * (end - begin) / 2 * float(np.sum(weights * coefficient))
     return total / math.pi
+
+
+class TangentialDither(NamedTuple):
+    """A dither along the slip: velocity amplitude B (unit of the slip), frequency [Hz], amplitude of the force (or torque) that makes it at the contact."""
+
+    amplitude: float
+    frequency: float
+    force: float
+
+
+def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
+    """The smallest dither along the slip under which the friction of a contact no longer falls with speed at the mean slip v.
+
+        N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
+
+    slip: v > 0;  frequency: of the dither [Hz], far above what the plant answers to;  drag: viscous drag that helps, of the slip against the force of
+    the contact. N is the load of the contact at rest and at the stand-ins of the inputs, A the acceleration of its slip per unit of force. Constant
+    kinetic friction needs none: B = 0. Where falling friction is the trouble B comes out near v: the slip must turn round in every cycle. B
+    to a relative 1e-3, searched between 0.01 v and 100 v. Raises SceneError for an unknown contact, v <= 0, and where no B in that range is enough.
+    """
+    names = [element.name for element in plant.elements]
+    if contact not in names:
+        raise SceneError(f"There is no contact `{contact}`: {suggest(contact, names)}")
+    for name, value in (("slip", slip), ("frequency", frequency)):
+        if not 0 < value < math.inf:
+            raise SceneError(f"Argument `{name}` must be > 0 and finite, but it is {value!r}.")
+    place = names.index(contact)
+    element = plant.elements[place]
+    if element.law is None or element.law.breaks():
+        raise SceneError(f"Argument `contact` must have a friction law without breaks, but `{contact}` has {element.law!r}.")
+    speed = ca.SX.sym("speed")
+    declared: list[Any] = [plant.p, plant.u, plant.x, plant.t]
+    numbers: list[Any] = [plant.values, np.array(plant.input_defaults(plant.values)).ravel(), np.zeros(plant.x.numel()), 0.0]
+    load, gain = (
+        float(
+            ca.Function("number", [*declared, plant.m, plant.F], [ca.densify(ca.SX(value))])(
+                *numbers, np.ones(len(names)), np.zeros(len(names))
+            )
+        )
+        for value in (element.load, plant.switching.gain[place, place])
+    )
+    law = _AtNumbers(speed, ca.substitute(ca.SX(element.law.sliding(speed)), plant.p, ca.SX(plant.values)))
+
+    def slope(amplitude: float) -> float:
+        width = 1e-3 * slip
+        rise = averaged_friction(law, slip + width, amplitude) - averaged_friction(law, slip - width, amplitude)
+        return load * rise / (2.0 * width) + drag
+
+    if slope(0.0) >= -1e-12 * load / slip:
+        return TangentialDither(0.0, frequency, 0.0)
+    grid = slip * np.geomspace(0.01, 100.0, 161)
+    enough = next((i for i, amplitude in enumerate(grid) if slope(amplitude) >= 0.0), None)
+    if enough is None:
+        raise SceneError(f"No dither up to {grid[-1]:g} makes the friction of `{contact}` rise with speed at the slip {slip:g}.")
+    low, high = grid[max(enough - 1, 0)], grid[enough]
+    while high - low > 1e-3 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if slope(middle) >= 0.0 else (middle, high)
+    return TangentialDither(float(high), frequency, 2.0 * math.pi * frequency * float(high) / gain)
+
+
+@dataclass(frozen=True)
+class _AtNumbers(FrictionLaw):
+    """A law of a plant with the plant's numbers in it."""
+
+    symbol: ca.SX
+    coefficient: ca.SX
+
+    def sliding(self, speed):
+        return ca.Function("law", [self.symbol], [self.coefficient])(speed.T).T

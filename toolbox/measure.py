@@ -206,6 +206,30 @@ def settling(
     return high - begin
 
 
+def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float = 0.0) -> float:
+    """Time [s] at which a signal that is above `speed` first falls to it, from `after` on; inf if it never does, `after` where it is there already.
+
+    Located to round-off in time. Raises SceneError for a speed that is not finite, an unknown or vector signal and a window outside the run.
+    """
+    from scipy.optimize import brentq
+
+    begin, end = window(run, after, None)
+    if not is_finite_number(speed):
+        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
+    times, values, _ = _sampled(run, signal, begin, end)
+    below = np.flatnonzero(values <= speed)
+    if not below.size:
+        return math.inf
+    first = int(below[0])
+    if first == 0 or values[first] == speed:
+        return float(times[first])
+
+    def excess(t: float) -> float:
+        return float(scalar(run.nodes.at(np.array([t])), signal)[0]) - speed
+
+    return float(brentq(excess, times[first - 1], times[first], xtol=1e-14 * max(1.0, end)))
+
+
 def overshoot(
     run: Trajectory, signal: str, target: float, *, after: float = 0.0, until: float | None = None, size: float | None = None
 ) -> float:

@@ -68,7 +68,8 @@ class Scene:
 
     parts: of the plant;  cases: one per controller, labels differ;  reference: set-point of `signal`, None for none;  start, inputs, parameters:
     as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on;  signal: whose
-    severity, settling and overshoot;  effort: the input whose peak is reported.
+    severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
+    as standing: what is judged then ends there, and a last stick into standstill is none.
     """
 
     title: str
@@ -81,6 +82,7 @@ class Scene:
     after: float
     accuracy: float = 1e-6
     reference: float | None = None
+    standstill: float | None = None
     start: Mapping[str, Number] = field(default_factory=dict)
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)

@@ -13,7 +13,8 @@ its unit. The keys, with those in brackets optional:
     [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, table = { times, values }
                       the signal is an input of the plant, or one that every law asks for, such as `top.reference`
     [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
-    [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over
+    [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over; for a
+                      stop [standstill]: the value of the signal at which the machine stands, where the verdict ends
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
     parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
-    verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after"))
+    verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after", "standstill"))
     contacts = [element.name for element in plant.elements]
     if not contacts:
         raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
@@ -123,6 +124,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         signal=signal,
         effort=_text(verdict.get("effort", drive), "verdict.effort"),
         after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
+        standstill=parse(verdict["standstill"], plant.unit(signal), "verdict.standstill") if "standstill" in verdict else None,
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         reference=reference,
         start={name: _number(value, plant.unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
@@ -352,6 +354,8 @@ def _resolved(scene: Scene) -> dict[str, Any]:
     if scene.reference is not None:
         data["reference"] = float(scene.reference)
     data["verdict"] = {"element": scene.element, "signal": scene.signal, "effort": scene.effort, "after": float(scene.after)}
+    if scene.standstill is not None:
+        data["verdict"]["standstill"] = float(scene.standstill)
     for key in ("start", "inputs", "parameters"):
         if getattr(scene, key):
             data[key] = {name: _plain(value) for name, value in getattr(scene, key).items()}

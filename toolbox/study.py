@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 class Row:
     """One line of the table, in SI; nan where a number does not exist, inf for what never settles.
 
-    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`;  peak: largest |effort|;
+    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`, and for a stop the settling is the
+    time of standstill;  peak: largest |effort|;
     error: largest scaled state error;  wall_time: seconds in the event loop;  files: what the files of this controller begin with.
     """
 
@@ -59,6 +60,9 @@ def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory |
         error = run.error
     except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
         error = math.nan
+    if scene.standstill is not None:
+        row = Row(label, "", peak=measured(scene, run, "peak"), error=error, wall_time=run.wall_time, files=files)
+        return _stop(scene, run, row), run
     row = Row(
         controller=label,
         verdict=verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
@@ -78,6 +82,8 @@ def measured(scene: Scene, run: Trajectory, name: str) -> float:
     """One of the `MEASURES` of a run of a scene, in SI; nan for settling and overshoot where there is no set-point."""
     from toolbox import measure
 
+    if scene.standstill is not None and name in ("stuck", "settling"):
+        return getattr(_stop(scene, run, Row("", "")), name)
     if name == "stuck":
         return run.time_in(scene.element, "stick", after=scene.after)
     if name == "severity":
@@ -88,6 +94,23 @@ def measured(scene: Scene, run: Trajectory, name: str) -> float:
     if not scene.reference:
         return math.nan
     return {"settling": measure.settling, "overshoot": measure.overshoot}[name](run, scene.signal, scene.reference)
+
+
+def _stop(scene: Scene, run: Trajectory, row: Row) -> Row:
+    """The row of a stop, judged until it stands: sticks that let go again before that, and when it stands (as the settling)."""
+    from toolbox import measure
+
+    stands = measure.standstill(run, scene.signal, scene.standstill or 0.0, after=scene.after)
+    if stands <= scene.after:
+        return dataclasses.replace(row, verdict="stands at once", stuck=0.0, settling=0.0)
+    end = min(stands, scene.duration)
+    sticks = measure.stick_intervals(run, scene.element, scene.after, end)
+    if sticks and sticks[-1][1] >= end and stands < math.inf:
+        sticks.pop()  # the stick in which it comes to stand
+    word = verdict(sticks, scene.after, end)
+    if stands == math.inf:
+        word = "does not stand"
+    return dataclasses.replace(row, verdict=word, stuck=sum(last - first for first, last in sticks), settling=stands)
 
 
 def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
@@ -120,8 +143,11 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
     plant = scene.plant()
     effort, speed = plant.unit(scene.effort), plant.unit(scene.signal)
+    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill:g} {speed}"
     set_point = f"; set-point {scene.reference:.4g} {speed}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
+    if scene.standstill is not None:
+        head[head.index("settling")] = "stands at"
     cells = [head]
     for row in rows:
         cells.append(
@@ -143,7 +169,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
         words = [cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))]
         lines.append("  ".join(words).rstrip())
     lines.insert(1, "-" * max(map(len, lines)))
-    judged_by = f"`{scene.element}` and `{scene.signal}`, judged from {scene.after:g} s to {scene.duration:g} s{set_point}."
+    judged_by = f"`{scene.element}` and `{scene.signal}`, judged from {scene.after:g} s to {until}{set_point}."
     reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
     return "\n".join([scene.title, judged_by, "", *lines, *reasons])
 

@@ -1,0 +1,170 @@
+"""Model predictive control of a stop: the force of the pads planned ahead, below the force at which they groan."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from controllers.brake_law import BrakeLaw
+from controllers.predictive import Record
+from controllers.quadratic_program import SOLVERS, QuadraticProgram
+from toolbox import HybridSystem, SceneError, quantity
+from toolbox.parts import check_fields
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrakeMPC(BrakeLaw):
+    """Plans `horizon` forces so that speed and angle follow the plan of the stop, within the limits and below the force at which the pad groans.
+
+        n_(k+1) = n_k + alpha (u_k - n_k),   w_(k+1) = w_k - (2 r mu h / I) n_(k+1),   z_(k+1) = z_k + h (w_(k+1) - w_p)
+        min sum_k ((w_k - w_p) / speed_size)^2 + (z_k / angle_size)^2 + ((u_k - u_(k-1)) / move_size)^2 + priority (excess + excess^2 / 2)
+        n_k <= margin N_0 exp(q w_k) + excess,   lowest <= u_k <= highest,   |u_k - u_(k-1)| <= force_rate h
+
+    alpha = 1 - exp(-h / lag) of the actuator, whose `lag` is read from the plant; mu = T / (2 r n), averaged over `filter_time`. The border of groan is
+    convex in the speed; its tangents at the last prediction stand for it, which lie below it. Because it sees the border ahead, the law brakes
+    harder before it has to ease. An answer that fails its KKT conditions is not used: the last plan goes on. `run.laws[0].record` has times and
+    fallbacks. Sampled only, at `period`.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
+
+    margin: float | None = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
+    period: float = quantity(0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0)
+    horizon: int = 60
+    speed_size: float = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
+    angle_size: float = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
+    move_size: float = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    priority: float = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
+    filter_time: float = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
+    lag: float | None = quantity(None, "s", "time constant of the actuator", at_least=0)
+    solver: str = "daqp"
+
+    def check(self):
+        super().check()
+        if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 2:
+            raise SceneError(f"Argument `horizon` must be an integer >= 2, but it is {self.horizon!r}.")
+        if self.solver not in SOLVERS:
+            raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
+
+    def design(self, plant: HybridSystem) -> PlannedStop:
+        """The callable law for the plant."""
+        check_fields(self)
+        lag = self.lag
+        if lag is None:
+            lag = float(plant.parameter("disc.lag")) if "disc.lag" in plant.parameters else 0.0
+        return PlannedStop(super().design(plant), lag)
+
+
+UNIT = 1000.0
+"""Unit of the forces in the program [N]."""
+
+
+class PlannedStop:
+    """A designed `BrakeMPC`: a callable (t, y) -> force with a memory. The unknowns are the forces, then the excess over the border, in kN."""
+
+    measures = BrakeMPC.measures
+    drives = BrakeMPC.drives
+
+    def __init__(self, law: BrakeMPC, lag: float):
+        self.law: Any = law
+        N = law.horizon
+        self.keep = float(np.exp(-law.period / lag)) if lag > 0.0 else 0.0
+        power = np.arange(N)[:, None] - np.arange(N)
+        self.free = self.keep ** np.arange(1, N + 1)
+        self.forced = np.where(power >= 0, (1.0 - self.keep) * self.keep ** np.maximum(power, 0), 0.0)
+        self.sum = np.tril(np.ones((N, N)))
+        moves = np.eye(N) - np.eye(N, k=-1)
+        self.curvature = (UNIT / law.move_size) ** 2 * moves.T @ moves
+        slack = self.slack = 0 if law.margin is None else 1
+        self.rows = np.zeros((N * (1 + slack), N + slack))
+        self.rows[:N, :N] = moves
+        self.program = QuadraticProgram(np.eye(N + slack), self.rows, law.solver)
+        self.samples, self.last, self.normal, self.excess, self.begin = 0, 0.0, 0.0, 0.0, 0.0
+        self.friction = law.friction
+        self.step = np.inf if law.force_rate is None else law.force_rate * law.period
+        self.plan = np.zeros(N)
+        self.speeds: np.ndarray | None = None
+        self.record = Record()
+
+    def design(self, plant: HybridSystem) -> PlannedStop:
+        """Itself: it is designed."""
+        return self
+
+    def __call__(self, t: float, y: Any) -> float:
+        began = time.perf_counter()
+        law, (speed, torque) = self.law, (float(value) for value in y)
+        if self.samples and abs(t - self.samples * law.period) > 1e-6 * max(t, law.period):
+            raise SceneError(f"Argument `sample_time` must be {law.period:g} s, the `period` of the law, but a sample came at {t:g} s.")
+        if not self.samples:
+            self.begin = speed
+        wish = np.maximum(self.begin - law.deceleration * law.period * (self.samples + np.arange(law.horizon + 1)), 0.0)
+        command = self.last
+        if speed > 0.0:
+            self._learn(torque)
+            reason = self._solved(speed, wish)
+            if reason:
+                self.record.fallbacks.append((float(t), reason))
+                self.plan = np.append(self.plan[1:], self.plan[-1])
+            command = self.within(float(self.plan[0]))
+        self.excess += law.period * (speed - wish[0])
+        self.normal += (1.0 - self.keep) * (command - self.normal)
+        self.last = command
+        self.samples += 1
+        self.record.seconds.append(time.perf_counter() - began)
+        return command
+
+    def within(self, force: float) -> float:
+        """The force inside its limits, exactly; one that is still below the lowest force rises as fast as it may."""
+        law, step = self.law, self.step
+        force = min(max(force, law.lowest_force), law.highest_force)
+        return min(max(force, self.last - step), self.last + step)
+
+    def _learn(self, torque: float) -> None:
+        law = self.law
+        if self.normal >= 0.5 * law.lowest_force:
+            seen = torque / (2.0 * law.radius * self.normal)
+            seen = min(max(seen, 0.5 * law.friction), 2.0 * law.friction)
+            self.friction += law.period / (law.period + law.filter_time) * (seen - self.friction)
+
+    def _solved(self, speed: float, wish: np.ndarray) -> str:
+        """Plan anew; why that failed, or nothing."""
+        law, N, h = self.law, self.law.horizon, self.law.period
+        fall = 2.0 * law.radius * self.friction * h / law.inertia
+        start = self.normal * self.free
+        S = -fall * UNIT * self.sum @ self.forced  # speeds = offset + S u
+        offset = speed - fall * self.sum @ start
+        error, total = offset - wish[1:], self.excess + h * (speed - wish[0])
+        Z, angle = h * self.sum @ S, total + h * self.sum @ error
+        H = np.zeros((N + self.slack, N + self.slack))
+        g = np.zeros(N + self.slack)
+        H[:N, :N] = S.T @ S / law.speed_size**2 + Z.T @ Z / law.angle_size**2 + self.curvature
+        g[:N] = S.T @ error / law.speed_size**2 + Z.T @ angle / law.angle_size**2
+        g[0] -= UNIT * self.last / law.move_size**2
+        low = np.full(N + self.slack, law.lowest_force / UNIT)
+        high = np.full(N + self.slack, law.highest_force / UNIT)
+        step = self.step
+        low[:N] = np.minimum(low[:N], (self.last + step * np.arange(1, N + 1)) / UNIT)  # a force still rising to its lowest value
+        below, above = np.full(N, -step / UNIT), np.full(N, step / UNIT)
+        below[0] += self.last / UNIT
+        above[0] += self.last / UNIT
+        if self.slack:
+            low[N], high[N] = 0.0, np.inf
+            H[N, N], g[N] = law.priority, law.priority
+            around = np.maximum(wish[1:] if self.speeds is None else np.append(self.speeds[1:], self.speeds[-1]), 0.0)
+            border = law.margin * law.border * np.exp(law.growth * around) / UNIT
+            self.rows[N:, :N] = self.forced - (law.growth * border)[:, None] * S
+            self.rows[N:, N] = -1.0
+            below = np.append(below, np.full(N, -np.inf))
+            above = np.append(above, border * (1.0 + law.growth * (offset - around)) - start / UNIT)
+        self.program.update(H, self.rows)
+        answer = self.program.solve(g, np.append(low, below), np.append(high, above))
+        self.record.answer = answer
+        self.record.programs += 1
+        if not answer.sound:
+            return answer.reason
+        self.plan = UNIT * answer.z[:N]
+        self.speeds = offset + S @ answer.z[:N]
+        return ""

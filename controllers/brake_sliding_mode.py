@@ -1,0 +1,51 @@
+"""Sliding-mode control of the deceleration of a disc brake, robust to its friction.
+
+    s = e + lam int e dt,  e = w - w_p;    N = I [deceleration + lam e + eta sat(s / width)] / (2 r mu),    mu = T / (2 r N) as measured
+
+so that s' = -eta sat(s / width) whatever the friction is, as fast as the torque T is measured.
+
+What it does to the pad: where the torque is held constant in spite of the falling friction, the pad sees a constant force and swings freely,
+m v' = F - k x - c v: its motion is the zero dynamics of the loop, and they are stable with the damping of the caliper alone. Hence no groan,
+without a measurement of the pad. That takes an actuator faster than the pad. Behind a slow one the same law drives the groan that it would end;
+then `filter_time` must be long against the period of the pad, the friction is learned slowly, and only a `margin` helps against groan.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from controllers.brake_law import BrakeLaw, last_force
+from toolbox import Update, quantity, state
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrakeSlidingMode(BrakeLaw):
+    """Sliding mode with a boundary layer on the speed of the disc, with the friction read off force and torque; see the module.
+
+    The quotient T / (2 r N) is kept between a half and twice the expected friction and averaged over `filter_time` (0: the last sample alone).
+    Discretised implicitly, sgn(s_(k+1)) = sat(s_k / (eta period)): the layer is never thinner than eta times the period, and nothing chatters.
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
+
+    surface: float = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
+    reaching: float = quantity(1.0, "rad/s2", "reaching rate eta", above=0)
+    width: float = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
+    filter_time: float = quantity(0.0, "s", "time over which the friction is averaged", at_least=0)
+
+    def sampled(self, signal, period):
+        speed, torque, last = signal("disc.speed", "rad/s"), signal("brake.torque", "N m"), last_force()
+        plan, planned = self.planned(speed, period)
+        doubt, angle = state("brake.friction_error", "1"), state("brake.excess_angle", "rad")
+        seen = torque / (2.0 * self.radius * ca.fmax(last, self.lowest_force)) - self.friction
+        seen = ca.fmin(ca.fmax(seen, -0.5 * self.friction), self.friction)
+        learned = ca.if_else(last > 0.0, doubt + period / (period + self.filter_time) * (seen - doubt), 0.0)
+        error = speed - plan
+        sign = ca.fmin(ca.fmax((error + self.surface * angle) / ca.fmax(self.width, self.reaching * period), -1.0), 1.0)
+        wanted = self.force_for(self.deceleration + self.surface * error + self.reaching * sign, self.friction + learned)
+        command = self.limited(wanted, speed, period, last)
+        memory = {**planned, last: command, doubt: learned, angle: angle + period * error}
+        return Update(memory=memory, outputs={"brake.force": (command, "N")})

@@ -1,0 +1,203 @@
+"""Dither of a normal load: sine, square, swept, and phased with the slip; and the map that shows where it helps.
+
+    N(t) = N_0 (1 + depth wave(t))
+
+Fast normal dither does not linearise dry friction as tangential dither does: friction is proportional to N, so that its mean stays what it was. It
+works by entrainment, in a band of frequencies above the natural one, some 2 to 5 times it for Leine's block; below the band it amplifies the
+stick-slip, far above it does nothing. Where the band is must be measured on the plant: `dither_map`.
+
+`PhasedDither` needs no band: it presses harder while the contact slips faster than its mean and lighter while it slips slower,
+
+    N = N_0 (1 + depth clip((v - v_0) / size, -1, 1)),   d(mu N)/dv at v_0 = N_0 (mu' + mu depth / size)
+
+and friction rises with speed where depth / size > -mu' / mu. It must know the slip in time: what comes late by tau keeps cos(w tau) of it, nothing
+after a quarter of the period, and feeds the swing later. All of this moves a load as fast as the plant swings: what does that is not modelled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox import Controller, Equations, HybridSystem, SceneError, Update, measure, quantity, simulate, sine, time
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadDither(Controller):
+    """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
+
+    With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
+    the stand-in of the input `load` unless given.
+    """
+
+    load: str = "bit.weight"
+    over: str | None = None
+    mean: float | None = quantity(None, "N", "mean load N_0", above=0)
+    depth: float = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The load."""
+        return (self.load,)
+
+    def design(self, plant: HybridSystem) -> Any:
+        """The law with the mean load read from the plant."""
+        if self.mean is not None or self.over is not None:
+            return self
+        if self.load not in plant.inputs:
+            raise SceneError(f"Argument `load` must be an input of the plant, but `{self.load}` is none of {', '.join(plant.inputs)}.")
+        place = list(plant.inputs).index(self.load)
+        return replace(self, mean=float(np.array(plant.input_defaults(plant.values)).ravel()[place]))
+
+    def loaded(self, signal: Any, wave: Any) -> dict[str, tuple[Any, str]]:
+        """The load under a wave between -1 and 1."""
+        if self.over is not None:
+            return {self.load: (self.depth * signal(self.over, "N") * wave, "N")}
+        return {self.load: (self.mean * (1.0 + self.depth * wave), "N")}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalDither(LoadDither):
+    """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled."""
+
+    frequency: float = quantity(1.0, "Hz", "frequency of the dither", above=0)
+
+    def wave(self) -> Any:
+        """The wave at this instant."""
+        return ca.sin(2.0 * ca.pi * self.frequency * time)
+
+    def continuous(self, signal):
+        return Equations(gives=self.loaded(signal, self.wave()))
+
+    def sampled(self, signal, period):
+        return Update(memory={}, outputs=self.loaded(signal, self.wave()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SquareDither(NormalDither):
+    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.square`."""
+
+    def continuous(self, signal):
+        raise SceneError("SquareDither jumps: give `sample_time`, or use the input `square`.")
+
+    def wave(self):
+        return ca.if_else(super().wave() >= 0.0, 1.0, -1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweptDither(NormalDither):
+    """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time)."""
+
+    span: float = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
+    sweep_time: float = quantity(20.0, "s", "period of the sweep", above=0)
+
+    def check(self):
+        if self.span >= self.frequency:
+            raise SceneError(f"Argument `span` must be below the frequency {self.frequency:g} Hz, but it is {self.span!r}.")
+
+    def wave(self):
+        swing = self.span * self.sweep_time * (1.0 - ca.cos(2.0 * ca.pi * time / self.sweep_time))
+        return ca.sin(2.0 * ca.pi * self.frequency * time + swing)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhasedDither(LoadDither):
+    """Load phased with the slip: wave = clip((v - reference) / size, -1, 1), v the signal `speed`. Continuous or sampled.
+
+    size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it.
+    """
+
+    speed: str = "bit.speed"
+    unit: str = "rad/s"
+    reference: float = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
+    size: float = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
+
+    @property
+    def measures(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The speed, and the force that the dither rides on."""
+        return (self.speed,) if self.over is None else (self.speed, self.over)
+
+    def check(self):
+        if self.size == 0:
+            raise SceneError("Argument `size` must not be 0.")
+
+    def _wave(self, signal: Any) -> Any:
+        return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.size, -1.0), 1.0)
+
+    def continuous(self, signal):
+        return Equations(gives=self.loaded(signal, self._wave(signal)))
+
+    def sampled(self, signal, period):
+        return Update(memory={}, outputs=self.loaded(signal, self._wave(signal)))
+
+
+@dataclass(frozen=True)
+class DitherMap:
+    """Swing of a signal under a dithered load, in parts of its swing without: swing[i, j] at frequency[j] [Hz] and depth[i]; stuck: part of the time."""
+
+    natural: float
+    frequency: np.ndarray
+    depth: np.ndarray
+    swing: np.ndarray
+    stuck: np.ndarray
+
+    def band(self, depth: float, below: float = 0.5) -> tuple[float, float]:
+        """(lowest, highest) frequency [Hz] of the widest run of frequencies, in log, where the swing stays below that part of what it was; nan for none."""
+        row = self.swing[int(np.argmin(np.abs(self.depth - depth)))] < below
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]])))
+        runs = [(self.frequency[first], self.frequency[last - 1]) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+        return max(runs, key=lambda run: run[1] / run[0]) if runs else (np.nan, np.nan)
+
+    def choice(self, below: float = 0.5) -> tuple[float, float]:
+        """(frequency [Hz], depth): the smallest depth with a band at least an octave wide, and the frequency in the middle of that band.
+
+        Where no band is so wide, the middle of the widest there is; raises SceneError where nothing on the map calms the plant.
+        """
+        bands = [(depth, self.band(depth, below)) for depth in self.depth]
+        found = [(depth, low, high) for depth, (low, high) in bands if low == low]
+        if not found:
+            raise SceneError(f"No dither on the map brings the swing below {below:g} of what it was.")
+        wide = [entry for entry in found if entry[2] >= 2.0 * entry[1]]
+        depth, low, high = min(wide, key=lambda entry: entry[0]) if wide else max(found, key=lambda entry: entry[2] / entry[1])
+        return float(np.sqrt(low * high)), float(depth)
+
+
+def dither_map(
+    plant: HybridSystem,
+    load: str,
+    mean: float,
+    natural: float,
+    *,
+    contact: str,
+    signal: str,
+    ratios: Sequence[float] | np.ndarray,
+    depths: Sequence[float] | np.ndarray,
+    periods: float = 80.0,
+    offset: float = 0.0,
+    **arguments: Any,
+) -> DitherMap:
+    """The swing of `signal` under load = mean (1 + depth sin), less `offset`, for frequencies in parts of `natural` [Hz], by simulation.
+
+    Each run lasts `periods` natural periods, the second half of which counts; arguments as of `simulate`. For a dither that rides on a force which is
+    given otherwise (`brake.disturbance`), `offset` is that force.
+    """
+    if not (mean > 0 and natural > 0):
+        raise SceneError(f"Arguments `mean` and `natural` must be > 0, but they are {mean!r} and {natural!r}.")
+    duration = periods / natural
+    given: Mapping[str, Any] = arguments.pop("inputs", None) or {}
+
+    def found(depth: float, ratio: float) -> tuple[float, float]:
+        wave = {load: sine(mean - offset, depth * mean, ratio * natural)} if depth else {load: mean - offset}
+        run = simulate(plant, duration, inputs={**given, **wave}, **arguments)
+        extent = measure.extent(run, signal, duration / 2)
+        return extent.maximum - extent.minimum, measure.stuck_ratio(run, contact, duration / 2)
+
+    alone, _ = found(0.0, 1.0)
+    if not alone > 0:
+        raise SceneError(f"The plant is calm without dither: `{signal}` does not swing.")
+    table = np.array([[found(depth, ratio) for ratio in ratios] for depth in depths])
+    return DitherMap(natural, natural * np.asarray(ratios, float), np.asarray(depths, float), table[:, :, 0] / alone, table[:, :, 1])

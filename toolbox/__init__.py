@@ -6,6 +6,7 @@ from toolbox.continuation import Bifurcation, Branch, follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import BudgetError, GrazingError, SceneError, SimulationError, ZenoError
+from toolbox.fit import Fit, fit
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -14,6 +15,7 @@ from toolbox.measure import cycles, energy_audit, overshoot, settling, severity,
 from toolbox.observed import Observed, Observer
 from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
+from toolbox.recording import Recording
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.simulate import simulate
@@ -31,12 +33,14 @@ __all__ = [
     "DryFriction",
     "Equations",
     "Event",
+    "Fit",
     "FrictionLaw",
     "GrazingError",
     "HybridSystem",
     "Hysteresis",
     "Observed",
     "Observer",
+    "Recording",
     "Relay",
     "Sampled",
     "Scene",
@@ -53,6 +57,7 @@ __all__ = [
     "energy_audit",
     "equilibria",
     "equilibrium",
+    "fit",
     "follow",
     "hopf_curve",
     "hopf_points",

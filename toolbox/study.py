@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.errors import SimulationError
 
 if TYPE_CHECKING:
+    from toolbox.fit import Fit
     from toolbox.hybrid import HybridSystem
     from toolbox.onset import Onset
     from toolbox.scene import Scene
@@ -158,6 +159,12 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     from toolbox.diagram import onset_panels
 
     _write(onset_panels(onsets), scene.title, path)
+
+
+def draw_fit(scene: Scene, found: Fit, path: Path) -> None:
+    """Write the figure of a fitted model and its data."""
+    _plot()
+    _write(found.plot(), scene.title, path)
 
 
 def _plot() -> Any:

@@ -140,6 +140,6 @@ def fitted(found: Fit) -> Any:
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
             top.set_ylabel(f"{_words(name)} [{unit}]")
             bottom.set_ylabel(f"left [{unit}]")
-            top.legend(frameon=False, markerscale=3.0)
+            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
         figure.align_ylabels(axes)
     return axes

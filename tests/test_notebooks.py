@@ -38,7 +38,6 @@ def answer():
 
     yield run
     plt.close("all")
-    plt.ioff()
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -21,8 +21,6 @@ from scipy.optimize import brentq, minimize_scalar
 from models import BitRock, wells
 from toolbox import Component, Equations, compose, plot, quantity, ramp, simulate
 
-plt.ion()  # figures appear below their cell
-
 rock = BitRock()
 law, load = rock.friction, rock.weight * rock.radius
 static = load * law.static

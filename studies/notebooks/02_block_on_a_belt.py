@@ -23,8 +23,6 @@ import numpy as np
 from models import BlockOnBelt, Coulomb, closed_forms
 from toolbox import compose, measure, plot, simulate
 
-plt.ion()  # figures appear below their cell
-
 block = BlockOnBelt(belt_speed=0.2, friction=Coulomb(static=1.0, kinetic=0.6))
 run = simulate(compose(block), 60.0, start={"block.speed": 0.2}, accuracy=1e-9)
 cycle, theory = measure.cycles(run, "belt")[1], closed_forms.belt_cycle(block)

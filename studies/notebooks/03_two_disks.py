@@ -21,8 +21,6 @@ from studies.critical_curve import critical_curve
 from studies.disks import critical_drop, draw_stops, driven, driven_cycle, stop_of
 from toolbox import plot
 
-plt.ion()  # figures appear below their cell
-
 stops = {speed: stop_of(TwoDisks(), speed) for speed in (1.0, 2.0, 3.0)}
 stop = stops[2.0]
 print(stop)

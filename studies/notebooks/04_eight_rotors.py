@@ -16,8 +16,6 @@ from models import DiskStack
 from studies.disk_stack import draw_stack, phases, stack_stop
 from toolbox import measure, plot
 
-plt.ion()  # figures appear below their cell
-
 run = stack_stop()
 begin, rest = phases(run)["stick-slip"]
 print(f"stick-slip from {begin:.3f} s to {rest:.3f} s; {len(run.events)} switches")
@@ -51,8 +49,8 @@ with plt.rc_context(plot.PAPER):
 
 # %% [markdown]
 # **Answer.** In the stick-slip before standstill the slips of a face keep their length, while its sticks grow: by the median over the
-# faces, those of the last fifth of the cycles are half as long again as those of the first, and at the very end they grow up to twenty
-# times as long.
+# faces, those of the last fifth of the cycles are half as long again as those of the first, and at the very end more than
+# tenfold on some faces.
 
 # %%
 answer = {

@@ -18,8 +18,6 @@ import matplotlib.pyplot as plt
 import toolbox
 from toolbox import Scene, plot, study
 
-plt.ion()  # figures appear below their cell
-
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
 judged = {label: study.judged(scene, label) for label in scene.labels}
 print(study.table(scene, [row for row, _ in judged.values()]))

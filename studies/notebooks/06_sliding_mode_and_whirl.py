@@ -15,8 +15,6 @@ from models import WhirlingCollar
 from studies.whirl import SLIDING, WEIGHT, draw, driven, row, table
 from toolbox import plot
 
-plt.ion()  # figures appear below their cell
-
 runs = {"stiff PI": driven(None), "sliding mode, 0.2 1/s": driven(0.2), "sliding mode, 0.6 1/s": driven(0.6)}
 rows = {label: row(run) for label, run in runs.items()}
 print(table(rows))

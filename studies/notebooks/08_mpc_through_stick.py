@@ -18,8 +18,6 @@ from controllers import NonlinearMPC
 from studies.mpc_speed import HEAVIER, LIMITS, PLANT, SPEED, STATES
 from toolbox import plot, simulate
 
-plt.ion()  # figures appear below their cell
-
 laws = {
     "tanh, lowered peak": NonlinearMPC(reference=SPEED, width=0.5, matched=False, adapt=False, **LIMITS, **STATES),
     "matched peak": NonlinearMPC(reference=SPEED, width=0.2, **LIMITS, **STATES),

@@ -18,8 +18,6 @@ import toolbox
 from models import wells
 from toolbox import Scene, compose, plot, ramp, simulate
 
-plt.ion()  # figures appear below their cell
-
 string = wells.AARSNES_SHOR
 breakaway = sum(string.friction_load) * string.friction.static
 print(

@@ -16,8 +16,6 @@ import numpy as np
 from studies.sliders import bristle_error, draw_bristles, loops, regional_run
 from toolbox import plot
 
-plt.ion()  # figures appear below their cell
-
 run = regional_run()
 modes = [name for name in run.modes if name.startswith("plate.")]
 times = np.linspace(0.1, run.end, 1200)

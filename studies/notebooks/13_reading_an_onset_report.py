@@ -12,13 +12,9 @@
 # %%
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-
 import toolbox
 from toolbox import Scene, equilibrium, onset, plot, simulate
 from toolbox.stability import continuous_loop, state_values
-
-plt.ion()  # figures appear below their cell
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
 report = onset(scene, "top.reference", (3.0, 14.0), controller="stiff PI", values=8, tolerance=0.05)

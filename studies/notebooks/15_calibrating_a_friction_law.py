@@ -21,8 +21,6 @@ import studies.synthetic as synthetic
 from models import BitRock, wells
 from toolbox import Recording, SceneError, compose, fit, plot
 
-plt.ion()  # figures appear below their cell
-
 data = Path(synthetic.FOLDER) / "rig.csv"
 print("\n".join(data.read_text().splitlines()[:4]))
 rig = compose(wells.JANSEN_2, BitRock())  # the numbers of the book: mu_s 0.8, mu_c 0.5, decay 0.9

@@ -7,6 +7,7 @@ from toolbox.cycle import Cycle, CycleError, limit_cycle
 from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.export import export_c, to_control
+from toolbox.fit import Fit, fit
 from toolbox.fmu import export_fmu
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
@@ -16,6 +17,7 @@ from toolbox.measure import cycles, energy_audit, overshoot, settling, severity,
 from toolbox.observed import Observed, Observer
 from toolbox.onset import onset
 from toolbox.parts import Component, Equations, Update
+from toolbox.recording import Recording
 from toolbox.scene import Scene
 from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.severity_map import SeverityMap, severity_map
@@ -41,12 +43,14 @@ __all__ = [
     "DryFriction",
     "Equations",
     "Event",
+    "Fit",
     "FrictionLaw",
     "GrazingError",
     "HybridSystem",
     "Hysteresis",
     "Observed",
     "Observer",
+    "Recording",
     "Relay",
     "Sampled",
     "Scene",
@@ -69,6 +73,7 @@ __all__ = [
     "equilibrium",
     "export_c",
     "export_fmu",
+    "fit",
     "follow",
     "hopf_curve",
     "hopf_points",

@@ -1,5 +1,5 @@
 """The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends; sweep it over a grid, map
-its severity; tune its laws; measure what its accuracy costs; list the parts.
+its severity; tune its laws; fit it to data; measure what its accuracy costs; list the parts.
 
 Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
 """
@@ -11,11 +11,11 @@ import os
 import sys
 from collections.abc import Sequence
 
-from toolbox.commands import listing, onset, study, sweep, tradeoff, tune
+from toolbox.commands import fit, listing, onset, study, sweep, tradeoff, tune
 from toolbox.commands.terminal import INTERRUPTED, complaint
 from toolbox.errors import SceneError
 
-COMMANDS = (study, onset, sweep, tune, tradeoff, listing)
+COMMANDS = (study, onset, sweep, tune, fit, tradeoff, listing)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

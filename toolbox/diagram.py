@@ -1,4 +1,4 @@
-"""Pictures of borders: severity over a parameter on both branches, Hopf curves, poles, what a drive reflects, and the front of a tuning.
+"""Pictures of analyses: severity over one parameter or two, Hopf curves, poles, what a drive reflects, the front of a tuning, a model fitted to data.
 
 Every function draws into `ax` or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`.
 """
@@ -15,6 +15,7 @@ from toolbox.errors import SceneError
 from toolbox.plot import LINES, PAPER, WIDTH, _words
 
 if TYPE_CHECKING:
+    from toolbox.fit import Fit
     from toolbox.onset import Onset
     from toolbox.severity_map import SeverityMap
     from toolbox.tuned import Tuned
@@ -233,3 +234,41 @@ def tuning_diagram(found: Tuned, ax: Any = None) -> Any:
             ax.set_ylabel(names[1])
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.2)
     return ax
+
+
+def fitted(found: Fit) -> Any:
+    """Measured against model: one panel per signal, or the loop of friction over slip, and below each what is left. Returns the axes, (2, signals)."""
+    from toolbox.misfit import Loop
+
+    misfit = found.misfit
+    model = misfit.model(found.values)
+    loop = isinstance(misfit, Loop)
+    dots = {"marker": ".", "linestyle": "none", "color": "0.6", "markersize": 2.5, "rasterized": True}
+    with plt.rc_context(PAPER):
+        figure, axes = plt.subplots(2, len(misfit.outputs), squeeze=False, sharex="col", figsize=(WIDTH, 3.8), height_ratios=(2.2, 1.0),
+                                    layout="constrained")  # fmt: skip
+        for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
+            unit = misfit.plant.unit(name)
+            time, measured = misfit.time[name], misfit.measured[name]
+            if loop:
+                element = misfit.plant.elements[misfit.place]
+                x, slides = misfit.slip[misfit.rows], ~misfit.released
+                resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)
+                top.plot(misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest")
+                top.plot(x[slides], measured[slides], **dots, label="measured, slipping")
+                top.plot(x[slides], model[name][slides], **{**dots, "color": LINES[0]["color"], "markersize": 1.8}, label="law, at the measured load")
+                if misfit.released.any():
+                    top.plot(x[misfit.released], measured[misfit.released], marker="^", linestyle="none", color=LINES[1]["color"], label="break-away")
+                bottom.set_xlabel(f"slip of {element.name} [{element.slip_unit}]")
+            else:
+                x = time
+                top.plot(x, measured, **dots, label="measured")
+                top.plot(x, model[name], label="model", **{**LINES[0], "linewidth": 1.1})
+                bottom.set_xlabel("time [s]")
+            bottom.plot(x, measured - model[name], **dots)
+            bottom.axhline(0.0, color="0.2", linewidth=0.7)
+            top.set_ylabel(f"{_words(name)} [{unit}]")
+            bottom.set_ylabel(f"left [{unit}]")
+            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
+        figure.align_ylabels(axes)
+    return axes

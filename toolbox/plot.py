@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -22,6 +23,9 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from toolbox.errors import SceneError, suggest
 from toolbox.measure import scalar, window
 from toolbox.trajectory import Samples, Trajectory
+
+# loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
+plt.switch_backend(matplotlib.get_backend())
 
 RESOLUTION = 1600
 """Points along the time axis between which a curve is drawn straight."""

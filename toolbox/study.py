@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from toolbox.errors import SimulationError
 
 if TYPE_CHECKING:
+    from toolbox.fit import Fit
     from toolbox.hybrid import HybridSystem
     from toolbox.onset import Onset
     from toolbox.scene import Scene
@@ -203,10 +204,10 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_found(found: SeverityMap | Tuned | WorkPrecision, path: Path) -> None:
-    """Write the figure of what a search, a map or a measurement found."""
+def draw_found(found: SeverityMap | Tuned | WorkPrecision | Fit, title: str, path: Path) -> None:
+    """Write the figure of what a search, a map, a measurement or a calibration found."""
     _plot()
-    _write(found.plot(), found.title, path)
+    _write(found.plot(), title, path)
 
 
 def _plot() -> Any:

@@ -47,8 +47,8 @@ class Table:
         return _fault(self.path, self.places[row], self.headings.get(column, column), words)
 
 
-def read(path: str | Path, columns: Sequence[Column]) -> Table:
-    """The table in a CSV or TOML file, its numbers in the SI units of the columns; at least one row.
+def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -> Table:
+    """The table in a CSV or TOML file, its numbers in the SI units of the columns; at least one row. others: leave unknown columns out.
 
     Raises SceneError where the file cannot be read, is empty, lacks a required column, has one that is not known or twice, and for a unit that is missing
     or does not fit, a cell that is empty or no finite number, and a row of another length than the headings.
@@ -68,6 +68,8 @@ def read(path: str | Path, columns: Sequence[Column]) -> Table:
                 continue
             match = _HEADING.fullmatch(heading)
             column = named.get(" ".join(match[1].split()).casefold()) if match else None
+            if column is None and others:
+                continue
             if column is None or match is None:
                 known = [c.name for c in columns]
                 raise SceneError(f"Table `{path}` has the unknown column `{heading}`: {suggest(match[1] if match else heading, known)}")

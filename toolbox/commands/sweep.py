@@ -121,7 +121,7 @@ def run_map(given: argparse.Namespace) -> int:
             failures[label] = str(error)
             continue
         (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-        study.draw_found(found, folder / "map.png")
+        study.draw_found(found, found.title, folder / "map.png")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")

@@ -82,7 +82,7 @@ def run(given: argparse.Namespace) -> int:
             (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
             found.save(folder / "trials.csv")
             if found.front:
-                study.draw_found(found, folder / "tune.png")
+                study.draw_found(found, found.title, folder / "tune.png")
                 for path, scene in scenes.items():
                     found.applied(scene, given.law).save(folder / names[path])
     except KeyboardInterrupt:

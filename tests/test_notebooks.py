@@ -1,0 +1,157 @@
+"""The notebooks: each script gives the answer that it states, and each .ipynb is the print of its script."""
+
+import json
+import math
+import runpy
+
+import matplotlib.pyplot as plt
+import pytest
+
+from studies.notebooks.__main__ import FOLDER, scripts
+
+NAMES = [path.stem for path in scripts()]
+
+
+def cells_of_script(text):
+    """[(kind, source)] of a script in percent format, without jupytext."""
+    cells = []
+    for line in text.splitlines():
+        if line.startswith("# %%"):
+            cells.append(("markdown" if "[markdown]" in line else "code", []))
+        else:
+            cells[-1][1].append(line)
+    found = []
+    for kind, lines in cells:
+        if kind == "markdown":
+            lines = [line.removeprefix("#").removeprefix(" ") for line in lines if line.startswith("#")]
+        found.append((kind, "\n".join(lines).strip()))
+    return found
+
+
+@pytest.fixture
+def answer():
+    """Runs a notebook script and returns its `answer`."""
+
+    def run(name):
+        path = next(path for path in scripts() if path.stem.startswith(name))
+        return runpy.run_path(str(path))["answer"]
+
+    yield run
+    plt.close("all")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_script_and_notebook_agree_and_the_notebook_has_been_run(name):
+    notebook = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))
+    cells = [(cell["cell_type"], "".join(cell["source"]).strip()) for cell in notebook["cells"]]
+    assert cells == cells_of_script((FOLDER / f"{name}.py").read_text(encoding="utf-8")), (
+        "build it again: python -m studies.notebooks " + name
+    )
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert not [output for output in outputs if output["output_type"] == "error"]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) >= 2
+    assert (FOLDER / f"{name}.ipynb").stat().st_size < 300_000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_asks_one_question_says_the_theory_and_answers(name):
+    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    for word in ("# **Question.**", "# **Theory.**", "# **Answer.**"):
+        assert text.count(word) == 1
+
+
+def test_a_smooth_curve_loses_9_percent_of_the_breakaway_torque_and_creeps_where_the_bit_stands(answer):
+    found = answer("01")
+    assert found["peak at 0.1 rad/s"] == pytest.approx(0.91, abs=0.005)
+    assert found["peak at 0.01 rad/s"] == pytest.approx(0.987, abs=0.0005)
+    assert found["creep"] == pytest.approx(found["creep by theory"], rel=1e-5)
+    assert found["speed of the set-valued bit"] == 0.0
+    assert found["turns that the model believes"] > 10
+    assert found["steps at 0.001 rad/s over exact"] > 2
+
+
+def test_a_block_on_a_belt_repeats_its_closed_form(answer):
+    found = answer("02")
+    assert found["stick"] == pytest.approx(4.0, rel=1e-8)  # 2 z with z = 2
+    assert found["slip"] == pytest.approx(2 * (math.pi - math.atan(2.0)), rel=1e-8)
+    assert found["largest error"] < 1e-6
+
+
+@pytest.mark.slow
+def test_soft_torque_and_sliding_mode_free_the_published_rig_that_sticks_without_them(answer):
+    stuck = answer("05")
+    assert stuck["constant torque"] == pytest.approx(43.4, abs=0.1)
+    assert stuck["stiff PI"] > 30.0
+    assert {stuck[label] for label in stuck if label.startswith(("soft", "sliding", "ideal"))} == {0.0}
+
+
+def test_the_working_point_of_the_stiff_drive_is_bistable(answer):
+    found = answer("13")
+    assert found["Hopf speed"] < 9.948 < found["end of stick-slip"]
+    assert found["ratio"] == pytest.approx(2.86, abs=0.03)
+    assert found["stuck, undisturbed"] == 0.0 and found["stuck after the jolt"] > 5.0
+
+
+@pytest.mark.slow
+def test_both_fits_find_the_law_behind_the_data_within_their_intervals(answer):
+    found = answer("15")
+    for name, value in found["truth"].items():
+        for way in ("loop", "simulated"):
+            low, high = found[way].interval(name)
+            assert low <= value <= high
+    assert (found["simulated"].errors < 0.1 * found["loop"].errors).all()
+    assert "`bit.weight` and `bit.radius` cannot be" in found["refusal"]
+
+
+def test_the_period_of_two_disks_coming_to_rest_goes_from_1_to_3_and_the_critical_curve_is_that_of_theory(answer):
+    found = answer("03")
+    assert found["onset"] == pytest.approx(1.0, abs=0.1)
+    assert found["termination"] == pytest.approx(3.0, abs=0.15)
+    assert found["from 3 rad/s"] > 4.0
+    assert found["error of the curve"] < 2e-4  # the bisection stops at 1e-4 of the logarithm
+
+
+@pytest.mark.slow
+def test_slips_of_eight_rotors_keep_their_length_while_sticks_grow(answer):
+    found = answer("04")
+    assert found["slips, last fifth over first"] == pytest.approx(1.0, abs=0.2)
+    assert found["sticks, last fifth over first"] > 1.3
+    assert found["sticks, end over first fifth, largest of faces"] > 10.0
+
+
+@pytest.mark.slow
+def test_both_gains_end_stick_slip_and_only_the_larger_one_drives_the_collar_against_the_wall(answer):
+    found = answer("06")
+    assert found["stiff PI"]["stuck"] > 1.0  # the problem exists
+    gentle, strong = found["sliding mode, 0.2 1/s"], found["sliding mode, 0.6 1/s"]
+    assert gentle["stuck"] == strong["stuck"] == 0.0
+    assert gentle["impacts"] == 0 and strong["impacts"] > 20
+    assert gentle["peak"] < found["speed at which whirl reaches the wall"] < strong["peak"]
+
+
+def test_a_lowered_peak_parks_the_string_and_exact_modes_free_it(answer):
+    found = answer("08")
+    parked = found.pop("tanh, lowered peak")
+    assert parked["stuck"] == 30.0 and parked["fallbacks"] == 0
+    bound = found.pop("break-away torque")
+    assert parked["largest load"] < bound
+    for free in found.values():
+        assert free["late"] == 0.0 and free["largest load"] > bound
+        assert free["speed"] == pytest.approx(4.0, abs=0.02)
+
+
+def test_friction_along_an_inclined_string_makes_it_stick_off_bottom_and_a_drive_near_the_pipe_impedance_frees_it(answer):
+    found = answer("10")
+    assert found["stuck"]["published PI"] > 1.0
+    assert found["stuck"]["PI of 4 pipe impedances"] == 0.0
+    # beyond the closed form: the viscous drag of a string that is wound up at 28 N m/s
+    assert found["break-off torque simulated"] == pytest.approx(found["break-off torque"], rel=2e-3)
+
+
+def test_a_row_of_bristles_slips_by_regions_and_converges_to_the_rounded_contact(answer):
+    found = answer("11")
+    assert found["partial"] > 0.3
+    assert found["error of 1"] == pytest.approx(0.19, abs=0.01)
+    assert found["error of 16"] < 0.01 and 1.5 < found["order"] < 2.1

@@ -1,0 +1,119 @@
+"""stickslip fit: parameters of a scene's plant from measured signals."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import complaint, plain
+from toolbox.errors import SceneError
+from toolbox.files import whole_folder
+
+FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip fit`."""
+    calibration = commands.add_parser(
+        "fit",
+        help="parameters of a scene's plant from measured signals, with confidence intervals",
+        description="Fit parameters to measured signals: by simulation, driven by the measured inputs, or with --contact the friction law of one contact "
+        "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), a figure of model and data, and the "
+        "calibrated scene: all of it, or nothing.",
+        epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --free bit.friction.static=0.6:1 "
+        "--free bit.friction.kinetic=0.3:0.6 --out fitted",
+    )
+    calibration.add_argument(
+        "scene", type=Path, metavar="SCENE.toml", help="the machine; its inputs and start hold where nothing is measured"
+    )
+    calibration.add_argument("data", type=Path, metavar="DATA", help="measured signals: CSV or TOML with units in headings, or MAT")
+    calibration.add_argument(
+        "--free", required=True, metavar="NAME[=LOW:HIGH]", action="append", help="what to fit, with bounds; may be repeated"
+    )
+    calibration.add_argument(
+        "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
+    )
+    calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
+    calibration.add_argument("--controller", metavar="LABEL", help="the controller of the scene that was running; the plant alone without")
+    calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
+    calibration.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report, table, figure and scene; those of an earlier fit are replaced"
+    )
+    calibration.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Fit parameters to measured signals. Returns the exit code."""
+    from toolbox import study
+    from toolbox.errors import SimulationError
+    from toolbox.fit import fit
+    from toolbox.scene import Scene
+
+    scene = Scene.load(given.scene)
+    plant = scene.plant()
+    bounds = {}
+    names = []
+    for text in given.free:
+        name, equals, limits = text.partition("=")
+        names.append(name)
+        if equals:
+            low, colon, high = limits.partition(":")
+            if not colon:
+                raise SceneError(f"Argument `--free` must be NAME or NAME=LOW:HIGH, but it is `{text}`.")
+            bounds[name] = (_in_unit(plant, name, low), _in_unit(plant, name, high))
+    columns = {}
+    for text in given.column:
+        signal_name, equals, heading = text.partition("=")
+        if not equals:
+            raise SceneError(f"Argument `--column` must be SIGNAL=HEADING, but it is `{text}`.")
+        columns[signal_name] = heading
+    with whole_folder(given.out, FIT_FILES, _earlier_fit) if given.out else nullcontext() as folder:
+        try:
+            found = fit(
+                scene,
+                given.data,
+                names,
+                bounds,
+                columns=columns or None,
+                controller=given.controller,
+                contact=given.contact,
+                starts=given.starts,
+            )
+        except SimulationError as error:
+            return complaint(str(error), 1)
+        text = f"{scene.title}\n\n{found}\n"
+        if folder is not None:
+            (folder / "fit.txt").write_text(text, encoding="utf-8")
+            found.save(folder / "fit.csv")
+            study.draw_found(found, scene.title, folder / "fit.png")
+            dataclasses.replace(scene, parts=found.plant.parts, parameters={}).save(folder / "scene.toml")
+    print(text, end="")
+    if given.out:
+        print(f"\nReport, table, figure and the calibrated scene are in {given.out}")
+    return 0
+
+
+def _in_unit(plant: Any, name: str, text: str) -> float:
+    """A bound of a free number, SI or text with a unit."""
+    from toolbox.units import parse
+
+    try:
+        unit = plant._parameter(name).unit
+    except SceneError:
+        if not plant.has_signal(name):
+            raise
+        unit = plant.unit(name)
+    return parse(plain(text), unit, f"--free {name}")
+
+
+def _earlier_fit(path: Path) -> set[str]:
+    """Names of the files that an earlier fit left in a folder, as its report tells."""
+    try:
+        if "\nFit of " not in (path / "fit.txt").read_text(encoding="utf-8"):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {name for name in FIT_FILES if (path / name).is_file()}

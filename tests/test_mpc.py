@@ -334,7 +334,9 @@ def test_a_set_point_given_as_an_input_is_followed_and_stands_in_for_the_field(l
         assert run.at(time)["top.reference"] == speed
         assert run.at(time)["bit.speed"] == pytest.approx(speed, abs=2e-3)
     given = simulate(RIG, 20.0, controller=law(reference=6.0, **LIMITS), sample_time=0.1, inputs={"top.reference": 6.0})
-    assert np.array(given.answers[0])[:200] == pytest.approx(np.array(kept.answers[0])[:200], abs=1.0)  # N m; steps differ with the duration
+    assert np.array(given.answers[0])[:200] == pytest.approx(
+        np.array(kept.answers[0])[:200], abs=1.0
+    )  # N m; steps differ with the duration
 
 
 def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measures():

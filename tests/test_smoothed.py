@@ -114,6 +114,7 @@ def test_a_smooth_plant_and_its_run_travel():
     twin = pickle.loads(pickle.dumps(run))
     assert (twin.at(2.5).states == run.at(2.5).states).all()
     assert twin.widths == {"belt": 1e-2}
+    assert "smoothed, width 0.01 (belt)" in str(run)
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4])

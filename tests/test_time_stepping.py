@@ -251,6 +251,7 @@ def test_a_run_travels():
     assert type(twin) is type(run)
     assert (twin.at(3.33).states == run.at(3.33).states).all()
     assert twin.step == 0.01
+    assert "time stepping, steps of 0.01 s" in str(run)
 
 
 def test_energy_is_balanced_as_far_as_the_order_goes():
@@ -287,3 +288,18 @@ def test_a_step_is_refused_where_it_means_nothing():
 def test_a_run_of_no_duration_shows_the_start():
     run = simulate(BELT, 0.0, method="time-stepping", accuracy=1e-3)
     assert run.time.tolist() == [0.0]
+
+
+def test_a_run_with_a_step_can_be_made_again_with_located_events():
+    from toolbox.simulate import again
+
+    run = simulate(BELT, 20.0, method="time-stepping", step=1e-5)
+    exact = again(run.run, method="explicit")
+    assert (exact.states == simulate(BELT, 20.0, method="explicit").states).all()
+
+
+def test_a_long_run_of_short_steps_records_some_of_them_and_all_switches():
+    run = simulate(BELT, 20.0, method="time-stepping", step=1e-5)
+    assert run.steps[0] > 1_900_000 > 500_000 > run.time.size
+    nodes = set(run.time.tolist())
+    assert all(event.time in nodes for event in run.events)

@@ -50,12 +50,12 @@ def machine(
     elements: Sequence[Element],
     form: Switching,
     pair: Pair | Rosenbrock | Theta,
-    flow: ca.SX,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
+    flow: ca.SX | None = None,
 ) -> Machine:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
-    flow: the field with forces as symbols;  updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z.
+    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -74,6 +74,7 @@ def machine(
     stages = 0 if isinstance(pair, Theta) else len(pair.a)
     cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
     if isinstance(pair, Theta):
+        assert flow is not None
         trial = trial_step(pair, t, x, p, flow, elements, form)
         bodies["step"] = _trial(trial)
         cost = trial.n_instructions()

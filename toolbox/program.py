@@ -113,7 +113,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        machine=machine(system.t, x, p, elements, form, pair, flow, updates),
+        machine=machine(system.t, x, p, elements, form, pair, updates, flow),
         excited=np.array(excited, np.int64),
         kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),

@@ -498,7 +498,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     ints[loop.COUPLED] = machine.coupled
     ints[loop.FIRST_HELD] = program.first_held
     ints[loop.NODES] = 1 if run.output_times is None else 0
-    if run.step is not None and run.output_times is None:
+    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
         ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
     reals = np.zeros(loop.REALS)
     reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
@@ -527,7 +527,7 @@ def _work(loop: Any, run: Run, program: Program) -> Any:
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
-    if ints[loop.NODES] > 0 and run.step is not None:
+    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():

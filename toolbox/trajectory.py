@@ -299,7 +299,7 @@ class Trajectory(Samples):
         groups = self.program.groups[: size.size]  # a state far below others of its unit is round-off of theirs, as in the control of steps
         largest = np.zeros(self.program.group_count)
         np.maximum.at(largest, groups, size)
-        size = np.maximum(size, 1e-10 * largest[groups])
+        size[size > 0] = np.maximum(size, np.maximum(1e-10 * largest[groups], 1e-14))[size > 0]
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 
@@ -307,6 +307,11 @@ class Trajectory(Samples):
     def _blur(self) -> float:
         """Time about an impact within which states are not comparable [s]."""
         return 1e-12 * self.end
+
+    @property
+    def _setting(self) -> str:
+        """What decided how exact the run is."""
+        return f"accuracy asked {self.accuracy:g}"
 
     def _jumps(self, least: float) -> np.ndarray:
         """Times at which states jump by more than the part `least` of their size."""
@@ -363,7 +368,7 @@ class Trajectory(Samples):
         lines = [
             f"{type(self).__name__} of {', '.join(type(getattr(part, 'law', part)).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
-            f"  accuracy asked {self.accuracy:g}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+            f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
         if self.why:
             lines.append(f"  {self.why}")
@@ -389,6 +394,10 @@ class Stepped(Trajectory):
 
     `run.step` [s] is the length of a step;  steps: (steps taken, 0).
     """
+
+    @property
+    def _setting(self) -> str:
+        return f"time stepping, steps of {self.run.step:.3g} s"
 
     @property
     def step(self) -> float:
@@ -420,6 +429,10 @@ class Stepped(Trajectory):
 
 class Smoothed(Trajectory):
     """Result of a run with smoothed friction: contacts are in mode "stick" while they creep, else in "slip"; `run.widths` {element: width} says how smooth."""
+
+    @property
+    def _setting(self) -> str:
+        return "smoothed, width " + ", ".join(f"{width:.3g} ({name})" for name, width in self.run.widths.items())
 
     @property
     def widths(self) -> dict[str, float]:

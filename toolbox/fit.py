@@ -249,7 +249,7 @@ def _machine(
 
     if isinstance(machine, Scene):
         case = machine.case(controller) if isinstance(controller, str) else Case("given", controller)
-        given = {**machine._arguments(case)["inputs"], **(inputs or {})}
+        given = {**machine.arguments(case)["inputs"], **(inputs or {})}
         plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
         return plant, case.controller, given, {**machine.start, **(start or {})}
     if not isinstance(machine, HybridSystem):

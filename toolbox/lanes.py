@@ -1,0 +1,123 @@
+"""Many runs of one closed system at once: one scenario in each lane of a vector of doubles.
+
+Every lane has its own time, step size, error, modes, parameters and events, found and stepped to exactly as in `toolbox.loop`; a lane whose scenario has
+ended takes the next one.
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.program import Program
+from toolbox.runge_kutta import Pair
+
+CHUNK = 512
+"""Scenarios that a thread takes at once."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What n scenarios came to.
+
+    states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
+    `toolbox.loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of events merged, and of
+    instants left to the scalar loop, shape (n,);  stuck, last_stick: time [s] in stick in the window, and when stick was left last (nan for never), shape
+    (n, elements);  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1 behind the last.
+    """
+
+    states: np.ndarray
+    modes: np.ndarray
+    statuses: np.ndarray
+    steps: np.ndarray
+    refused: np.ndarray
+    switches: np.ndarray
+    merged: np.ndarray
+    alone: np.ndarray
+    stuck: np.ndarray
+    last_stick: np.ndarray
+    event_times: np.ndarray
+    event_elements: np.ndarray
+    event_modes: np.ndarray
+
+
+def run_lanes(
+    program: Program,
+    work: Any,
+    parameters: np.ndarray,
+    starts: np.ndarray,
+    *,
+    after: float = 0.0,
+    most_events: int = 0,
+    threads: int = 1,
+    width: int | None = None,
+) -> Batch:
+    """Run n scenarios of a compiled program with an explicit pair.
+
+    work: the arrays of one run (`toolbox.simulate._work`), whose duration, accuracy and calendar of inputs all scenarios share;  parameters: shape
+    (n, size of `work.p`);  starts: shape (n, states);  after: begin of the window that is measured [s];  width: number of lanes. Raises SceneError for sampled laws
+    and for arrays of another shape.
+    """
+    from toolbox import lanes_loop, loop
+    from toolbox.lanes_kernel import block
+
+    if not isinstance(program.pair, Pair) or program.system.updates:
+        raise SceneError("Argument `program` must have an explicit method and no sampled laws to be run in lanes.")
+    n = len(parameters)
+    own = program.system.x.numel()
+    for name, array, columns in (("parameters", parameters, work.p.size), ("starts", starts, own)):
+        if array.shape != (n, columns):
+            raise SceneError(f"Argument `{name}` must have shape ({n}, {columns}), but it has {array.shape}.")
+    made = block(program, width or host_width())
+    ne = program.machine.elements
+    batch = Batch(
+        states=np.full((n, own), np.nan),
+        modes=np.zeros((n, ne), np.int8),
+        statuses=np.zeros(n, np.int64),
+        **dict.fromkeys(("steps", "refused", "switches", "merged", "alone"), np.zeros(0, np.int64)),
+        stuck=np.zeros((n, ne)),
+        last_stick=np.full((n, ne), np.nan),
+        event_times=np.full((n, most_events), np.nan),
+        event_elements=np.full((n, most_events), -1, np.int32),
+        event_modes=np.zeros((n, most_events), np.int8),
+    )
+    counts = np.zeros((n, 5), np.int64)
+    rows = np.array([made.rows[name] for name in lanes_loop.ITEMS], np.int64)
+    window = np.array([after, work.reals[loop.END]])
+    parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
+
+    def chunk(first: int, last: int) -> None:
+        raw = np.zeros(made.size * made.width + 8)
+        shift = (-raw.ctypes.data % 64) // 8
+        lanes = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
+        own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
+        own_work.ints[loop.NODES] = 0
+        lanes_loop.run(
+            made.address, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
+            batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, batch.event_times, batch.event_elements, batch.event_modes,
+        )  # fmt: skip
+
+    if threads == 1:
+        chunk(0, n)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda first: chunk(first, min(first + CHUNK, n)), range(0, n, CHUNK)))
+    names = ("steps", "refused", "switches", "merged", "alone")
+    for name, column in zip(names, counts.T, strict=True):
+        object.__setattr__(batch, name, column.copy())
+    return batch
+
+
+def host_width() -> int:
+    """Lanes that suit this processor: two vector registers; `STICKSLIP_LANES` sets another power of two."""
+    named = os.environ.get("STICKSLIP_LANES")
+    if named:
+        return int(named)
+    import llvmlite.binding as llvm
+
+    return 16 if llvm.get_host_cpu_features().get("avx512f") else 8

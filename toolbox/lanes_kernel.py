@@ -1,0 +1,345 @@
+"""One pass of a block of lanes as machine code: every lane tries one step of its own, of its own length, and judges it by itself.
+
+A lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands, so that lanes that
+search and lanes that step on share the same instructions. The pass does what `toolbox.loop` does between events, in the same order: error,
+guards, acceptance, step size. It flags what it leaves to the loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from toolbox.emit import compiled, inline
+from toolbox.emit_vector import VectorBody, function_text
+from toolbox.kernel import stages
+from toolbox.program import Program
+from toolbox.runge_kutta import Pair
+
+GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)
+"""Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar."""
+
+SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "whole", "low", "high", "fraction", "tries",
+           "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
+"""Rows of a block with one number per lane."""
+
+MOST_TRIES = 30
+"""Steps of a search after which the scalar loop takes over."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A compiled pass, the lanes it takes, and the first row of every item of its block of shape (rows, width)."""
+
+    address: int
+    width: int
+    rows: dict[str, int]
+    size: int
+
+
+class Value:
+    """A vector of doubles under construction, with the operators of arithmetic."""
+
+    def __init__(self, body: VectorBody, name: str) -> None:
+        self.body, self.name = body, name
+
+    def _of(self, other: Any) -> str:
+        return other.name if isinstance(other, Value) else self.body.number(other)
+
+    def __add__(self, other: Any) -> Value:
+        return Value(self.body, self.body.add(self.name, self._of(other)))
+
+    def __sub__(self, other: Any) -> Value:
+        return Value(self.body, self.body.sub(self.name, self._of(other)))
+
+    def __rsub__(self, other: Any) -> Value:
+        return Value(self.body, self.body.sub(self._of(other), self.name))
+
+    def __mul__(self, other: Any) -> Value:
+        return Value(self.body, self.body.mul(self.name, self._of(other)))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, other: Any) -> Value:
+        return Value(self.body, self.body.div(self.name, self._of(other)))
+
+    def __rtruediv__(self, other: Any) -> Value:
+        return Value(self.body, self.body.div(self._of(other), self.name))
+
+    def __neg__(self) -> Value:
+        return Value(self.body, self.body.value(f"fneg {self.body.type} {self.name}"))
+
+    def __abs__(self) -> Value:
+        return Value(self.body, self.body.intrinsic("fabs", self.name))
+
+    def _compare(self, how: str, other: Any) -> Truth:
+        return Truth(self.body, self.body.compare(how, self.name, self._of(other)))
+
+    def __lt__(self, other: Any) -> Truth:
+        return self._compare("olt", other)
+
+    def __le__(self, other: Any) -> Truth:
+        return self._compare("ole", other)
+
+    def __gt__(self, other: Any) -> Truth:
+        return self._compare("ogt", other)
+
+    def __ge__(self, other: Any) -> Truth:
+        return self._compare("oge", other)
+
+    def differs(self, other: Any) -> Truth:
+        return self._compare("une", other)
+
+
+class Truth:
+    """A vector of truth values under construction."""
+
+    def __init__(self, body: VectorBody, name: str) -> None:
+        self.body, self.name = body, name
+
+    def __and__(self, other: Truth) -> Truth:
+        return Truth(self.body, self.body.both(self.name, other.name))
+
+    def __or__(self, other: Truth) -> Truth:
+        return Truth(self.body, self.body.either(self.name, other.name))
+
+    def __invert__(self) -> Truth:
+        ones = f"<{', '.join(['i1 true'] * self.body.width)}>"
+        return Truth(self.body, self.body.value(f"xor {self.body.truths} {self.name}, {ones}"))
+
+    def choose(self, yes: Any, no: Any) -> Value:
+        """`yes` in the lanes where it is true, `no` elsewhere."""
+        names = [v.name if isinstance(v, Value) else self.body.number(v) for v in (yes, no)]
+        return Value(self.body, self.body.select(self.name, *names))
+
+
+def largest(a: Value, b: Any) -> Value:
+    """The larger of two vectors; `b` where one is NaN."""
+    return (a > b).choose(a, b)
+
+
+def smallest(a: Value, b: Any) -> Value:
+    """The smaller of two vectors; `b` where one is NaN."""
+    return (a < b).choose(a, b)
+
+
+def block(program: Program, width: int) -> Block:
+    """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program's structure."""
+    key = ("lanes", id(program), width)
+    found = program.system.kernels.get(key)
+    if found is None:
+        found = program.system.kernels[key] = _compiled(program, width)
+    return found
+
+
+def _compiled(program: Program, width: int) -> Block:
+    pair, form, system = program.pair, program.form, program.system
+    assert isinstance(pair, Pair)
+    n, ne, ng = program.machine.states, program.machine.elements, program.machine.guards
+    own = system.x.numel()
+    x = ca.vertcat(system.x, ca.SX.sym("hidden", n - own))
+    p = program.expressions[0]
+    arguments = [system.t, x, p, system.m]
+    rhs = ca.Function("rhs", arguments, [ca.densify(form.field)])
+    field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
+    projected = ca.Function("projected", arguments, [ca.densify(form.projected[:own])])
+
+    groups = program.group_count
+    rows: dict[str, int] = {}
+    size = 0
+    vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n, "group_scale": groups,
+               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "hidden_scale": n - own}  # fmt: skip
+    for name, count in [*((name, 1) for name in SCALARS), *vectors.items()]:
+        rows[name], size = size, size + count
+
+    body = VectorBody(width)
+    old = {name: Value(body, body.load("%lanes", rows[name])) for name in SCALARS[:-3]}
+    state = {name: [Value(body, body.load("%lanes", rows[name] + i)) for i in range(count)] for name, count in vectors.items()}
+    new: dict[str, Value] = {}
+    more: dict[str, list[Value]] = {}
+
+    # --- one step from where the lane stands
+    t, searching, stop = old["time"], old["searching"].differs(0.0), old["stop"]
+    wanted = smallest(old["wanted"], old["longest"])
+    to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
+    h = searching.choose(old["fraction"] * old["whole"], to_stop.choose(stop - t, wanted))
+    unresolved = ~searching & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
+    names = [[value.name for value in state[item]] for item in ("x", "k", "p", "m")]
+    slopes, ends, end_field = stages(body, pair, rhs, field, (t.name, h.name), names)
+    x_new = [Value(body, name) for name in ends]
+    end = [Value(body, name) for name in end_field]
+    k_new, g_new = end[:n], end[n:]
+    estimates = []
+    for weights in (pair.error, pair.error_low):
+        used = [*slopes, end_field[:n]][: len(weights)]
+        estimates.append([Value(body, body.combination("", h.name, weights, [k[i] for k in used])) for i in range(n if weights else 0)])
+    error = _error(program, old, state, h, x_new, estimates)
+
+    # --- guards over the step
+    side = [*[None] * (2 * ne), *state["side"][2 * ne :]]
+
+    def signed(values: list[Value], j: int) -> Value:
+        sign = side[j % ng]
+        return values[j] if sign is None else sign * values[j]
+
+    nothing = h < -1.0
+    hit, odd, near, below = nothing, nothing, nothing, nothing
+    located = h * 0.0
+    armed = [value.differs(0.0) for value in state["armed"]]
+    for j in reversed(range(ng)):
+        a, da, b, db = signed(state["g"], j), signed(state["g"], ng + j), signed(g_new, j), signed(g_new, ng + j)
+        guard_scale = state["guard_scale"][j]
+        close = smallest(largest(1e-5 * old["rtol"], 1e-13), 1e-9) * guard_scale
+        wrong = ~armed[j] & (b < -1e-12 * guard_scale)
+        hit |= armed[j] & (b <= 0.0)
+        dips = armed[j] & (b > 0.0) & (da < 0.0) & (db > 0.0) & (error <= 1.0) & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
+        odd |= wrong | dips
+        this = armed[j] & (abs(b) <= close) & (db < 0.0)
+        near |= this
+        below |= wrong | (armed[j] & (b < 0.0) & ~this)
+        located = this.choose(float(j), located)
+    seen = error < 1e4
+    hit, odd = ~searching & seen & hit, ~searching & ((seen & odd) | unresolved)
+    begins = hit & ~odd
+    event = searching & near & ~below
+    goes_on = searching & ~event
+    good = error <= 1.0
+    steps = ~searching & ~hit & ~odd
+    accepted, arrives = steps & good, event & good
+    moves = accepted | arrives
+    refused = (steps | event) & ~good
+
+    # --- the bracket of the search, and where to look next
+    low = begins.choose(0.0, (goes_on & ~below).choose(old["fraction"], old["low"]))
+    high = begins.choose(1.0, (goes_on & below).choose(old["fraction"], old["high"]))
+    whole = begins.choose(h, old["whole"])
+    more["g_low"] = [begins.choose(g, (goes_on & ~below).choose(e, o)) for g, e, o in zip(state["g"], g_new, state["g_low"], strict=True)]
+    more["g_high"] = [(begins | (goes_on & below)).choose(e, o) for e, o in zip(g_new, state["g_high"], strict=True)]
+    part = h * 0.0 + 2.0
+    for j in range(ng):
+        place = _crossing(*(signed(more[item], i) for i in (j, ng + j) for item in ("g_low", "g_high")), (high - low) * whole)
+        part = (armed[j] & (signed(more["g_high"], j) <= 0.0)).choose(smallest(place, part), part)
+    tries = begins.choose(0.0, old["tries"] + 1.0)
+    lost = (begins | goes_on) & ((tries > float(MOST_TRIES)) | (part > 1.5))
+    part = (tries > 8.0).choose(0.5, part)
+    inside = low + part * (high - low)
+    inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
+    continues = (begins | goes_on) & ~lost
+
+    # --- acceptance and the next step size
+    power = float(pair.power)
+    logarithm = Value(body, body.rough_log2(largest(error, 1e-10).name))
+    prediction = Value(body, body.rough_log2((h / old["step_old"]).name)) + power * (old["error_old"] - logarithm)
+    growth = -power * logarithm
+    growth = growth + (old["step_old"] > 0.0).choose(smallest(prediction, 0.0), 0.0)
+    exponent = smallest(largest(accepted.choose(growth, -power * logarithm), -900.0), 900.0)
+    factor = Value(body, body.rough_exp2(exponent.name))
+    rejected = old["rejected"].differs(0.0)
+    grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, 10.0))
+    grown = (h < wanted).choose(largest(grown, wanted), grown)
+    shrunk = h * (error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
+    new["wanted"] = accepted.choose(grown, refused.choose(shrunk, old["wanted"]))
+    new["error_old"] = accepted.choose(largest(logarithm, -13.3), old["error_old"])
+    new["step_old"] = accepted.choose(h, old["step_old"])
+    new["rejected"] = refused.choose(1.0, moves.choose(0.0, old["rejected"]))
+    new["searching"] = continues.choose(1.0, 0.0)
+    new |= {"whole": whole, "low": low, "high": high, "fraction": inside, "tries": tries, "located": located}
+    count = old["accepted"] + moves.choose(1.0, 0.0)
+    new["accepted"] = count
+    new["refused"] = old["refused"] + refused.choose(1.0, 0.0)
+    t_new = to_stop.choose(accepted.choose(stop, t + h), t + h)
+    new["time"] = moves.choose(t_new, t)
+    straight = inline(body, projected, [[t_new.name], ends, names[2], names[3]])[0] if ne else ends[:own]
+    final = [accepted.choose(Value(body, straight[i]), x_new[i]) if i < own else x_new[i] for i in range(n)]
+    more["x"] = [moves.choose(value, o) for value, o in zip(final, state["x"], strict=True)]
+    more["k"] = [moves.choose(value, o) for value, o in zip(k_new, state["k"], strict=True)]
+    more["g"] = [moves.choose(value, o) for value, o in zip(g_new, state["g"], strict=True)]
+    more["scale"] = [(moves & (abs(value) > o)).choose(abs(value), o) for value, o in zip(x_new, state["scale"], strict=True)]
+    more["group_scale"] = list(state["group_scale"])
+    for i, group in enumerate(program.groups.tolist()):
+        more["group_scale"][group] = largest(more["scale"][i], more["group_scale"][group])
+    more["guard_scale"] = [(moves & (abs(g_new[j]) > o)).choose(abs(g_new[j]), o) for j, o in enumerate(state["guard_scale"])]
+    more["armed"] = [(armed[j] | (moves & (signed(g_new, j) > 1e-13 * more["guard_scale"][j]))).choose(1.0, 0.0) for j in range(ng)]
+
+    # --- what the pass leaves to the loop
+    every = Value(body, body.intrinsic("floor", (count * (1 / 32)).name)) * 32.0
+    stale = (refused & rejected) | (moves & ~every.differs(count))
+    flag = stale.choose(float(ROUND_OFF), 0.0)
+    flag = (accepted & to_stop).choose(float(STOP), flag)
+    flag = arrives.choose(float(EVENT), flag)
+    flag = (odd | lost).choose(float(ALONE), flag)
+    new["flag"] = flag
+
+    for name, value in new.items():
+        body.store(value.name, "%lanes", rows[name])
+    for name, values in more.items():
+        for i, value in enumerate(values):
+            body.store(value.name, "%lanes", rows[name] + i)
+    waiting = body.value(f"bitcast {body.truths} {flag.differs(0.0).name} to i{width}")
+    waiting = body.value(f"zext i{width} {waiting} to i64") if width < 64 else waiting
+    place = body.value(f"getelementptr double, ptr %lanes, i64 {rows['waiting'] * width}")
+    body.lines.append(f"  store i64 {waiting}, ptr {place}")
+    text = "\n".join([function_text("advance", body), *body.functions.values(), *sorted(body.intrinsics)])
+    return Block(compiled(text, ["advance"], body.count)["advance"], width, rows, size)
+
+
+def _error(
+    program: Program, old: dict[str, Value], state: dict[str, list[Value]], h: Value, x_new: list[Value], estimates: list[list[Value]]
+) -> Value:
+    """Scaled error of a step: see `toolbox.loop._error`."""
+    hidden = program.excited.size
+    n = len(x_new)
+    own, two = n - hidden, bool(estimates[1])
+    body = h.body
+    zero = h * 0.0
+    share = largest(old["rtol"] * smallest(h / old["end"], 0.1), (old["rtol"] > 1e-14).choose(1e-14, 2e-15))
+    sums = [zero, zero]
+    for i in range(own):
+        size = largest(largest(state["scale"][i], abs(x_new[i])), largest(1e-10 * state["group_scale"][int(program.groups[i])], 1e-14))
+        tolerance = 1.0 / (share * size + state["noise"][i] * h)
+        for which in range(1 + two):
+            ratio = estimates[which][i] * tolerance
+            sums[which] = sums[which] + ratio * ratio
+
+    def root(value: Value) -> Value:
+        return Value(body, body.intrinsic("sqrt", value.name))
+
+    if two:
+        bottom = sums[0] + 0.01 * sums[1]
+        error = bottom.differs(0.0).choose(sums[0] / root(bottom * float(own)), 0.0)
+    else:
+        error = root(sums[0] * (1.0 / max(own, 1)))
+    for q, element in enumerate(program.excited.tolist()):
+        bound = state["m"][element].differs(0.0).choose(state["hidden_scale"][q], state["guard_scale"][2 * element])
+        size = largest(largest(bound, 1e-3 * old["end"] * abs(state["k"][own + q])), 1e-300)
+        missed = abs(estimates[1 if two else 0][own + q]) / ((0.02 if two else 3e-4) * size)
+        error = (missed > error).choose(missed, error)
+    return error
+
+
+def _lowest(a: Value, da: Value, b: Value, db: Value) -> Value:
+    """Minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.loop._lowest`."""
+    body = a.body
+    c2 = 3.0 * (b - a) - 2.0 * da - db
+    c3 = 2.0 * (a - b) + da + db
+    root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
+    s = -da / (c2 + root)
+    s = ((s > 0.0) & (s < 1.0)).choose(s, 0.5)
+    return a + s * (da + s * (c2 + s * c3))
+
+
+def _crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
+    """Fraction of a bracket at which a guard falls from a > 0 to b <= 0 is zero: by the cubic Hermite interpolant of the inverse function where the
+    guard falls all the way, else from the end, which has been passed, by its tangent.
+    """
+    da, db = da * width, db * width
+    fall = b - a
+    u = a / (a - b)
+    first, last = fall / da, fall / db
+    smooth = (first > 0.0) & (first <= 3.0) & (last > 0.0) & (last <= 3.0)
+    inverse = u + u * (1.0 - u) * ((first - 1.0) * (1.0 - u) - (last - 1.0) * u)
+    tangent = 1.0 - b / db
+    tangent = ((tangent > 0.0) & (tangent <= 1.0) & (db < 0.0)).choose(tangent, u)
+    return smooth.choose(inverse, tangent)

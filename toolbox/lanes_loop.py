@@ -1,0 +1,278 @@
+"""The loop over blocks of lanes, compiled once per machine: it fills lanes with scenarios and looks after the instants that a pass leaves to it.
+
+An event that a lane has stepped to is handled here by the functions of `toolbox.loop`; whatever else a pass does not carry, such as a guard that starts
+at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after which the lane goes on in its block.
+So the lanes know every kind of element, and switch as the scalar loop does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from toolbox.loop import (
+    ACCEPTED, BUDGET, CLOSE, DONE, END, ENDLESS, ERROR_OLD, EVENTS, FRICTION, INCONSISTENT, JUMP, LAST_EVENT, LOCATED, MERGED, NE, NG, N, OUTPUT,
+    LONGEST, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP_OLD, STEP_SIZE, TIME, _fire, _first_step, _flies, _mark, _project, _round_off, advance,
+)  # fmt: skip
+
+GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
+(TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
+ LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
+(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, HIDDEN_SCALE) = range(12)
+ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "hidden_scale")
+"""Items of a block whose first rows the loop is told, in this order."""
+MOST_STEPS = 20_000_000
+"""Steps after which a scenario ends with the status PAUSED."""
+
+
+@intrinsic
+def call_block(typingctx, address, block):  # pragma: no cover - compiled
+    """Call void f(double *) at a raw address with the data of an array."""
+
+    def codegen(context, builder, sig, args):
+        from llvmlite import ir
+
+        pointer = ir.IntType(8).as_pointer()
+        data = builder.bitcast(cgutils.create_struct_proxy(sig.args[1])(context, builder, value=args[1]).data, pointer)
+        function = builder.inttoptr(args[0], ir.FunctionType(ir.VoidType(), [pointer]).as_pointer())
+        builder.call(function, [data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, block), codegen
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(block, rows, lane, w, own_scale, p):
+    """The state of a lane in the arrays of the scalar loop."""
+    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
+    w.reals[TIME] = block[TIME_ROW, lane]
+    w.reals[STEP_SIZE] = block[WANTED_ROW, lane]
+    w.reals[ERROR_OLD] = block[ERROR_OLD_ROW, lane]
+    w.reals[STEP_OLD] = block[STEP_OLD_ROW, lane]
+    w.ints[ACCEPTED] = np.int64(block[ACCEPTED_ROW, lane])
+    w.ints[REJECTED] = np.int64(block[REFUSED_ROW, lane])
+    for i in range(n):
+        w.x[i] = block[rows[X] + i, lane]
+        w.k[i] = block[rows[K] + i, lane]
+        w.scale[i] = block[rows[SCALE] + i, lane]
+        w.noise[i] = block[rows[NOISE] + i, lane]
+    for i in range(w.p.size):
+        w.p[i] = p[lane, i]
+    for i in range(ne):
+        w.m[i] = block[rows[M] + i, lane]
+    for i in range(w.group_scale.size):
+        w.group_scale[i] = block[rows[GROUP_SCALE] + i, lane]
+    for j in range(2 * ng):
+        w.g[j] = block[rows[G] + j, lane]
+        w.guard_scale[j] = own_scale[lane, j]
+    for j in range(ng):
+        w.side[j] = block[rows[SIDE] + j, lane]
+        w.armed[j] = block[rows[ARMED] + j, lane] != 0.0
+        w.slot[j] = j + ng if j < 2 * ne and w.m[j // 2] == 0.0 else j
+        w.guard_scale[w.slot[j]] = block[rows[GUARD_SCALE] + j, lane]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(block, rows, lane, w, own_scale, stop):
+    """The arrays of the scalar loop back in their lane."""
+    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
+    block[TIME_ROW, lane] = w.reals[TIME]
+    block[WANTED_ROW, lane] = w.reals[STEP_SIZE]
+    block[ERROR_OLD_ROW, lane] = w.reals[ERROR_OLD]
+    block[STEP_OLD_ROW, lane] = w.reals[STEP_OLD]
+    block[ACCEPTED_ROW, lane] = w.ints[ACCEPTED]
+    block[REFUSED_ROW, lane] = w.ints[REJECTED]
+    block[STOP_ROW, lane] = stop
+    block[REJECTED_ROW, lane] = 0.0
+    block[SEARCHING_ROW, lane] = 0.0
+    block[FLAG_ROW, lane] = 0.0
+    for i in range(n):
+        block[rows[X] + i, lane] = w.x[i]
+        block[rows[K] + i, lane] = w.k[i]
+        block[rows[SCALE] + i, lane] = w.scale[i]
+        block[rows[NOISE] + i, lane] = w.noise[i]
+    for i in range(ne):
+        block[rows[M] + i, lane] = w.m[i]
+    for i in range(w.group_scale.size):
+        block[rows[GROUP_SCALE] + i, lane] = w.group_scale[i]
+    for j in range(2 * ng):
+        block[rows[G] + j, lane] = w.g[j]
+        own_scale[lane, j] = w.guard_scale[j]
+    for j in range(ng):
+        block[rows[SIDE] + j, lane] = w.side[j]
+        block[rows[ARMED] + j, lane] = 1.0 if w.armed[j] else 0.0
+        block[rows[GUARD_SCALE] + j, lane] = w.guard_scale[w.slot[j]]
+    for q in range(w.excited.size):
+        block[rows[HIDDEN_SCALE] + q, lane] = w.guard_scale[2 * w.excited[q] + ng]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_parameters(block, rows, lane, w, p):
+    for i in range(w.p.size):
+        p[lane, i] = w.p[i]
+        block[rows[P] + i, lane] = w.p[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _next_stop(w):
+    """The next instant of the calendar at which a step must end."""
+    stop = w.reals[END]
+    if w.ints[JUMP] < w.jump_t.size:
+        stop = min(stop, w.jump_t[w.ints[JUMP]])
+    return stop
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _event(w, t):
+    """What the scalar loop does with an event that has been stepped to; returns its status."""
+    ne = w.ints[NE]
+    _mark(w, False)
+    for i in range(ne):
+        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not _flies(w, i):
+            w.m[i] = 0.0
+    _project(w, t)
+    for i in range(ne):
+        w.m[i] = w.before[i]
+    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), w.reals[END]):
+        w.ints[CLOSE] += 1
+        if w.ints[CLOSE] > 50 + 20 * ne:
+            return ENDLESS
+    else:
+        w.ints[CLOSE] = 0
+    w.reals[LAST_EVENT] = t
+    if not _fire(w, t):
+        return INCONSISTENT
+    _first_step(w)
+    return PAUSED
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _begin(w, parameters, start):
+    """Start a scenario in the arrays of the scalar loop; returns its status."""
+    w.p[:] = parameters
+    w.x[:] = 0.0
+    w.x[: start.size] = start
+    for array in (w.k, w.m, w.scale, w.noise, w.group_scale, w.g, w.guard_scale, w.before):
+        array[:] = 0.0
+    w.side[:] = 1.0
+    for array in (w.armed, w.fired, w.zero, w.forced, w.bounced):
+        array[:] = False
+    w.ints[ACCEPTED], w.ints[REJECTED], w.ints[STARTED], w.ints[JUMP], w.ints[CLOSE] = 0, 0, 0, 0, 0
+    w.ints[OUTPUT] = 0
+    w.reals[TIME], w.reals[STEP_OLD], w.reals[ERROR_OLD], w.reals[LAST_EVENT] = 0.0, 0.0, 0.0, -np.inf
+    return _alone(w, 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _alone(w, steps):
+    """Let the scalar loop do what is due and take at most so many steps; returns its status."""
+    w.ints[BUDGET], w.ints[RECORDS] = steps, 0
+    return advance(w)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stay(since, until, window):
+    """Length of a stay inside the window."""
+    return max(min(until, window[1]) - max(since, window[0]), 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run(address, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
+    """Run the scenarios `first` to `last` - 1 in the lanes of one block.
+
+    waiting: the row of that name as integers;  parameters, starts: one row per scenario;  window: (after, until) [s] of what is measured;  x_end, m_end,
+    statuses: what each ends with;  counts: steps, refused steps, switches, merged events, and instants that the scalar loop saw to;  stuck, last_stick: time in mode 0
+    in the window, and when mode 0 was left last (the end for never, NaN where it never was), per element;  ev_*: the first switches of every scenario, as many as
+    there is room for.
+    """
+    width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
+    scenario = np.full(width, -1, np.int64)
+    p = np.zeros((width, w.p.size))
+    own_scale = np.zeros((width, w.guard_scale.size))
+    last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
+    since = np.zeros((width, ne))
+    end = w.reals[END]
+    block[:] = 0.0
+    block[STOP_ROW, :] = np.inf
+    block[LONGEST_ROW, :] = w.reals[LONGEST]
+    block[END_ROW, :] = end
+    block[RTOL_ROW, :] = w.reals[RTOL]
+    block[FLAG_ROW, :] = STOP
+    waiting[0] = 1
+    following, running = first, 0
+    while True:
+        for lane in range(width if waiting[0] != 0 else 0):
+            flag = np.int64(block[FLAG_ROW, lane])
+            s = scenario[lane]
+            if flag == GOES_ON or (s < 0 and following >= last):
+                continue
+            status = DONE
+            w.ints[EVENTS], w.ints[MERGED] = 0, 0
+            if s >= 0:
+                t = block[TIME_ROW, lane]
+                _gather(block, rows, lane, w, own_scale, p)
+                w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
+                if flag == ROUND_OFF:
+                    _round_off(w)
+                    for i in range(n):
+                        block[rows[NOISE] + i, lane] = w.noise[i]
+                    if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                        continue
+                    status = PAUSED
+                elif flag == EVENT:
+                    w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
+                    status = _event(w, t)
+                elif flag == ALONE:
+                    counts[s, 4] += 1
+                    status = _alone(w, 1)
+                elif t < end:
+                    status = _alone(w, 0)
+                    _put_parameters(block, rows, lane, w, p)
+            while True:  # ends with a lane that goes on, or with none left to begin
+                if s >= 0:
+                    for e in range(w.ints[EVENTS]):
+                        i, t = w.ev_i[e], w.ev_t[e]
+                        if w.ev_m[e, 0] == 0:
+                            stuck[s, i] += _stay(since[lane, i], t, window)
+                            last_stick[s, i] = t
+                        if w.ev_m[e, 1] == 0:
+                            since[lane, i] = t
+                        if counts[s, 2] < ev_t.shape[1]:
+                            ev_t[s, counts[s, 2]] = t
+                            ev_i[s, counts[s, 2]] = i
+                            ev_m[s, counts[s, 2]] = w.ev_m[e, 1]
+                        counts[s, 2] += 1
+                    counts[s, 3] += w.ints[MERGED]
+                    if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                        _scatter(block, rows, lane, w, own_scale, _next_stop(w))
+                        last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
+                        break
+                    for i in range(ne):
+                        if w.m[i] == 0.0:
+                            stuck[s, i] += _stay(since[lane, i], w.reals[TIME], window)
+                            last_stick[s, i] = w.reals[TIME]
+                        m_end[s, i] = w.m[i]
+                    for i in range(x_end.shape[1]):
+                        x_end[s, i] = w.x[i]
+                    statuses[s] = status
+                    counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
+                    running -= 1
+                if following >= last:
+                    scenario[lane] = -1
+                    block[:, lane] = 0.0
+                    block[STOP_ROW, lane] = np.inf
+                    break
+                s = following
+                following += 1
+                running += 1
+                scenario[lane] = s
+                w.ints[EVENTS], w.ints[MERGED] = 0, 0
+                status = _begin(w, parameters[s], starts[s])
+                _put_parameters(block, rows, lane, w, p)
+                for i in range(ne):
+                    since[lane, i] = 0.0
+        if running == 0:
+            return
+        call_block(address, block)

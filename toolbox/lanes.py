@@ -91,6 +91,8 @@ def run_lanes(
     window = np.array([after, work.reals[loop.END]])
     parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
 
+    scalar = lanes_loop.scalar_address(work)
+
     def chunk(first: int, last: int) -> None:
         raw = np.zeros(made.size * made.width + 8)
         shift = (-raw.ctypes.data % 64) // 8
@@ -98,7 +100,7 @@ def run_lanes(
         own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
         own_work.ints[loop.NODES] = 0
         lanes_loop.run(
-            made.address, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
+            made.address, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
             batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, batch.event_times, batch.event_elements, batch.event_modes,
         )  # fmt: skip
 

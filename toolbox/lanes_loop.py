@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 from toolbox.loop import (
     ACCEPTED, BUDGET, CLOSE, DONE, END, ENDLESS, ERROR_OLD, EVENTS, FRICTION, INCONSISTENT, JUMP, LAST_EVENT, LOCATED, MERGED, NE, NG, N, OUTPUT,
-    LONGEST, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP_OLD, STEP_SIZE, TIME, _fire, _first_step, _flies, _mark, _project, _round_off, advance,
+    LONGEST, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP_OLD, STEP_SIZE, TIME, _borrowed_all, _fire, _first_step, _flies, _mark, _project, _round_off, advance,
 )  # fmt: skip
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
@@ -43,7 +43,31 @@ def call_block(typingctx, address, block):  # pragma: no cover - compiled
     return types.void(types.int64, block), codegen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@intrinsic
+def _call_scalar(typingctx, address, w):  # pragma: no cover - compiled
+    """Call `toolbox.loop.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
+
+    def codegen(context, builder, sig, args):
+        from llvmlite import ir
+
+        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(sig.args[1])])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
+
+    return types.int64(types.int64, w), codegen
+
+
+def scalar_address(w):
+    """Address of `toolbox.loop.advance` for the arrays `w`."""
+    from numba import typeof
+
+    found = advance.overloads.get((typeof(w),))
+    if found is None:
+        advance.compile((typeof(w),))
+        found = advance.overloads[(typeof(w),)]
+    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _gather(block, rows, lane, w, own_scale, p):
     """The state of a lane in the arrays of the scalar loop."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
@@ -74,7 +98,7 @@ def _gather(block, rows, lane, w, own_scale, p):
         w.guard_scale[w.slot[j]] = block[rows[GUARD_SCALE] + j, lane]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _scatter(block, rows, lane, w, own_scale, stop):
     """The arrays of the scalar loop back in their lane."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
@@ -108,14 +132,14 @@ def _scatter(block, rows, lane, w, own_scale, stop):
         block[rows[HIDDEN_SCALE] + q, lane] = w.guard_scale[2 * w.excited[q] + ng]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _put_parameters(block, rows, lane, w, p):
     for i in range(w.p.size):
         p[lane, i] = w.p[i]
         block[rows[P] + i, lane] = w.p[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _next_stop(w):
     """The next instant of the calendar at which a step must end."""
     stop = w.reals[END]
@@ -124,7 +148,7 @@ def _next_stop(w):
     return stop
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     ne = w.ints[NE]
@@ -148,8 +172,8 @@ def _event(w, t):
     return PAUSED
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _begin(w, parameters, start):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _begin(scalar, w, parameters, start):
     """Start a scenario in the arrays of the scalar loop; returns its status."""
     w.p[:] = parameters
     w.x[:] = 0.0
@@ -162,31 +186,32 @@ def _begin(w, parameters, start):
     w.ints[ACCEPTED], w.ints[REJECTED], w.ints[STARTED], w.ints[JUMP], w.ints[CLOSE] = 0, 0, 0, 0, 0
     w.ints[OUTPUT] = 0
     w.reals[TIME], w.reals[STEP_OLD], w.reals[ERROR_OLD], w.reals[LAST_EVENT] = 0.0, 0.0, 0.0, -np.inf
-    return _alone(w, 0)
+    return _alone(scalar, w, 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _alone(w, steps):
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
     w.ints[BUDGET], w.ints[RECORDS] = steps, 0
-    return advance(w)
+    return _call_scalar(scalar, w)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _stay(since, until, window):
     """Length of a stay inside the window."""
     return max(min(until, window[1]) - max(since, window[0]), 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(address, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
+def run(address, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
     """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-    waiting: the row of that name as integers;  parameters, starts: one row per scenario;  window: (after, until) [s] of what is measured;  x_end, m_end,
+    address, scalar: of the pass and of the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;  window: (after, until) [s] of what is measured;  x_end, m_end,
     statuses: what each ends with;  counts: steps, refused steps, switches, merged events, and instants that the scalar loop saw to;  stuck, last_stick: time in mode 0
     in the window, and when mode 0 was left last (the end for never, NaN where it never was), per element;  ev_*: the first switches of every scenario, as many as
     there is room for.
     """
+    w = _borrowed_all(w)
     width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
     scenario = np.full(width, -1, np.int64)
     p = np.zeros((width, w.p.size))
@@ -226,9 +251,9 @@ def run(address, block, waiting, rows, w, parameters, starts, first, last, windo
                     status = _event(w, t)
                 elif flag == ALONE:
                     counts[s, 4] += 1
-                    status = _alone(w, 1)
+                    status = _alone(scalar, w, 1)
                 elif t < end:
-                    status = _alone(w, 0)
+                    status = _alone(scalar, w, 0)
                     _put_parameters(block, rows, lane, w, p)
             while True:  # ends with a lane that goes on, or with none left to begin
                 if s >= 0:
@@ -269,7 +294,7 @@ def run(address, block, waiting, rows, w, parameters, starts, first, last, windo
                 running += 1
                 scenario[lane] = s
                 w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                status = _begin(w, parameters[s], starts[s])
+                status = _begin(scalar, w, parameters[s], starts[s])
                 _put_parameters(block, rows, lane, w, p)
                 for i in range(ne):
                     since[lane, i] = 0.0

@@ -131,7 +131,7 @@ class VectorBody(Body):
 
 def function_text(name: str, body: VectorBody) -> str:
     """One exported function on a block of lanes, with the vector functions that it calls in `body.functions`."""
-    return "\n".join([f"define void @{name}(ptr %lanes) nounwind {{", "entry:", *body.lines, "  ret void", "}"])
+    return "\n".join([f"define void @{name}(ptr %lanes) nounwind alignstack(64) {{", "entry:", *body.lines, "  ret void", "}"])
 
 
 @cache

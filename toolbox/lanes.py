@@ -6,16 +6,16 @@ ended takes the next one.
 
 from __future__ import annotations
 
-import os
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.program import Program
-from toolbox.runge_kutta import Pair
+from toolbox.program import program_of
+from toolbox.runge_kutta import DOP853, DOPRI5
+from toolbox.simulate import Run, _work
 
 CHUNK = 512
 """Scenarios that a thread takes at once."""
@@ -26,9 +26,10 @@ class Batch:
     """What n scenarios came to.
 
     states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
-    `toolbox.loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of events merged, and of
-    instants left to the scalar loop, shape (n,);  stuck, last_stick: time [s] in stick in the window, and when stick was left last (nan for never), shape
-    (n, elements);  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1 behind the last.
+    `toolbox.loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of events merged, and
+    of steps that the scalar loop took, shape (n,);  stuck: time [s] in mode 0 in the window, shape (n, elements);  last_stick: when mode 0 was left last [s],
+    the end where it was not, nan where it never was;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n,
+    most_events), nan and -1 behind the last.
     """
 
     states: np.ndarray
@@ -47,8 +48,7 @@ class Batch:
 
 
 def run_lanes(
-    program: Program,
-    work: Any,
+    run: Run,
     parameters: np.ndarray,
     starts: np.ndarray,
     *,
@@ -57,23 +57,26 @@ def run_lanes(
     threads: int = 1,
     width: int | None = None,
 ) -> Batch:
-    """Run n scenarios of a compiled program with an explicit pair.
+    """Run n scenarios of a checked run (`toolbox.simulate.checked_run`), which gives the closed system, the inputs, the duration and the accuracy.
 
-    work: the arrays of one run (`toolbox.simulate._work`), whose duration, accuracy and calendar of inputs all scenarios share;  parameters: shape
-    (n, size of `work.p`);  starts: shape (n, states);  after: begin of the window that is measured [s];  width: number of lanes. Raises SceneError for sampled laws
-    and for arrays of another shape.
+    parameters: values of the closed system, one row per scenario, shape (n, `run.system.values.size`);  starts: states, shape (n, states);  after: begin of the
+    window that is measured [s];  most_events: switches per scenario to be kept;  width: number of lanes, a power of two. The method is explicit, whatever
+    the run says. Raises SceneError for sampled laws, and for arrays of another shape.
     """
     from toolbox import lanes_loop, loop
     from toolbox.lanes_kernel import block
 
-    if not isinstance(program.pair, Pair) or program.system.updates:
-        raise SceneError("Argument `program` must have an explicit method and no sampled laws to be run in lanes.")
-    n = len(parameters)
-    own = program.system.x.numel()
-    for name, array, columns in (("parameters", parameters, work.p.size), ("starts", starts, own)):
+    system = run.system
+    if system.updates:
+        raise SceneError("Argument `run` must have no sampled laws to be run in lanes.")
+    n, own = len(parameters), system.x.numel()
+    parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
+    for name, array, columns in (("parameters", parameters, system.values.size), ("starts", starts, own)):
         if array.shape != (n, columns):
             raise SceneError(f"Argument `{name}` must have shape ({n}, {columns}), but it has {array.shape}.")
-    made = block(program, width or host_width())
+    program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 else DOP853)
+    work = _work(loop, dataclasses.replace(run, output_times=None), program)
+    made = block(program, width or host_width(program.machine.states))
     ne = program.machine.elements
     batch = Batch(
         states=np.full((n, own), np.nan),
@@ -89,8 +92,6 @@ def run_lanes(
     counts = np.zeros((n, 5), np.int64)
     rows = np.array([made.rows[name] for name in lanes_loop.ITEMS], np.int64)
     window = np.array([after, work.reals[loop.END]])
-    parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
-
     scalar = lanes_loop.scalar_address(work)
 
     def chunk(first: int, last: int) -> None:
@@ -115,11 +116,8 @@ def run_lanes(
     return batch
 
 
-def host_width() -> int:
-    """Lanes that suit this processor: two vector registers; `STICKSLIP_LANES` sets another power of two."""
-    named = os.environ.get("STICKSLIP_LANES")
-    if named:
-        return int(named)
+def host_width(states: int) -> int:
+    """Lanes that suit this processor and a system of so many states: two vector registers, or one where many states fill them all."""
     import llvmlite.binding as llvm
 
-    return 16 if llvm.get_host_cpu_features().get("avx512f") else 8
+    return (16 if states < 10 else 8) if llvm.get_host_cpu_features().get("avx512f") else (8 if states < 10 else 4)

@@ -196,6 +196,8 @@ def _compiled(program: Program, width: int) -> Block:
         hit |= armed[j] & (b <= 0.0)
         dips = armed[j] & (b > 0.0) & (da < 0.0) & (db > 0.0) & (error <= 1.0) & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
         odd |= wrong | dips
+        if j < 2 * ne and system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
+            odd |= armed[j] & (b <= 0.0)
         this = armed[j] & (abs(b) <= close) & (db < 0.0)
         near |= this
         below |= wrong | (armed[j] & (b < 0.0) & ~this)
@@ -219,7 +221,8 @@ def _compiled(program: Program, width: int) -> Block:
     more["g_high"] = [(begins | (goes_on & below)).choose(e, o) for e, o in zip(g_new, state["g_high"], strict=True)]
     part = h * 0.0 + 2.0
     for j in range(ng):
-        place = _crossing(*(signed(more[item], i) for i in (j, ng + j) for item in ("g_low", "g_high")), (high - low) * whole)
+        a, b, da, db = (signed(more[item], i) for i in (j, ng + j) for item in ("g_low", "g_high"))
+        place = _crossing(a, b, da, db, (high - low) * whole)
         part = (armed[j] & (signed(more["g_high"], j) <= 0.0)).choose(smallest(place, part), part)
     tries = begins.choose(0.0, old["tries"] + 1.0)
     lost = (begins | goes_on) & ((tries > float(MOST_TRIES)) | (part > 1.5))
@@ -279,8 +282,8 @@ def _compiled(program: Program, width: int) -> Block:
             body.store(value.name, "%lanes", rows[name] + i)
     waiting = body.value(f"bitcast {body.truths} {flag.differs(0.0).name} to i{width}")
     waiting = body.value(f"zext i{width} {waiting} to i64") if width < 64 else waiting
-    place = body.value(f"getelementptr double, ptr %lanes, i64 {rows['waiting'] * width}")
-    body.lines.append(f"  store i64 {waiting}, ptr {place}")
+    target = body.value(f"getelementptr double, ptr %lanes, i64 {rows['waiting'] * width}")
+    body.lines.append(f"  store i64 {waiting}, ptr {target}")
     text = "\n".join([function_text("advance", body), *body.functions.values(), *sorted(body.intrinsics)])
     return Block(compiled(text, ["advance"], body.count)["advance"], width, rows, size)
 

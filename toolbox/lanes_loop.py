@@ -13,8 +13,41 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from toolbox.loop import (
-    ACCEPTED, BUDGET, CLOSE, DONE, END, ENDLESS, ERROR_OLD, EVENTS, FRICTION, INCONSISTENT, JUMP, LAST_EVENT, LOCATED, MERGED, NE, NG, N, OUTPUT,
-    LONGEST, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP_OLD, STEP_SIZE, TIME, _borrowed_all, _fire, _first_step, _flies, _mark, _project, _round_off, advance,
+    ACCEPTED,
+    BUDGET,
+    CLOSE,
+    DONE,
+    END,
+    ENDLESS,
+    ERROR_OLD,
+    EVENTS,
+    FRICTION,
+    INCONSISTENT,
+    JUMP,
+    LAST_EVENT,
+    LOCATED,
+    LONGEST,
+    MERGED,
+    NE,
+    NG,
+    OUTPUT,
+    PAUSED,
+    RECORDS,
+    REJECTED,
+    RTOL,
+    STARTED,
+    STEP_OLD,
+    STEP_SIZE,
+    TIME,
+    N,
+    _borrowed_all,
+    _fire,
+    _first_step,
+    _flies,
+    _mark,
+    _project,
+    _round_off,
+    advance,
 )  # fmt: skip
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
@@ -68,24 +101,30 @@ def scalar_address(w):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _gather(block, rows, lane, w, own_scale, p):
-    """The state of a lane in the arrays of the scalar loop."""
-    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
+def _gather_point(block, rows, lane, w, p):
+    """Where a lane stands, in the arrays of the scalar loop."""
     w.reals[TIME] = block[TIME_ROW, lane]
+    w.ints[ACCEPTED] = np.int64(block[ACCEPTED_ROW, lane])
+    w.ints[REJECTED] = np.int64(block[REFUSED_ROW, lane])
+    for i in range(w.ints[N]):
+        w.x[i] = block[rows[X] + i, lane]
+        w.k[i] = block[rows[K] + i, lane]
+    for i in range(w.p.size):
+        w.p[i] = p[lane, i]
+    for i in range(w.ints[NE]):
+        w.m[i] = block[rows[M] + i, lane]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _gather_history(block, rows, lane, w, own_scale):
+    """What a lane remembers of its way, in the arrays of the scalar loop."""
+    ne, ng = w.ints[NE], w.ints[NG]
     w.reals[STEP_SIZE] = block[WANTED_ROW, lane]
     w.reals[ERROR_OLD] = block[ERROR_OLD_ROW, lane]
     w.reals[STEP_OLD] = block[STEP_OLD_ROW, lane]
-    w.ints[ACCEPTED] = np.int64(block[ACCEPTED_ROW, lane])
-    w.ints[REJECTED] = np.int64(block[REFUSED_ROW, lane])
-    for i in range(n):
-        w.x[i] = block[rows[X] + i, lane]
-        w.k[i] = block[rows[K] + i, lane]
+    for i in range(w.ints[N]):
         w.scale[i] = block[rows[SCALE] + i, lane]
         w.noise[i] = block[rows[NOISE] + i, lane]
-    for i in range(w.p.size):
-        w.p[i] = p[lane, i]
-    for i in range(ne):
-        w.m[i] = block[rows[M] + i, lane]
     for i in range(w.group_scale.size):
         w.group_scale[i] = block[rows[GROUP_SCALE] + i, lane]
     for j in range(2 * ng):
@@ -173,9 +212,10 @@ def _event(w, t):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _begin(scalar, w, parameters, start):
-    """Start a scenario in the arrays of the scalar loop; returns its status."""
-    w.p[:] = parameters
+def _begin(scalar, w, rest, parameters, start, steps):
+    """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
+    w.p[: parameters.size] = parameters
+    w.p[parameters.size :] = rest[parameters.size :]
     w.x[:] = 0.0
     w.x[: start.size] = start
     for array in (w.k, w.m, w.scale, w.noise, w.group_scale, w.g, w.guard_scale, w.before):
@@ -186,7 +226,7 @@ def _begin(scalar, w, parameters, start):
     w.ints[ACCEPTED], w.ints[REJECTED], w.ints[STARTED], w.ints[JUMP], w.ints[CLOSE] = 0, 0, 0, 0, 0
     w.ints[OUTPUT] = 0
     w.reals[TIME], w.reals[STEP_OLD], w.reals[ERROR_OLD], w.reals[LAST_EVENT] = 0.0, 0.0, 0.0, -np.inf
-    return _alone(scalar, w, 0)
+    return _alone(scalar, w, steps)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -202,14 +242,16 @@ def _stay(since, until, window):
     return max(min(until, window[1]) - max(since, window[0]), 0.0)
 
 
+# fmt: off
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(address, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
+    # fmt: on
     """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-    address, scalar: of the pass and of the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;  window: (after, until) [s] of what is measured;  x_end, m_end,
-    statuses: what each ends with;  counts: steps, refused steps, switches, merged events, and instants that the scalar loop saw to;  stuck, last_stick: time in mode 0
-    in the window, and when mode 0 was left last (the end for never, NaN where it never was), per element;  ev_*: the first switches of every scenario, as many as
-    there is room for.
+    address, scalar: of the pass and of the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;
+    window: (after, until) [s] of what is measured;  x_end, m_end, statuses: what each ends with;  counts: steps, refused steps, switches, merged events,
+    and steps that the scalar loop took;  stuck, last_stick: time in mode 0 in the window, and when mode 0 was left last (the end where it was not, NaN where it
+    never was), per element;  ev_*: the first switches of every scenario, as many as there is room for.
     """
     w = _borrowed_all(w)
     width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
@@ -219,6 +261,7 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
     last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
     since = np.zeros((width, ne))
     end = w.reals[END]
+    rest = w.p.copy()
     block[:] = 0.0
     block[STOP_ROW, :] = np.inf
     block[LONGEST_ROW, :] = w.reals[LONGEST]
@@ -237,8 +280,7 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
             w.ints[EVENTS], w.ints[MERGED] = 0, 0
             if s >= 0:
                 t = block[TIME_ROW, lane]
-                _gather(block, rows, lane, w, own_scale, p)
-                w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
+                _gather_point(block, rows, lane, w, p)
                 if flag == ROUND_OFF:
                     _round_off(w)
                     for i in range(n):
@@ -246,15 +288,16 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
                     if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
                         continue
                     status = PAUSED
-                elif flag == EVENT:
-                    w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
-                    status = _event(w, t)
-                elif flag == ALONE:
-                    counts[s, 4] += 1
-                    status = _alone(scalar, w, 1)
-                elif t < end:
-                    status = _alone(scalar, w, 0)
-                    _put_parameters(block, rows, lane, w, p)
+                elif flag != STOP or t < end:
+                    _gather_history(block, rows, lane, w, own_scale)
+                    w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
+                    if flag == EVENT:
+                        w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
+                        status = _event(w, t)
+                    else:
+                        counts[s, 4] += flag == ALONE
+                        status = _alone(scalar, w, 1 if flag == ALONE else 0)
+                        _put_parameters(block, rows, lane, w, p)
             while True:  # ends with a lane that goes on, or with none left to begin
                 if s >= 0:
                     for e in range(w.ints[EVENTS]):
@@ -294,7 +337,7 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
                 running += 1
                 scenario[lane] = s
                 w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                status = _begin(scalar, w, parameters[s], starts[s])
+                status = _begin(scalar, w, rest, parameters[s], starts[s], 0)
                 _put_parameters(block, rows, lane, w, p)
                 for i in range(ne):
                     since[lane, i] = 0.0

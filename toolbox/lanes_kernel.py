@@ -7,6 +7,7 @@ guards, acceptance, step size. It flags what it leaves to the loop.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,7 +156,7 @@ def _compiled(program: Program, width: int) -> Block:
         rows[name], size = size, size + count
 
     body = VectorBody(width)
-    old = {name: Value(body, body.load("%lanes", rows[name])) for name in SCALARS[:-3]}
+    old = {name: Value(body, body.load("%lanes", rows[name])) for name in SCALARS[:-1]}
     state = {name: [Value(body, body.load("%lanes", rows[name] + i)) for i in range(count)] for name, count in vectors.items()}
     new: dict[str, Value] = {}
     more: dict[str, list[Value]] = {}
@@ -184,8 +185,10 @@ def _compiled(program: Program, width: int) -> Block:
         sign = side[j % ng]
         return values[j] if sign is None else sign * values[j]
 
+    runs = ~old["flag"].differs(float(GOES_ON))
     nothing = h < -1.0
-    hit, odd, near, below = nothing, nothing, nothing, nothing
+    hit, odd, near, below, maybe = nothing, nothing, nothing, nothing, nothing
+    dips: list[tuple[Truth, Value, Value, Value, Value]] = []
     located = h * 0.0
     armed = [value.differs(0.0) for value in state["armed"]]
     for j in reversed(range(ng)):
@@ -194,21 +197,34 @@ def _compiled(program: Program, width: int) -> Block:
         close = smallest(largest(1e-5 * old["rtol"], 1e-13), 1e-9) * guard_scale
         wrong = ~armed[j] & (b < -1e-12 * guard_scale)
         hit |= armed[j] & (b <= 0.0)
-        dips = armed[j] & (b > 0.0) & (da < 0.0) & (db > 0.0) & (error <= 1.0) & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
-        odd |= wrong | dips
+        odd |= wrong
+        # only where a control point of the cubic lies low can its minimum lie low
+        turns = runs & armed[j] & (b > 0.0) & (da < 0.0) & (db > 0.0)
+        turns &= (smallest(a + da * h * (1 / 3), b - db * h * (1 / 3)) <= 0.5 * largest(a, b)) & (error <= 1.0) & ~searching
+        maybe |= turns
+        dips.append((turns, a, da, b, db))
         if j < 2 * ne and system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
             odd |= armed[j] & (b <= 0.0)
         this = armed[j] & (abs(b) <= close) & (db < 0.0)
         near |= this
         below |= wrong | (armed[j] & (b < 0.0) & ~this)
         located = this.choose(float(j), located)
+
+    def low_dips() -> Truth:
+        found = nothing
+        for turns, a, da, b, db in dips:
+            found |= turns & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
+        return found
+
+    odd |= _where_any(maybe, low_dips)
     seen = error < 1e4
-    hit, odd = ~searching & seen & hit, ~searching & ((seen & odd) | unresolved)
+    fresh, searching = runs & ~searching, runs & searching
+    hit, odd = fresh & seen & hit, fresh & ((seen & odd) | unresolved)
     begins = hit & ~odd
     event = searching & near & ~below
     goes_on = searching & ~event
     good = error <= 1.0
-    steps = ~searching & ~hit & ~odd
+    steps = fresh & ~hit & ~odd
     accepted, arrives = steps & good, event & good
     moves = accepted | arrives
     refused = (steps | event) & ~good
@@ -248,7 +264,7 @@ def _compiled(program: Program, width: int) -> Block:
     new["step_old"] = accepted.choose(h, old["step_old"])
     new["rejected"] = refused.choose(1.0, moves.choose(0.0, old["rejected"]))
     new["searching"] = continues.choose(1.0, 0.0)
-    new |= {"whole": whole, "low": low, "high": high, "fraction": inside, "tries": tries, "located": located}
+    new |= {"whole": whole, "low": low, "high": high, "fraction": inside, "tries": tries, "located": arrives.choose(located, old["located"])}
     count = old["accepted"] + moves.choose(1.0, 0.0)
     new["accepted"] = count
     new["refused"] = old["refused"] + refused.choose(1.0, 0.0)
@@ -269,7 +285,7 @@ def _compiled(program: Program, width: int) -> Block:
     # --- what the pass leaves to the loop
     every = Value(body, body.intrinsic("floor", (count * (1 / 32)).name)) * 32.0
     stale = (refused & rejected) | (moves & ~every.differs(count))
-    flag = stale.choose(float(ROUND_OFF), 0.0)
+    flag = stale.choose(float(ROUND_OFF), old["flag"])
     flag = (accepted & to_stop).choose(float(STOP), flag)
     flag = arrives.choose(float(EVENT), flag)
     flag = (odd | lost).choose(float(ALONE), flag)
@@ -339,10 +355,23 @@ def _crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
     """
     da, db = da * width, db * width
     fall = b - a
-    u = a / (a - b)
-    first, last = fall / da, fall / db
+    once = 1.0 / (da * db * fall)
+    u = -a * da * db * once
+    first, last = fall * fall * db * once, fall * fall * da * once
     smooth = (first > 0.0) & (first <= 3.0) & (last > 0.0) & (last <= 3.0)
     inverse = u + u * (1.0 - u) * ((first - 1.0) * (1.0 - u) - (last - 1.0) * u)
-    tangent = 1.0 - b / db
-    tangent = ((tangent > 0.0) & (tangent <= 1.0) & (db < 0.0)).choose(tangent, u)
+    tangent = 1.0 - b * da * fall * once
+    tangent = ((tangent > 0.0) & (tangent <= 1.0) & (db < 0.0)).choose(tangent, 0.5)
     return smooth.choose(inverse, tangent)
+
+
+def _where_any(condition: Truth, compute: Callable[[], Truth]) -> Truth:
+    """`compute()` where the condition holds in any lane, else false, which it must be where the condition is false."""
+    body = condition.body
+    here, there, label = f"b{body.count}", f"c{body.count}", f"d{body.count}"
+    body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+    anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
+    body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
+    found = compute()
+    body.lines += [f"  br label %{label}", f"{label}:"]
+    return Truth(body, body.value(f"phi {body.truths} [ {found.name}, %{there} ], [ zeroinitializer, %{here} ]"))

@@ -285,6 +285,7 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
                     _round_off(w)
                     for i in range(n):
                         block[rows[NOISE] + i, lane] = w.noise[i]
+                    block[FLAG_ROW, lane] = GOES_ON
                     if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
                         continue
                     status = PAUSED

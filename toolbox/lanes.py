@@ -101,7 +101,7 @@ def run_lanes(
         own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
         own_work.ints[loop.NODES] = 0
         lanes_loop.run(
-            made.address, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
+            made.address, made.settle, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
             batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, batch.event_times, batch.event_elements, batch.event_modes,
         )  # fmt: skip
 

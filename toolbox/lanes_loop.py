@@ -53,9 +53,10 @@ from toolbox.loop import (
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
 (TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
-(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, HIDDEN_SCALE) = range(12)
-ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "hidden_scale")
+(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE) = range(12)
+ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale")
 """Items of a block whose first rows the loop is told, in this order."""
+ENDLESS_FLAG = 9
 MOST_STEPS = 20_000_000
 """Steps after which a scenario ends with the status PAUSED."""
 
@@ -116,7 +117,7 @@ def _gather_point(block, rows, lane, w, p):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _gather_history(block, rows, lane, w, own_scale):
+def _gather_history(block, rows, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
     ne, ng = w.ints[NE], w.ints[NG]
     w.reals[STEP_SIZE] = block[WANTED_ROW, lane]
@@ -129,16 +130,18 @@ def _gather_history(block, rows, lane, w, own_scale):
         w.group_scale[i] = block[rows[GROUP_SCALE] + i, lane]
     for j in range(2 * ng):
         w.g[j] = block[rows[G] + j, lane]
-        w.guard_scale[j] = own_scale[lane, j]
+        w.guard_scale[j] = 0.0
     for j in range(ng):
         w.side[j] = block[rows[SIDE] + j, lane]
         w.armed[j] = block[rows[ARMED] + j, lane] != 0.0
         w.slot[j] = j + ng if j < 2 * ne and w.m[j // 2] == 0.0 else j
         w.guard_scale[w.slot[j]] = block[rows[GUARD_SCALE] + j, lane]
+        if j < 2 * ne:
+            w.guard_scale[2 * j + ng - w.slot[j]] = block[rows[OTHER_SCALE] + j, lane]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _scatter(block, rows, lane, w, own_scale, stop):
+def _scatter(block, rows, lane, w, stop):
     """The arrays of the scalar loop back in their lane."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
     block[TIME_ROW, lane] = w.reals[TIME]
@@ -162,13 +165,12 @@ def _scatter(block, rows, lane, w, own_scale, stop):
         block[rows[GROUP_SCALE] + i, lane] = w.group_scale[i]
     for j in range(2 * ng):
         block[rows[G] + j, lane] = w.g[j]
-        own_scale[lane, j] = w.guard_scale[j]
     for j in range(ng):
         block[rows[SIDE] + j, lane] = w.side[j]
         block[rows[ARMED] + j, lane] = 1.0 if w.armed[j] else 0.0
         block[rows[GUARD_SCALE] + j, lane] = w.guard_scale[w.slot[j]]
-    for q in range(w.excited.size):
-        block[rows[HIDDEN_SCALE] + q, lane] = w.guard_scale[2 * w.excited[q] + ng]
+    for j in range(2 * ne):
+        block[rows[OTHER_SCALE] + j, lane] = w.guard_scale[2 * j + ng - w.slot[j]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -244,11 +246,11 @@ def _stay(since, until, window):
 
 # fmt: off
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(address, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
+def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
     # fmt: on
     """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-    address, scalar: of the pass and of the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;
+    address, settle, scalar: of the pass, the settling of events (0 for none) and the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;
     window: (after, until) [s] of what is measured;  x_end, m_end, statuses: what each ends with;  counts: steps, refused steps, switches, merged events,
     and steps that the scalar loop took;  stuck, last_stick: time in mode 0 in the window, and when mode 0 was left last (the end where it was not, NaN where it
     never was), per element;  ev_*: the first switches of every scenario, as many as there is room for.
@@ -257,9 +259,11 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
     width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
     scenario = np.full(width, -1, np.int64)
     p = np.zeros((width, w.p.size))
-    own_scale = np.zeros((width, w.guard_scale.size))
+    modes = np.zeros((width, ne))
+    few = max(width // 5, 2)
     last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
     since = np.zeros((width, ne))
+    happened = np.zeros(width, np.bool_)
     end = w.reals[END]
     rest = w.p.copy()
     block[:] = 0.0
@@ -271,14 +275,57 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
     waiting[0] = 1
     following, running = first, 0
     while True:
+        settled = False
+        if settle != 0 and waiting[0] != 0:
+            events = 0
+            for lane in range(width):
+                if block[FLAG_ROW, lane] == EVENT and scenario[lane] >= 0:
+                    happened[lane] = True
+                    events += 1
+            settled = events >= few or events == running
+            if settled:
+                call_block(settle, block)
         for lane in range(width if waiting[0] != 0 else 0):
             flag = np.int64(block[FLAG_ROW, lane])
             s = scenario[lane]
+            if s >= 0 and settled and flag == GOES_ON and happened[lane]:
+                happened[lane] = False
+                t = block[TIME_ROW, lane]
+                changed = False
+                for i in range(ne):
+                    mode = block[rows[M] + i, lane]
+                    if mode == modes[lane, i]:
+                        continue
+                    changed = True
+                    if modes[lane, i] == 0.0:
+                        stuck[s, i] += _stay(since[lane, i], t, window)
+                        last_stick[s, i] = t
+                    if mode == 0.0:
+                        since[lane, i] = t
+                    if counts[s, 2] < ev_t.shape[1]:
+                        ev_t[s, counts[s, 2]] = t
+                        ev_i[s, counts[s, 2]] = i
+                        ev_m[s, counts[s, 2]] = np.int8(mode)
+                    counts[s, 2] += 1
+                    modes[lane, i] = mode
+                counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
+                close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), end) else 0
+                last_event[lane] = t
+                if close[lane] <= 50 + 20 * ne:
+                    continue
+                _gather_point(block, rows, lane, w, p)
+                flag = ENDLESS_FLAG
             if flag == GOES_ON or (s < 0 and following >= last):
                 continue
+            if flag == EVENT and settle != 0 and s >= 0:
+                if not settled:
+                    continue  # until a few lanes wait together
+                happened[lane] = False
             status = DONE
             w.ints[EVENTS], w.ints[MERGED] = 0, 0
-            if s >= 0:
+            if flag == ENDLESS_FLAG:
+                status = ENDLESS
+            elif s >= 0:
                 t = block[TIME_ROW, lane]
                 _gather_point(block, rows, lane, w, p)
                 if flag == ROUND_OFF:
@@ -290,7 +337,7 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
                         continue
                     status = PAUSED
                 elif flag != STOP or t < end:
-                    _gather_history(block, rows, lane, w, own_scale)
+                    _gather_history(block, rows, lane, w)
                     w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
                     if flag == EVENT:
                         w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
@@ -315,7 +362,9 @@ def run(address, scalar, block, waiting, rows, w, parameters, starts, first, las
                         counts[s, 2] += 1
                     counts[s, 3] += w.ints[MERGED]
                     if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                        _scatter(block, rows, lane, w, own_scale, _next_stop(w))
+                        _scatter(block, rows, lane, w, _next_stop(w))
+                        for i in range(ne):
+                            modes[lane, i] = w.m[i]
                         last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
                         break
                     for i in range(ne):

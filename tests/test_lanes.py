@@ -13,6 +13,7 @@ from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop,
 from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
 from toolbox.lanes import run_lanes
 from toolbox.loop import INCONSISTENT, UNDERFLOW
+from toolbox.measure import extent
 from toolbox.simulate import checked_run, place_start
 
 pytestmark = pytest.mark.timeout(60)
@@ -54,7 +55,7 @@ def spread(low, high, count):
     return RANDOM.uniform(low, high, count)
 
 
-def batch(plant, duration, parameters=None, count=1, start=None, *, after=0.0, most_events=0, threads=1, width=None, **arguments):
+def batch(plant, duration, parameters=None, count=1, start=None, *, signals=(), after=0.0, most_events=0, threads=1, width=None, **arguments):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
     run = checked_run(plant, duration, start=start, **arguments)
     values = np.tile(run.system.values, (count, 1))
@@ -64,7 +65,7 @@ def batch(plant, duration, parameters=None, count=1, start=None, *, after=0.0, m
     for name, value in (start or {}).items():
         place_start(run.system, first, name, value)
     starts = np.tile(first, (count, 1))
-    return run_lanes(run, values, starts, after=after, most_events=most_events, threads=threads, width=width)
+    return run_lanes(run, values, starts, signals=signals, after=after, most_events=most_events, threads=threads, width=width)
 
 
 CHAIN = TorsionalChain(
@@ -177,11 +178,47 @@ def test_stick_is_measured_in_the_window_asked():
     assert np.isnan(batch(RIG, 1.0, count=1, start={"chain.speed": (8.0, 8.0), "chain.twist": 20.0}, controller=PI()).last_stick[0, 0])
 
 
+MEASURED = {
+    "drill string with a drive": ("bit.speed", "bit.torque", "top.torque"),
+    "friction at every inertia": ("top.speed", "bit.speed"),
+    "torque from a table": ("bit.speed", "top.torque"),
+    "disc brake": ("pad.speed", "brake.torque"),
+    "bouncing ball": ("ball.height", "ball.speed"),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name):
+    plant, duration, ranges, arguments = PLANTS[name]
+    parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
+    after = 0.37 * duration
+    found = batch(plant, duration, parameters, 5, signals=MEASURED[name], after=after, **arguments)
+    for s in range(5):
+        run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
+        for q, signal in enumerate(MEASURED[name]):
+            expected = extent(run, signal, after)
+            size = 1e-5 * max(abs(expected.minimum), abs(expected.maximum))
+            assert found.minimum[s, q] == pytest.approx(expected.minimum, abs=size)
+            assert found.maximum[s, q] == pytest.approx(expected.maximum, abs=size)
+            assert found.mean[s, q] == pytest.approx(expected.mean, abs=size)
+
+
+def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples():
+    # x = cos w t from the time 1: the mean is (sin 10 w - sin w) / 9 w, the extrema are 1 and -1
+    frequency = np.linspace(2.0, 9.0, 17)
+    found = batch(compose(Oscillator()), 10.0, {"mass.frequency": frequency}, 17, {"mass.position": 1.0}, signals=("mass.position",), after=1.0, accuracy=1e-8)
+    np.testing.assert_allclose(found.maximum[:, 0], 1.0, atol=1e-7)
+    np.testing.assert_allclose(found.minimum[:, 0], -1.0, atol=1e-7)
+    np.testing.assert_allclose(found.mean[:, 0], (np.sin(10.0 * frequency) - np.sin(frequency)) / (9.0 * frequency), atol=1e-7)
+
+
 def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="sampled"):
         batch(RIG, 1.0, controller=PI(), sample_time=0.01)
     run = checked_run(RIG, 1.0)
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))
+    with pytest.raises(SceneError, match="scalar"):
+        batch(RIG, 1.0, signals=("chain.speed",))
     with pytest.raises(SceneError, match="`parameters`"):
         run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))

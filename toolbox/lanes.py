@@ -7,6 +7,7 @@ ended takes the next one.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -28,7 +29,7 @@ class Batch:
     states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
     `toolbox.loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of events merged, and
     of steps that the scalar loop took, shape (n,);  stuck: time [s] in mode 0 in the window, shape (n, elements);  last_stick: when mode 0 was left last [s],
-    the end where it was not, nan where it never was;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n,
+    the end where it was not, nan where it never was;  minimum, maximum, mean: of the signals in the window, shape (n, signals);  event_times, event_elements, event_modes: the first switches of every scenario, shape (n,
     most_events), nan and -1 behind the last.
     """
 
@@ -42,6 +43,9 @@ class Batch:
     alone: np.ndarray
     stuck: np.ndarray
     last_stick: np.ndarray
+    minimum: np.ndarray
+    maximum: np.ndarray
+    mean: np.ndarray
     event_times: np.ndarray
     event_elements: np.ndarray
     event_modes: np.ndarray
@@ -52,6 +56,7 @@ def run_lanes(
     parameters: np.ndarray,
     starts: np.ndarray,
     *,
+    signals: Sequence[str] = (),
     after: float = 0.0,
     most_events: int = 0,
     threads: int = 1,
@@ -59,7 +64,7 @@ def run_lanes(
 ) -> Batch:
     """Run n scenarios of a checked run (`toolbox.simulate.checked_run`), which gives the closed system, the inputs, the duration and the accuracy.
 
-    parameters: values of the closed system, one row per scenario, shape (n, `run.system.values.size`);  starts: states, shape (n, states);  after: begin of the
+    parameters: values of the closed system, one row per scenario, shape (n, `run.system.values.size`);  starts: states, shape (n, states);  signals: names of scalar signals to be measured;  after: begin of the
     window that is measured [s];  most_events: switches per scenario to be kept;  width: number of lanes, a power of two. The method is explicit, whatever
     the run says. Raises SceneError for sampled laws, and for arrays of another shape.
     """
@@ -74,9 +79,9 @@ def run_lanes(
     for name, array, columns in (("parameters", parameters, system.values.size), ("starts", starts, own)):
         if array.shape != (n, columns):
             raise SceneError(f"Argument `{name}` must have shape ({n}, {columns}), but it has {array.shape}.")
-    program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 else DOP853)
+    program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 and not signals else DOP853)
     work = _work(loop, dataclasses.replace(run, output_times=None), program)
-    made = block(program, width or host_width(program.machine.states))
+    made = block(program, width or host_width(program.machine.states), tuple(signals))
     ne = program.machine.elements
     batch = Batch(
         states=np.full((n, own), np.nan),
@@ -85,11 +90,13 @@ def run_lanes(
         **dict.fromkeys(("steps", "refused", "switches", "merged", "alone"), np.zeros(0, np.int64)),
         stuck=np.zeros((n, ne)),
         last_stick=np.full((n, ne), np.nan),
+        **dict.fromkeys(("minimum", "maximum", "mean"), np.zeros((0, 0))),
         event_times=np.full((n, most_events), np.nan),
         event_elements=np.full((n, most_events), -1, np.int32),
         event_modes=np.zeros((n, most_events), np.int8),
     )
     counts = np.zeros((n, 5), np.int64)
+    measured = np.full((n, len(signals), 3), np.nan)
     rows = np.array([made.rows[name] for name in lanes_loop.ITEMS], np.int64)
     window = np.array([after, work.reals[loop.END]])
     scalar = lanes_loop.scalar_address(work)
@@ -101,8 +108,8 @@ def run_lanes(
         own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
         own_work.ints[loop.NODES] = 0
         lanes_loop.run(
-            made.address, made.settle, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
-            batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, batch.event_times, batch.event_elements, batch.event_modes,
+            made.address, made.settle, made.observe, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
+            batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, measured, batch.event_times, batch.event_elements, batch.event_modes,
         )  # fmt: skip
 
     if threads == 1:
@@ -113,6 +120,9 @@ def run_lanes(
     names = ("steps", "refused", "switches", "merged", "alone")
     for name, column in zip(names, counts.T, strict=True):
         object.__setattr__(batch, name, column.copy())
+    object.__setattr__(batch, "minimum", measured[:, :, 0].copy())
+    object.__setattr__(batch, "maximum", measured[:, :, 1].copy())
+    object.__setattr__(batch, "mean", measured[:, :, 2] / (window[1] - window[0]) if window[1] > window[0] else measured[:, :, 2] * np.nan)
     return batch
 
 

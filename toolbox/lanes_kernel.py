@@ -15,11 +15,13 @@ import casadi as ca
 import numpy as np
 
 from toolbox.emit import compiled, inline
+from toolbox.emit import function_text as scalar_text
 from toolbox.emit_vector import VectorBody, function_text
-from toolbox.kernel import stages
+from toolbox.errors import SceneError
+from toolbox.kernel import _plain, stages
 from toolbox.loop import RIGID, SWITCH
 from toolbox.program import Program
-from toolbox.runge_kutta import Pair
+from toolbox.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)
 """Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar."""
@@ -28,16 +30,21 @@ SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searc
            "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
 """Rows of a block with one number per lane."""
 
+POINTS, WEIGHTS = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
+PLACES = (0.0, *POINTS.tolist(), 1.0)
+"""Fractions of a step at which signals are measured: Gauss points and both ends."""
+
 MOST_TRIES = 30
 """Steps of a search after which the scalar loop takes over."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A compiled pass and the settling of events (0 where there is none), the lanes they take, and the first row of every item of its block of shape (rows, width)."""
+    """A compiled pass, the settling of events and the signals measured (0 where there are none), the lanes they take, and the first row of every item of its block of shape (rows, width)."""
 
     address: int
     settle: int
+    observe: int
     width: int
     rows: dict[str, int]
     size: int
@@ -129,16 +136,19 @@ def smallest(a: Value, b: Any) -> Value:
     return (a < b).choose(a, b)
 
 
-def block(program: Program, width: int) -> Block:
-    """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program's structure."""
-    key = ("lanes", id(program), width)
+def block(program: Program, width: int, signals: tuple[str, ...] = ()) -> Block:
+    """The pass of a program whose pair is explicit, for blocks of `width` lanes that measure `signals`; kept with the program's structure.
+
+    Signals are measured on the dense output of DOP853. Raises SceneError for an unknown or vector signal.
+    """
+    key = ("lanes", id(program), width, signals)
     found = program.system.kernels.get(key)
     if found is None:
-        found = program.system.kernels[key] = _compiled(program, width)
+        found = program.system.kernels[key] = _compiled(program, width, signals)
     return found
 
 
-def _compiled(program: Program, width: int) -> Block:
+def _compiled(program: Program, width: int, signals: tuple[str, ...]) -> Block:
     pair, form, system = program.pair, program.form, program.system
     assert isinstance(pair, Pair)
     n, ne, ng = program.machine.states, program.machine.elements, program.machine.guards
@@ -150,11 +160,13 @@ def _compiled(program: Program, width: int) -> Block:
     field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
     projected = ca.Function("projected", arguments, [ca.densify(form.projected[:own])])
 
+    observe = _observed(program, signals, arguments)
     groups = program.group_count
     rows: dict[str, int] = {}
     size = 0
     vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n, "group_scale": groups,
-               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne}  # fmt: skip
+               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne,
+               "after": 1, "measured": 3 * len(signals)}  # fmt: skip
     for name, count in [*((name, 1) for name in SCALARS), *vectors.items()]:
         rows[name], size = size, size + count
 
@@ -285,6 +297,15 @@ def _compiled(program: Program, width: int) -> Block:
     more["guard_scale"] = [(moves & (abs(g_new[j]) > o)).choose(abs(g_new[j]), o) for j, o in enumerate(state["guard_scale"])]
     more["armed"] = [(armed[j] | (moves & (signed(g_new, j) > 1e-13 * more["guard_scale"][j]))).choose(1.0, 0.0) for j in range(ng)]
 
+    if signals:
+        counts = moves & (t >= state["after"][0])
+        path = _Path(pair, rhs, t, h, state, slopes, x_new, k_new)
+        more["measured"] = []
+        for q in range(len(signals)):
+            signal = path.signal(observe, q)
+            before = state["measured"][3 * q : 3 * q + 3]
+            more["measured"] += [counts.choose(value, o) for value, o in zip(_measured(signal, h, before), before, strict=True)]
+
     # --- what the pass leaves to the loop
     every = Value(body, body.intrinsic("floor", (count * (1 / 128)).name)) * 128.0
     stale = (refused & rejected) | (moves & ~every.differs(count))
@@ -306,13 +327,102 @@ def _compiled(program: Program, width: int) -> Block:
     bodies = {"advance": body}
     if carries_events(program):
         bodies["settle"] = _settling(program, width, rows, vectors, (rhs, field, projected))
+    scalar_texts: list[str] = []
     functions, declared = dict(body.functions), set(body.intrinsics)
+    if signals:
+        plain = _plain(observe, 0)
+        scalar_texts.append(scalar_text("observe", plain))
+        declared |= plain.intrinsics
     for other in bodies.values():
         functions |= other.functions
         declared |= other.intrinsics
     texts = [function_text(name, text) for name, text in bodies.items()]
-    found = compiled("\n".join([*texts, *functions.values(), *sorted(declared)]), list(bodies), sum(text.count for text in bodies.values()))
-    return Block(found["advance"], found.get("settle", 0), width, rows, size)
+    names_of = [*bodies, *(["observe"] if signals else [])]
+    count_of = sum(text.count for text in bodies.values())
+    found = compiled("\n".join([*texts, *scalar_texts, *functions.values(), *sorted(declared)]), names_of, count_of)
+    return Block(found["advance"], found.get("settle", 0), found.get("observe", 0), width, rows, size)
+
+
+def _observed(program: Program, signals: tuple[str, ...], arguments: list[ca.SX]) -> ca.Function:
+    """Function (t, x, p, m) -> signals; raises SceneError for an unknown or vector signal."""
+    system = program.system
+    _, u, force = program.expressions
+    columns = []
+    for name in signals:
+        expression = ca.densify(ca.SX(system.expression(name)))
+        if expression.numel() != 1:
+            raise SceneError(f"Argument `signals` must name scalar signals, but `{name}` has {expression.numel()} entries.")
+        expression = ca.substitute(expression, system.F, force) if system.elements else expression
+        columns.append(ca.substitute(expression, system.u, u) if system.inputs else expression)
+    return ca.Function("observe", arguments, [ca.vertcat(*columns) if columns else ca.SX(0, 1)])
+
+
+class _Path:
+    """The dense output of a step of DOP853, of order 7."""
+
+    def __init__(
+        self, pair: Pair, rhs: ca.Function, t: Value, h: Value, state: dict[str, list[Value]], slopes: list[list[str]], x: list[Value], k: list[Value]
+    ) -> None:
+        assert pair is DOP853
+        body, self.t, self.h, self.start = t.body, t, h, state["x"]
+        self.others = [[value.name for value in state[name]] for name in ("p", "m")]
+        stages_so_far = [*slopes, [value.name for value in k]]
+        names = [value.name for value in self.start]
+        for c, row in zip(DOP853_MORE_C, DOP853_MORE_A, strict=True):
+            stage = [body.combination(names[i], h.name, row, [k[i] for k in stages_so_far]) for i in range(len(x))]
+            stages_so_far += inline(body, rhs, [[(t + c * h).name], stage, *self.others])
+        self.terms = []
+        for i in range(len(x)):
+            rise, first = x[i] - self.start[i], h * state["k"][i]
+            last = [Value(body, body.combination("", h.name, row, [k[i] for k in stages_so_far])) for row in DOP853_DENSE]
+            self.terms.append([rise, first - rise, 2.0 * rise - first - h * k[i], *last])
+
+    def signal(self, observe: ca.Function, which: int) -> Callable[[Any], Value]:
+        """One signal as a function of the fraction of the step."""
+
+        def at(fraction: Any) -> Value:
+            rest = 1.0 - fraction
+            x = []
+            for start, terms in zip(self.start, self.terms, strict=True):
+                value = terms[-1] * fraction
+                for i, term in enumerate(reversed(terms[:-1])):
+                    value = (value + term) * (rest if i % 2 == 0 else fraction)
+                x.append((value + start).name)
+            return Value(self.t.body, inline(self.t.body, observe, [[(self.t + self.h * fraction).name], x, *self.others])[0][which])
+
+        return at
+
+
+def _measured(signal: Callable[[Any], Value], h: Value, before: list[Value]) -> list[Value]:
+    """Minimum, maximum and integral of a signal with those of a step: Gauss-Legendre integral, extrema refined by parabolas."""
+    values = [signal(place) for place in PLACES]
+    integral = before[2]
+    for value, weight in zip(values[1:-1], WEIGHTS, strict=True):
+        integral = integral + value * (h * weight)
+    found = []
+    for sign, old in ((-1.0, before[0]), (1.0, before[1])):
+        best = old
+        for value in (values[0], values[-1]):
+            best = (sign * value > sign * best).choose(value, best)
+        zero = h * 0.0
+        triple = [(zero + PLACES[i], values[i]) for i in range(3)]
+        for i in range(2, len(PLACES) - 1):
+            higher = sign * values[i] > sign * triple[1][1]
+            triple = [(higher.choose(PLACES[i + k], triple[1 + k][0]), higher.choose(values[i + k], triple[1 + k][1])) for k in (-1, 0, 1)]
+        for _ in range(3):
+            (a, fa), (b, fb), (c, fc) = triple
+            left, right = (b - a) * (fb - fc), (b - c) * (fb - fa)
+            vertex = b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right)
+            vertex = ((vertex > a) & (vertex < c)).choose(vertex, b)
+            value = signal(vertex)
+            later, better = vertex > b, sign * value >= sign * fb
+            triple = [
+                (later.choose(better.choose(b, a), better.choose(a, vertex)), later.choose(better.choose(fb, fa), better.choose(fa, value))),
+                (better.choose(vertex, b), better.choose(value, fb)),
+                (later.choose(better.choose(c, vertex), better.choose(b, c)), later.choose(better.choose(fc, value), better.choose(fb, fc))),
+            ]
+        found.append((sign * triple[1][1] > sign * best).choose(triple[1][1], best))
+    return [*found, integral]
 
 
 def carries_events(program: Program) -> bool:
@@ -337,7 +447,7 @@ def _settling(program: Program, width: int, rows: dict[str, int], vectors: dict[
     body = VectorBody(width)
     names = ("time", "flag", "located", "end", "rtol")
     old = {name: Value(body, body.load("%lanes", rows[name])) for name in (*names, "wanted", "step_old")}
-    kept = [name for name in vectors if name not in ("g_low", "g_high")]
+    kept = [name for name in vectors if name not in ("g_low", "g_high", "after", "measured")]
     state = {name: [Value(body, body.load("%lanes", rows[name] + i)) for i in range(vectors[name])] for name in kept}
     t, m, end, zero = old["time"], state["m"], old["end"], old["time"] * 0.0
 
@@ -352,7 +462,9 @@ def _settling(program: Program, width: int, rows: dict[str, int], vectors: dict[
         descends = rate <= 0.0 if j < 2 * ne else rate < 0.0
         fired.append((descends & (value <= 1e-9 * state["guard_scale"][j])) | ~old["located"].differs(float(j)))
     side = [*state["side"][: 2 * ne], *(fired[j].choose(-state["side"][j], state["side"][j]) for j in range(2 * ne, ng))]
-    caught, modes, zeros, forced = [], [], [], []
+    caught, modes = [], []
+    zeros: list[Any] = []
+    forced: list[Any] = []
     for i in range(ne):
         sticks = ~m[i].differs(0.0)
         if program.kind[i] == SWITCH:

@@ -13,48 +13,16 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from toolbox.loop import (
-    ACCEPTED,
-    BUDGET,
-    CLOSE,
-    DONE,
-    END,
-    ENDLESS,
-    ERROR_OLD,
-    EVENTS,
-    FRICTION,
-    INCONSISTENT,
-    JUMP,
-    LAST_EVENT,
-    LOCATED,
-    LONGEST,
-    MERGED,
-    NE,
-    NG,
-    OUTPUT,
-    PAUSED,
-    RECORDS,
-    REJECTED,
-    RTOL,
-    STARTED,
-    STEP_OLD,
-    STEP_SIZE,
-    TIME,
-    N,
-    _borrowed_all,
-    _fire,
-    _first_step,
-    _flies,
-    _mark,
-    _project,
-    _round_off,
-    advance,
+    ACCEPTED, BUDGET, CLOSE, DONE, END, ENDLESS, ERROR_OLD, EVENTS, FRICTION, INCONSISTENT, JUMP, LAST_EVENT, LOCATED, LONGEST, MERGED, N,
+    NE, NG, OUTPUT, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP, STEP_OLD, STEP_SIZE, TIME, _borrowed_all, _call, _fire, _first_step,
+    _flies, _mark, _project, _round_off, advance,
 )  # fmt: skip
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
 (TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
-(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE) = range(12)
-ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale")
+(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE, AFTER, MEASURED) = range(14)
+ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale", "after", "measured")
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
 MOST_STEPS = 20_000_000
@@ -181,12 +149,28 @@ def _put_parameters(block, rows, lane, w, p):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _next_stop(w):
+def _next_stop(w, after):
     """The next instant of the calendar at which a step must end."""
-    stop = w.reals[END]
+    stop = after if w.reals[TIME] < after < w.reals[END] else w.reals[END]
     if w.ints[JUMP] < w.jump_t.size:
         stop = min(stop, w.jump_t[w.ints[JUMP]])
     return stop
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _observe(block, first, lane, observe, w, t, x_old, k_old, m_old, values):
+    """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and extrema of 64 parts, on steps of their own."""
+    h = w.reals[TIME] - t
+    for part in range(65):
+        weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
+        _call(w.ints[STEP], t, h * part / 64.0, x_old, k_old, w.p, m_old, w.y)
+        for i in range(x_old.size):
+            w.s[i] = w.y[i]
+        _call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values)
+        for q, value in enumerate(values):
+            block[first + 3 * q, lane] = min(block[first + 3 * q, lane], value)
+            block[first + 3 * q + 1, lane] = max(block[first + 3 * q + 1, lane], value)
+            block[first + 3 * q + 2, lane] += weight * value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -246,11 +230,13 @@ def _stay(since, until, window):
 
 # fmt: off
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck, last_stick, ev_t, ev_i, ev_m):
+def run(address, settle, observe, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck,
+        last_stick, measured, ev_t, ev_i, ev_m):
     # fmt: on
     """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-    address, settle, scalar: of the pass, the settling of events (0 for none) and the scalar loop;  waiting: the row of that name as integers;  parameters, starts: one row per scenario;
+    address, settle, observe, scalar: of the pass, the settling of events (0 for none), the signals and the scalar loop;  waiting: the row of that name as
+    integers;  parameters, starts: one row per scenario;
     window: (after, until) [s] of what is measured;  x_end, m_end, statuses: what each ends with;  counts: steps, refused steps, switches, merged events,
     and steps that the scalar loop took;  stuck, last_stick: time in mode 0 in the window, and when mode 0 was left last (the end where it was not, NaN where it
     never was), per element;  ev_*: the first switches of every scenario, as many as there is room for.
@@ -264,6 +250,9 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
     last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
     since = np.zeros((width, ne))
     happened = np.zeros(width, np.bool_)
+    x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+    signals = measured.shape[1]
+    values = np.zeros(signals)
     end = w.reals[END]
     rest = w.p.copy()
     block[:] = 0.0
@@ -271,6 +260,7 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
     block[LONGEST_ROW, :] = w.reals[LONGEST]
     block[END_ROW, :] = end
     block[RTOL_ROW, :] = w.reals[RTOL]
+    block[rows[AFTER], :] = window[0]
     block[FLAG_ROW, :] = STOP
     waiting[0] = 1
     following, running = first, 0
@@ -344,7 +334,15 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
                         status = _event(w, t)
                     else:
                         counts[s, 4] += flag == ALONE
+                        for i in range(n):
+                            x_old[i], k_old[i] = w.x[i], w.k[i]
+                        for i in range(ne):
+                            m_old[i] = w.m[i]
+                        if flag == ALONE and t < window[0] < t + w.reals[STEP_SIZE]:
+                            w.reals[STEP_SIZE] = window[0] - t
                         status = _alone(scalar, w, 1 if flag == ALONE else 0)
+                        if measured.shape[1] > 0 and t >= window[0] and w.reals[TIME] > t:
+                            _observe(block, rows[MEASURED], lane, observe, w, t, x_old, k_old, m_old, values)
                         _put_parameters(block, rows, lane, w, p)
             while True:  # ends with a lane that goes on, or with none left to begin
                 if s >= 0:
@@ -362,7 +360,7 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
                         counts[s, 2] += 1
                     counts[s, 3] += w.ints[MERGED]
                     if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                        _scatter(block, rows, lane, w, _next_stop(w))
+                        _scatter(block, rows, lane, w, _next_stop(w, window[0]))
                         for i in range(ne):
                             modes[lane, i] = w.m[i]
                         last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
@@ -374,6 +372,9 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
                         m_end[s, i] = w.m[i]
                     for i in range(x_end.shape[1]):
                         x_end[s, i] = w.x[i]
+                    for q in range(signals):
+                        for i in range(3):
+                            measured[s, q, i] = block[rows[MEASURED] + 3 * q + i, lane]
                     statuses[s] = status
                     counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
                     running -= 1
@@ -381,6 +382,7 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
                     scenario[lane] = -1
                     block[:, lane] = 0.0
                     block[STOP_ROW, lane] = np.inf
+                    block[rows[AFTER], lane] = np.inf
                     break
                 s = following
                 following += 1
@@ -391,6 +393,10 @@ def run(address, settle, scalar, block, waiting, rows, w, parameters, starts, fi
                 _put_parameters(block, rows, lane, w, p)
                 for i in range(ne):
                     since[lane, i] = 0.0
+                for q in range(signals):
+                    block[rows[MEASURED] + 3 * q, lane] = np.inf
+                    block[rows[MEASURED] + 3 * q + 1, lane] = -np.inf
+                    block[rows[MEASURED] + 3 * q + 2, lane] = 0.0
         if running == 0:
             return
         call_block(address, block)

@@ -1,9 +1,9 @@
 """How many scenarios a second does one core run, in lanes and one by one?
 
-A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then four other plants. One by one is
-the scalar loop called from machine code for one scenario after another, with no `Trajectory` and nothing recorded: what the run itself costs. In lanes is
-`toolbox.lanes.run_lanes`, all of it. Both are timed in turns, as processor time of this thread, and the least of each counts. Switches of
-the first scenarios are compared one by one.
+A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then four other plants.
+One by one is the scalar loop, called from machine code for one scenario after another, with nothing recorded and no `Trajectory` made: what the
+run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`, last with extrema and mean of one signal. All are timed in turns, as processor time of
+one thread, and the least of five counts. Switches of the first scenarios are compared one by one.
 
     python -m studies.lanes [scenarios]
 """
@@ -73,7 +73,9 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     scalar = scalar_address(work)
     one_by_one(scalar, work, parameters[:1], starts[:1], statuses, switches, states, times)
     found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
-    alone, together = [], []
+    signal = "bit.speed" if "bit.speed" in run.system.signals else next(iter(run.system.states))
+    alone, together, measured = [], [], []
+    run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
     for _ in range(5):
         began = time.thread_time()
         one_by_one(scalar, work, parameters[:few], starts[:few], statuses, switches, states, times)
@@ -81,11 +83,14 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
         began = time.thread_time()
         run_lanes(run, parameters, starts)
         together.append((time.thread_time() - began) / count)
+        began = time.thread_time()
+        run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
+        measured.append((time.thread_time() - began) / few)
     same = (found.switches == switches) & (found.statuses == statuses)
     late = max(float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)) for s in np.flatnonzero(same))
     return (
         f"{title:<30}{1e6 * min(alone):9.1f}{1e6 * min(together):9.1f}{1 / min(together):11.0f}{min(alone) / min(together):8.2f}"
-        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}"
+        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}{1e6 * min(measured):11.1f}"
     )
 
 
@@ -111,8 +116,8 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
 def main() -> None:
     """Print the table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    print(f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}")
-    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}")
+    print(f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}{'measured':>11}")
+    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}")
     for title, (run, spread, part) in plants().items():
         print(row(title, run, spread, count // part), flush=True)
 

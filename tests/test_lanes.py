@@ -55,7 +55,9 @@ def spread(low, high, count):
     return RANDOM.uniform(low, high, count)
 
 
-def batch(plant, duration, parameters=None, count=1, start=None, *, signals=(), after=0.0, most_events=0, threads=1, width=None, **arguments):
+def batch(
+    plant, duration, parameters=None, count=1, start=None, *, signals=(), after=0.0, most_events=0, threads=1, width=None, **arguments
+):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
     run = checked_run(plant, duration, start=start, **arguments)
     values = np.tile(run.system.values, (count, 1))
@@ -81,9 +83,24 @@ PLANTS = {
     "drill string with a drive": (RIG, 60.0, {"bit.weight": (5e4, 1.5e5), "pi.reference": (4.0, 16.0)}, {"controller": PI()}),
     "drive with torque limits": (RIG, 40.0, {"bit.weight": (5e4, 1e5)}, {"controller": PI(lowest_torque=0.0, highest_torque=12_000.0)}),
     "sliding mode": (RIG, 20.0, {"bit.weight": (5e4, 1e5)}, {"controller": IdealSlidingMode(reference=12.0)}),
-    "rock with memory": (compose(wells.JANSEN_2, HystereticBitRock()), 30.0, {"bit.weight": (5e4, 1e5)}, {"inputs": {"top.torque": 9000.0}}),
-    "torque from a table": (RIG, 40.0, {"bit.weight": (5e4, 1e5)}, {"inputs": {"top.torque": ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])}}),
-    "friction at every inertia": (compose(CHAIN), 30.0, {"chain.friction_load.1": (200.0, 500.0)}, {"inputs": {"top.torque": sine(2e3, 3e3, 0.2)}}),
+    "rock with memory": (
+        compose(wells.JANSEN_2, HystereticBitRock()),
+        30.0,
+        {"bit.weight": (5e4, 1e5)},
+        {"inputs": {"top.torque": 9000.0}},
+    ),
+    "torque from a table": (
+        RIG,
+        40.0,
+        {"bit.weight": (5e4, 1e5)},
+        {"inputs": {"top.torque": ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])}},
+    ),
+    "friction at every inertia": (
+        compose(CHAIN),
+        30.0,
+        {"chain.friction_load.1": (200.0, 500.0)},
+        {"inputs": {"top.torque": sine(2e3, 3e3, 0.2)}},
+    ),
     "two-disk stop": (compose(TwoDisks()), 0.3, {}, {"start": {"disks.rotor_speed": 2.0}}),
     "disc brake": (compose(DiscBrake()), 1.0, {"disc.force": (500.0, 1500.0)}, {"start": {"disc.speed": 2.0}}),
     "bouncing ball": (compose(Ball()), 2.0, {"ball.restitution": (0.3, 0.8)}, {"start": {"ball.height": 1.0}}),
@@ -206,7 +223,16 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name)
 def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples():
     # x = cos w t from the time 1: the mean is (sin 10 w - sin w) / 9 w, the extrema are 1 and -1
     frequency = np.linspace(2.0, 9.0, 17)
-    found = batch(compose(Oscillator()), 10.0, {"mass.frequency": frequency}, 17, {"mass.position": 1.0}, signals=("mass.position",), after=1.0, accuracy=1e-8)
+    found = batch(
+        compose(Oscillator()),
+        10.0,
+        {"mass.frequency": frequency},
+        17,
+        {"mass.position": 1.0},
+        signals=("mass.position",),
+        after=1.0,
+        accuracy=1e-8,
+    )
     np.testing.assert_allclose(found.maximum[:, 0], 1.0, atol=1e-7)
     np.testing.assert_allclose(found.minimum[:, 0], -1.0, atol=1e-7)
     np.testing.assert_allclose(found.mean[:, 0], (np.sin(10.0 * frequency) - np.sin(frequency)) / (9.0 * frequency), atol=1e-7)

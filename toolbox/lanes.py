@@ -29,8 +29,8 @@ class Batch:
     states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
     `toolbox.loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of events merged, and
     of steps that the scalar loop took, shape (n,);  stuck: time [s] in mode 0 in the window, shape (n, elements);  last_stick: when mode 0 was left last [s],
-    the end where it was not, nan where it never was;  minimum, maximum, mean: of the signals in the window, shape (n, signals);  event_times, event_elements, event_modes: the first switches of every scenario, shape (n,
-    most_events), nan and -1 behind the last.
+    the end where it was not, nan where it never was;  minimum, maximum, mean: of the signals in the window, shape (n, signals);  event_times,
+    event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1 behind the last.
     """
 
     states: np.ndarray
@@ -64,9 +64,10 @@ def run_lanes(
 ) -> Batch:
     """Run n scenarios of a checked run (`toolbox.simulate.checked_run`), which gives the closed system, the inputs, the duration and the accuracy.
 
-    parameters: values of the closed system, one row per scenario, shape (n, `run.system.values.size`);  starts: states, shape (n, states);  signals: names of scalar signals to be measured;  after: begin of the
-    window that is measured [s];  most_events: switches per scenario to be kept;  width: number of lanes, a power of two. The method is explicit, whatever
-    the run says. Raises SceneError for sampled laws, and for arrays of another shape.
+    parameters: values of the closed system, one row per scenario, shape (n, `run.system.values.size`);  starts: states, shape (n, states);  signals:
+    names of scalar signals to be measured, as accurate as the run;  after: begin of the window that is measured [s];  most_events: switches per scenario
+    to be kept;  threads: how many work at once, without the interpreter's lock;  width: number of lanes, a power of two. The method is explicit, whatever
+    the run says. Values are not checked against their bounds. Raises SceneError for sampled laws, vector signals, and arrays of another shape.
     """
     from toolbox import lanes_loop, loop
     from toolbox.lanes_kernel import block
@@ -108,8 +109,8 @@ def run_lanes(
         own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
         own_work.ints[loop.NODES] = 0
         lanes_loop.run(
-            made.address, made.settle, made.observe, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work, parameters, starts, first, last, window, batch.states,
-            batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, measured, batch.event_times, batch.event_elements, batch.event_modes,
+            made.address, made.settle, made.observe, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows,
+            own_work, parameters, starts, first, last, window, batch.states, batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, measured, batch.event_times, batch.event_elements, batch.event_modes,
         )  # fmt: skip
 
     if threads == 1:

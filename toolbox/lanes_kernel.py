@@ -40,7 +40,10 @@ MOST_TRIES = 30
 
 @dataclass(frozen=True)
 class Block:
-    """A compiled pass, the settling of events and the signals measured (0 where there are none), the lanes they take, and the first row of every item of its block of shape (rows, width)."""
+    """A compiled pass, the settling of events and the signals measured (0 where there are none), for blocks of shape (size, width).
+
+    rows: the first row of every item.
+    """
 
     address: int
     settle: int
@@ -279,7 +282,14 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...]) -> Block:
     new["step_old"] = accepted.choose(h, old["step_old"])
     new["rejected"] = refused.choose(1.0, moves.choose(0.0, old["rejected"]))
     new["searching"] = continues.choose(1.0, 0.0)
-    new |= {"whole": whole, "low": low, "high": high, "fraction": inside, "tries": tries, "located": arrives.choose(located, old["located"])}
+    new |= {
+        "whole": whole,
+        "low": low,
+        "high": high,
+        "fraction": inside,
+        "tries": tries,
+        "located": arrives.choose(located, old["located"]),
+    }
     count = old["accepted"] + moves.choose(1.0, 0.0)
     new["accepted"] = count
     new["refused"] = old["refused"] + refused.choose(1.0, 0.0)
@@ -361,7 +371,15 @@ class _Path:
     """The dense output of a step of DOP853, of order 7."""
 
     def __init__(
-        self, pair: Pair, rhs: ca.Function, t: Value, h: Value, state: dict[str, list[Value]], slopes: list[list[str]], x: list[Value], k: list[Value]
+        self,
+        pair: Pair,
+        rhs: ca.Function,
+        t: Value,
+        h: Value,
+        state: dict[str, list[Value]],
+        slopes: list[list[str]],
+        x: list[Value],
+        k: list[Value],
     ) -> None:
         assert pair is DOP853
         body, self.t, self.h, self.start = t.body, t, h, state["x"]
@@ -417,9 +435,15 @@ def _measured(signal: Callable[[Any], Value], h: Value, before: list[Value]) -> 
             value = signal(vertex)
             later, better = vertex > b, sign * value >= sign * fb
             triple = [
-                (later.choose(better.choose(b, a), better.choose(a, vertex)), later.choose(better.choose(fb, fa), better.choose(fa, value))),
+                (
+                    later.choose(better.choose(b, a), better.choose(a, vertex)),
+                    later.choose(better.choose(fb, fa), better.choose(fa, value)),
+                ),
                 (better.choose(vertex, b), better.choose(value, fb)),
-                (later.choose(better.choose(c, vertex), better.choose(b, c)), later.choose(better.choose(fc, value), better.choose(fb, fc))),
+                (
+                    later.choose(better.choose(c, vertex), better.choose(b, c)),
+                    later.choose(better.choose(fc, value), better.choose(fb, fc)),
+                ),
             ]
         found.append((sign * triple[1][1] > sign * best).choose(triple[1][1], best))
     return [*found, integral]
@@ -430,7 +454,9 @@ def carries_events(program: Program) -> bool:
     return program.machine.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
 
 
-def _settling(program: Program, width: int, rows: dict[str, int], vectors: dict[str, int], functions: tuple[ca.Function, ...]) -> VectorBody:
+def _settling(
+    program: Program, width: int, rows: dict[str, int], vectors: dict[str, int], functions: tuple[ca.Function, ...]
+) -> VectorBody:
     """What `toolbox.loop` does at an event, for the lanes that have stepped to one: modes by force, slopes, guards, round-off, first step.
 
     A lane whose modes need more than one correction keeps its flag.

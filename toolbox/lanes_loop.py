@@ -3,6 +3,8 @@
 An event that a lane has stepped to is handled here by the functions of `toolbox.loop`; whatever else a pass does not carry, such as a guard that starts
 at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after which the lane goes on in its block.
 So the lanes know every kind of element, and switch as the scalar loop does.
+
+numba does not see edits in imported helpers: after an edit of `toolbox/loop.py` save this file, too, for its cached machine code to be made anew.
 """
 
 from __future__ import annotations
@@ -13,9 +15,43 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from toolbox.loop import (
-    ACCEPTED, BUDGET, CLOSE, DONE, END, ENDLESS, ERROR_OLD, EVENTS, FRICTION, INCONSISTENT, JUMP, LAST_EVENT, LOCATED, LONGEST, MERGED, N,
-    NE, NG, OUTPUT, PAUSED, RECORDS, REJECTED, RTOL, STARTED, STEP, STEP_OLD, STEP_SIZE, TIME, _borrowed_all, _call, _fire, _first_step,
-    _flies, _mark, _project, _round_off, advance,
+    ACCEPTED,
+    BUDGET,
+    CLOSE,
+    DONE,
+    END,
+    ENDLESS,
+    ERROR_OLD,
+    EVENTS,
+    FRICTION,
+    INCONSISTENT,
+    JUMP,
+    LAST_EVENT,
+    LOCATED,
+    LONGEST,
+    MERGED,
+    NE,
+    NG,
+    OUTPUT,
+    PAUSED,
+    RECORDS,
+    REJECTED,
+    RTOL,
+    STARTED,
+    STEP,
+    STEP_OLD,
+    STEP_SIZE,
+    TIME,
+    N,
+    _borrowed_all,
+    _call,
+    _fire,
+    _first_step,
+    _flies,
+    _mark,
+    _project,
+    _round_off,
+    advance,
 )  # fmt: skip
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
@@ -159,15 +195,20 @@ def _next_stop(w, after):
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _observe(block, first, lane, observe, w, t, x_old, k_old, m_old, values):
-    """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and extrema of 64 parts, on steps of their own."""
+    """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
     h = w.reals[TIME] - t
     for part in range(65):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
         _call(w.ints[STEP], t, h * part / 64.0, x_old, k_old, w.p, m_old, w.y)
         for i in range(x_old.size):
             w.s[i] = w.y[i]
-        _call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values)
-        for q, value in enumerate(values):
+        _call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values[part % 3])
+        for q in range(values.shape[1]):
+            value, middle, before = values[part % 3, q], values[(part + 2) % 3, q], values[(part + 1) % 3, q]
+            if part > 1 and (middle - before) * (value - middle) < 0.0:  # the vertex of the parabola
+                middle -= (value - before) ** 2 / (8.0 * (value - 2.0 * middle + before))
+                block[first + 3 * q, lane] = min(block[first + 3 * q, lane], middle)
+                block[first + 3 * q + 1, lane] = max(block[first + 3 * q + 1, lane], middle)
             block[first + 3 * q, lane] = min(block[first + 3 * q, lane], value)
             block[first + 3 * q + 1, lane] = max(block[first + 3 * q + 1, lane], value)
             block[first + 3 * q + 2, lane] += weight * value
@@ -252,7 +293,7 @@ def run(address, settle, observe, scalar, block, waiting, rows, w, parameters, s
     happened = np.zeros(width, np.bool_)
     x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
     signals = measured.shape[1]
-    values = np.zeros(signals)
+    values = np.zeros((3, signals))
     end = w.reals[END]
     rest = w.p.copy()
     block[:] = 0.0

@@ -10,6 +10,7 @@ import pytest
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
+from studies.cases import cases
 from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
 from toolbox.lanes import run_lanes
 from toolbox.loop import INCONSISTENT, UNDERFLOW
@@ -218,6 +219,16 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name)
             assert found.minimum[s, q] == pytest.approx(expected.minimum, abs=size)
             assert found.maximum[s, q] == pytest.approx(expected.maximum, abs=size)
             assert found.mean[s, q] == pytest.approx(expected.mean, abs=size)
+
+
+def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches():
+    # ten contacts that hold each other: pairs of switches 0.02 s apart, inside steps that end on the event of a neighbour
+    case = cases()["all"]
+    load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.plant.parameter("chain.friction_load")
+    parameters = {f"chain.friction_load.{i}": load[:, i] for i in range(10)}
+    usual, tight = (batch(case.plant, case.duration, parameters, 400, accuracy=accuracy, **case.arguments) for accuracy in (1e-6, 1e-8))
+    np.testing.assert_array_equal(usual.switches, tight.switches)
+    assert usual.switches.mean() > 150
 
 
 def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples():

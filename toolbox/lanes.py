@@ -109,8 +109,9 @@ def run_lanes(
         own_work = type(work)(*(array.copy() for array in work))._replace(out_t=np.empty(0))
         own_work.ints[loop.NODES] = 0
         lanes_loop.run(
-            made.address, made.settle, made.observe, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows,
-            own_work, parameters, starts, first, last, window, batch.states, batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick, measured, batch.event_times, batch.event_elements, batch.event_modes,
+            made.address, made.settle, made.observe, scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), rows, own_work,
+            parameters, starts, first, last, window, batch.states, batch.modes, batch.statuses, counts, batch.stuck, batch.last_stick,
+            measured, batch.event_times, batch.event_elements, batch.event_modes,
         )  # fmt: skip
 
     if threads == 1:

@@ -218,7 +218,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...]) -> Block:
         odd |= wrong
         # only where a control point of the cubic lies low can its minimum lie low
         turns = runs & armed[j] & (b > 0.0) & (da < 0.0) & (db > 0.0)
-        turns &= (smallest(a + da * h * (1 / 3), b - db * h * (1 / 3)) <= 0.5 * largest(a, b)) & (error <= 1.0) & ~searching
+        turns &= (smallest(a + da * h * (1 / 3), b - db * h * (1 / 3)) <= 0.5 * largest(a, b)) & (error <= 1.0)
         maybe |= turns
         dips.append((turns, a, da, b, db))
         if j < 2 * ne and system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
@@ -228,19 +228,22 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...]) -> Block:
         below |= wrong | (armed[j] & (b < 0.0) & ~this)
         located = this.choose(float(j), located)
 
+    # a guard may dip below zero inside a step, or before an event that cuts a step short
+    fresh, searching = runs & ~searching, runs & searching
+    event = searching & near & ~below
+
     def low_dips() -> Truth:
         found = nothing
         for turns, a, da, b, db in dips:
             found |= turns & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
-        return found
+        return found & (fresh | event)
 
-    odd |= _where_any(maybe, low_dips)
+    dipped = _where_any(maybe & (fresh | event), low_dips)
     seen = error < 1e4
-    fresh, searching = runs & ~searching, runs & searching
-    hit, odd = fresh & seen & hit, fresh & ((seen & odd) | unresolved)
+    hit, odd = fresh & seen & hit, (fresh & ((seen & odd) | unresolved)) | dipped
+    event &= ~dipped
     begins = hit & ~odd
-    event = searching & near & ~below
-    goes_on = searching & ~event
+    goes_on = searching & ~event & ~dipped
     good = error <= 1.0
     steps = fresh & ~hit & ~odd
     accepted, arrives = steps & good, event & good

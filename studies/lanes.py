@@ -20,7 +20,7 @@ from numba import njit
 
 from models import BitRock, DiscBrake, wells
 from studies.cases import DRIVE, cases
-from toolbox import compose, loop
+from toolbox import compose, loop, tally
 from toolbox.lanes import run_lanes
 from toolbox.lanes_loop import _begin, scalar_address
 from toolbox.program import program_of
@@ -75,7 +75,8 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
     signal = "bit.speed" if "bit.speed" in run.system.signals else next(iter(run.system.states))
     alone, together, measured = [], [], []
-    run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
+    measures = (tally.minimum(signal), tally.maximum(signal), tally.mean(signal))
+    run_lanes(run, parameters[:few], starts[:few], measures=measures)
     for _ in range(5):
         began = time.thread_time()
         one_by_one(scalar, work, parameters[:few], starts[:few], statuses, switches, states, times)
@@ -84,7 +85,7 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
         run_lanes(run, parameters, starts)
         together.append((time.thread_time() - began) / count)
         began = time.thread_time()
-        run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
+        run_lanes(run, parameters[:few], starts[:few], measures=measures)
         measured.append((time.thread_time() - began) / few)
     same = (found.switches == switches) & (found.statuses == statuses)
     late = max(float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)) for s in np.flatnonzero(same))

@@ -11,7 +11,7 @@ import pytest
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.cases import cases
-from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
+from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state, tally
 from toolbox.lanes import run_lanes
 from toolbox.loop import INCONSISTENT, UNDERFLOW
 from toolbox.measure import extent
@@ -56,9 +56,7 @@ def spread(low, high, count):
     return RANDOM.uniform(low, high, count)
 
 
-def batch(
-    plant, duration, parameters=None, count=1, start=None, *, signals=(), after=0.0, most_events=0, threads=1, width=None, **arguments
-):
+def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(), most_events=0, threads=1, width=None, **arguments):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
     run = checked_run(plant, duration, start=start, **arguments)
     values = np.tile(run.system.values, (count, 1))
@@ -68,7 +66,7 @@ def batch(
     for name, value in (start or {}).items():
         place_start(run.system, first, name, value)
     starts = np.tile(first, (count, 1))
-    return run_lanes(run, values, starts, signals=signals, after=after, most_events=most_events, threads=threads, width=width)
+    return run_lanes(run, values, starts, measures=measures, most_events=most_events, threads=threads, width=width)
 
 
 CHAIN = TorsionalChain(
@@ -113,7 +111,9 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
     plant, duration, ranges, arguments = PLANTS[name]
     count = 21  # not a multiple of any width
     parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
-    found = batch(plant, duration, parameters, count, most_events=2000, **arguments)
+    sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
+    measures = [tally.time_in(name) for name in sticks]
+    found = batch(plant, duration, parameters, count, measures=measures, most_events=2000, **arguments)
     assert (found.statuses == 0).all()
     for s in (0, 7, 15, 16, 20):
         own = {key: column[s] for key, column in parameters.items()}
@@ -131,9 +131,8 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
         np.testing.assert_allclose(found.event_times[s, : len(run.events)], [event.time for event in run.events], atol=1e-6 * duration)
         size = np.abs(run.states).max(axis=0)
         np.testing.assert_allclose(found.states[s], run.at(duration).states[0], atol=1e-5 * size.max())
-        for i, element in enumerate(run.program.system.elements):
-            if element.legend.get(0) == "stick":
-                assert found.stuck[s, i] == pytest.approx(run.time_in(element.name, "stick"), abs=1e-5 * duration)
+        for i, element in enumerate(sticks):
+            assert found.values[s, i] == pytest.approx(run.time_in(element, "stick"), abs=1e-5 * duration)
 
 
 @pytest.mark.parametrize("width", [4, 8, 16])
@@ -187,13 +186,15 @@ def test_a_scenario_without_an_answer_leaves_its_neighbours_alone():
 
 def test_stick_is_measured_in_the_window_asked():
     run = simulate(RIG, 60.0, controller=PI(), method="explicit")
-    found = batch(RIG, 60.0, count=1, controller=PI(), after=21.5)
-    assert found.stuck[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
-    assert found.stuck[0, 0] > 1.0
+    measures = (tally.time_in("bit", "stick", 21.5), tally.last_stay("bit"))
+    found = batch(RIG, 60.0, count=1, controller=PI(), measures=measures)
+    assert found.values[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
+    assert found.values[0, 0] > 1.0
     last = [event.time for event in run.events if event.before == "stick"][-1]
     ends = run.modes["bit"][-1] == "stick"
-    assert found.last_stick[0, 0] == pytest.approx(60.0 if ends else last, abs=1e-5)
-    assert np.isnan(batch(RIG, 1.0, count=1, start={"chain.speed": (8.0, 8.0), "chain.twist": 20.0}, controller=PI()).last_stick[0, 0])
+    assert found.values[0, 1] == pytest.approx(60.0 if ends else last, abs=1e-5)
+    turning = {"chain.speed": (8.0, 8.0), "chain.twist": 20.0}
+    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), measures=measures[1:]).values[0, 0])
 
 
 MEASURED = {
@@ -210,15 +211,16 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name)
     plant, duration, ranges, arguments = PLANTS[name]
     parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
     after = 0.37 * duration
-    found = batch(plant, duration, parameters, 5, signals=MEASURED[name], after=after, **arguments)
+    words = (tally.minimum, tally.maximum, tally.mean)
+    measures = [word(signal, after) for signal in MEASURED[name] for word in words]
+    found = batch(plant, duration, parameters, 5, measures=measures, **arguments)
     for s in range(5):
         run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
         for q, signal in enumerate(MEASURED[name]):
             expected = extent(run, signal, after)
             size = 1e-5 * max(abs(expected.minimum), abs(expected.maximum))
-            assert found.minimum[s, q] == pytest.approx(expected.minimum, abs=size)
-            assert found.maximum[s, q] == pytest.approx(expected.maximum, abs=size)
-            assert found.mean[s, q] == pytest.approx(expected.mean, abs=size)
+            for i, value in enumerate((expected.minimum, expected.maximum, expected.mean)):
+                assert found.values[s, 3 * q + i] == pytest.approx(value, abs=size)
 
 
 def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches():
@@ -240,13 +242,12 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
         {"mass.frequency": frequency},
         17,
         {"mass.position": 1.0},
-        signals=("mass.position",),
-        after=1.0,
+        measures=[word("mass.position", 1.0) for word in (tally.minimum, tally.maximum, tally.mean)],
         accuracy=1e-8,
     )
-    np.testing.assert_allclose(found.maximum[:, 0], 1.0, atol=1e-7)
-    np.testing.assert_allclose(found.minimum[:, 0], -1.0, atol=1e-7)
-    np.testing.assert_allclose(found.mean[:, 0], (np.sin(10.0 * frequency) - np.sin(frequency)) / (9.0 * frequency), atol=1e-7)
+    np.testing.assert_allclose(found.values[:, 1], 1.0, atol=1e-7)
+    np.testing.assert_allclose(found.values[:, 0], -1.0, atol=1e-7)
+    np.testing.assert_allclose(found.values[:, 2], (np.sin(10.0 * frequency) - np.sin(frequency)) / (9.0 * frequency), atol=1e-7)
 
 
 def test_what_lanes_do_not_carry_is_refused_by_name():
@@ -256,6 +257,6 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):
-        batch(RIG, 1.0, signals=("chain.speed",))
+        batch(RIG, 1.0, measures=[tally.mean("chain.speed")])
     with pytest.raises(SceneError, match="`parameters`"):
         run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))

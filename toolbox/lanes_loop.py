@@ -4,16 +4,19 @@ An event that a lane has stepped to is handled here by the functions of `toolbox
 at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after which the lane goes on in its block.
 So the lanes know every kind of element, and switch as the scalar loop does.
 
-numba does not see edits in imported helpers: after an edit of `toolbox/loop.py` save this file, too, for its cached machine code to be made anew.
+What numba keeps of it on disk is made anew after an edit of `toolbox/loop.py` (see `toolbox.machine_cache`).
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from toolbox import loop, tally_loop
 from toolbox.loop import (
     ACCEPTED,
     BUDGET,
@@ -53,14 +56,35 @@ from toolbox.loop import (
     _round_off,
     advance,
 )  # fmt: skip
+from toolbox.machine_cache import checksum
+from toolbox.tally_loop import note_end
 
-GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)  # as in `toolbox.lanes_kernel`
+GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)
+"""Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar."""
 (TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
-(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE, AFTER, MEASURED) = range(14)
-ITEMS = ("x", "k", "p", "m", "g", "side", "armed", "guard_scale", "scale", "group_scale", "noise", "other_scale", "after", "measured")
+(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT) = range(15)
+ITEMS = (
+    "x",
+    "k",
+    "p",
+    "m",
+    "g",
+    "side",
+    "armed",
+    "guard_scale",
+    "scale",
+    "group_scale",
+    "noise",
+    "other_scale",
+    "edges",
+    "measured",
+    "doubt",
+)
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
+SLACK = 2e-13
+"""Part of an instant by which a step may miss the edge of a window."""
 MOST_STEPS = 20_000_000
 """Steps after which a scenario ends with the status PAUSED."""
 
@@ -105,7 +129,7 @@ def scalar_address(w):
     return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _gather_point(block, rows, lane, w, p):
     """Where a lane stands, in the arrays of the scalar loop."""
     w.reals[TIME] = block[TIME_ROW, lane]
@@ -120,7 +144,7 @@ def _gather_point(block, rows, lane, w, p):
         w.m[i] = block[rows[M] + i, lane]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _gather_history(block, rows, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
     ne, ng = w.ints[NE], w.ints[NG]
@@ -144,7 +168,7 @@ def _gather_history(block, rows, lane, w):
             w.guard_scale[2 * j + ng - w.slot[j]] = block[rows[OTHER_SCALE] + j, lane]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _scatter(block, rows, lane, w, stop):
     """The arrays of the scalar loop back in their lane."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
@@ -177,24 +201,27 @@ def _scatter(block, rows, lane, w, stop):
         block[rows[OTHER_SCALE] + j, lane] = w.guard_scale[2 * j + ng - w.slot[j]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _put_parameters(block, rows, lane, w, p):
     for i in range(w.p.size):
         p[lane, i] = w.p[i]
         block[rows[P] + i, lane] = w.p[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _next_stop(w, after):
-    """The next instant of the calendar at which a step must end."""
-    stop = after if w.reals[TIME] < after < w.reals[END] else w.reals[END]
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _next_stop(w, edges):
+    """The next instant of the calendar at which a step must end: an edge of a window, a jump of a parameter or the end."""
+    stop = w.reals[END]
+    for edge in edges:
+        if w.reals[TIME] < edge * (1.0 - SLACK):
+            stop = min(stop, edge)
     if w.ints[JUMP] < w.jump_t.size:
         stop = min(stop, w.jump_t[w.ints[JUMP]])
     return stop
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _observe(block, first, lane, observe, w, t, x_old, k_old, m_old, values):
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, values):
     """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
     h = w.reals[TIME] - t
     for part in range(65):
@@ -205,16 +232,19 @@ def _observe(block, first, lane, observe, w, t, x_old, k_old, m_old, values):
         _call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values[part % 3])
         for q in range(values.shape[1]):
             value, middle, before = values[part % 3, q], values[(part + 2) % 3, q], values[(part + 1) % 3, q]
+            low, high = value, value
             if part > 1 and (middle - before) * (value - middle) < 0.0:  # the vertex of the parabola
                 middle -= (value - before) ** 2 / (8.0 * (value - 2.0 * middle + before))
-                block[first + 3 * q, lane] = min(block[first + 3 * q, lane], middle)
-                block[first + 3 * q + 1, lane] = max(block[first + 3 * q + 1, lane], middle)
-            block[first + 3 * q, lane] = min(block[first + 3 * q, lane], value)
-            block[first + 3 * q + 1, lane] = max(block[first + 3 * q + 1, lane], value)
-            block[first + 3 * q + 2, lane] += weight * value
+                low, high = min(value, middle), max(value, middle)
+            for v in range(windows):
+                if block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]:
+                    place = rows[MEASURED] + 3 * (q * windows + v)
+                    block[place, lane] = min(block[place, lane], low)
+                    block[place + 1, lane] = max(block[place + 1, lane], high)
+                    block[place + 2, lane] += weight * value
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     ne = w.ints[NE]
@@ -238,7 +268,7 @@ def _event(w, t):
     return PAUSED
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _begin(scalar, w, rest, parameters, start, steps):
     """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
     w.p[: parameters.size] = parameters
@@ -256,188 +286,189 @@ def _begin(scalar, w, rest, parameters, start, steps):
     return _alone(scalar, w, steps)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
     w.ints[BUDGET], w.ints[RECORDS] = steps, 0
     return _call_scalar(scalar, w)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
-def _stay(since, until, window):
-    """Length of a stay inside the window."""
-    return max(min(until, window[1]) - max(since, window[0]), 0.0)
+def _made(stamp: int) -> Any:
+    """The compiled loop; `stamp` enters the key of its cache."""
 
+    # fmt: off
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def run(address, settle, observe, scalar, block, waiting, rows, w, parameters, starts, first, last, windows, asked, x_end, m_end, statuses, counts,
+            lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
+        # fmt: on
+        """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-# fmt: off
-@njit(cache=True, nogil=True, error_model="numpy")
-def run(address, settle, observe, scalar, block, waiting, rows, w, parameters, starts, first, last, window, x_end, m_end, statuses, counts, stuck,
-        last_stick, measured, ev_t, ev_i, ev_m):
-    # fmt: on
-    """Run the scenarios `first` to `last` - 1 in the lanes of one block.
-
-    address, settle, observe, scalar: of the pass, the settling of events (0 for none), the signals and the scalar loop;  waiting: the row of that name as
-    integers;  parameters, starts: one row per scenario;
-    window: (after, until) [s] of what is measured;  x_end, m_end, statuses: what each ends with;  counts: steps, refused steps, switches, merged events,
-    and steps that the scalar loop took;  stuck, last_stick: time in mode 0 in the window, and when mode 0 was left last (the end where it was not, NaN where it
-    never was), per element;  ev_*: the first switches of every scenario, as many as there is room for.
-    """
-    w = _borrowed_all(w)
-    width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
-    scenario = np.full(width, -1, np.int64)
-    p = np.zeros((width, w.p.size))
-    modes = np.zeros((width, ne))
-    few = max(width // 5, 2)
-    last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
-    since = np.zeros((width, ne))
-    happened = np.zeros(width, np.bool_)
-    x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
-    signals = measured.shape[1]
-    values = np.zeros((3, signals))
-    end = w.reals[END]
-    rest = w.p.copy()
-    block[:] = 0.0
-    block[STOP_ROW, :] = np.inf
-    block[LONGEST_ROW, :] = w.reals[LONGEST]
-    block[END_ROW, :] = end
-    block[RTOL_ROW, :] = w.reals[RTOL]
-    block[rows[AFTER], :] = window[0]
-    block[FLAG_ROW, :] = STOP
-    waiting[0] = 1
-    following, running = first, 0
-    while True:
-        settled = False
-        if settle != 0 and waiting[0] != 0:
-            events = 0
-            for lane in range(width):
-                if block[FLAG_ROW, lane] == EVENT and scenario[lane] >= 0:
-                    happened[lane] = True
-                    events += 1
-            settled = events >= few or events == running
-            if settled:
-                call_block(settle, block)
-        for lane in range(width if waiting[0] != 0 else 0):
-            flag = np.int64(block[FLAG_ROW, lane])
-            s = scenario[lane]
-            if s >= 0 and settled and flag == GOES_ON and happened[lane]:
-                happened[lane] = False
-                t = block[TIME_ROW, lane]
-                changed = False
-                for i in range(ne):
-                    mode = block[rows[M] + i, lane]
-                    if mode == modes[lane, i]:
-                        continue
-                    changed = True
-                    if modes[lane, i] == 0.0:
-                        stuck[s, i] += _stay(since[lane, i], t, window)
-                        last_stick[s, i] = t
-                    if mode == 0.0:
-                        since[lane, i] = t
-                    if counts[s, 2] < ev_t.shape[1]:
-                        ev_t[s, counts[s, 2]] = t
-                        ev_i[s, counts[s, 2]] = i
-                        ev_m[s, counts[s, 2]] = np.int8(mode)
-                    counts[s, 2] += 1
-                    modes[lane, i] = mode
-                counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
-                close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), end) else 0
-                last_event[lane] = t
-                if close[lane] <= 50 + 20 * ne:
-                    continue
-                _gather_point(block, rows, lane, w, p)
-                flag = ENDLESS_FLAG
-            if flag == GOES_ON or (s < 0 and following >= last):
-                continue
-            if flag == EVENT and settle != 0 and s >= 0:
-                if not settled:
-                    continue  # until a few lanes wait together
-                happened[lane] = False
-            status = DONE
-            w.ints[EVENTS], w.ints[MERGED] = 0, 0
-            if flag == ENDLESS_FLAG:
-                status = ENDLESS
-            elif s >= 0:
-                t = block[TIME_ROW, lane]
-                _gather_point(block, rows, lane, w, p)
-                if flag == ROUND_OFF:
-                    _round_off(w)
-                    for i in range(n):
-                        block[rows[NOISE] + i, lane] = w.noise[i]
-                    block[FLAG_ROW, lane] = GOES_ON
-                    if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                        continue
-                    status = PAUSED
-                elif flag != STOP or t < end:
-                    _gather_history(block, rows, lane, w)
-                    w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
-                    if flag == EVENT:
-                        w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
-                        status = _event(w, t)
-                    else:
-                        counts[s, 4] += flag == ALONE
-                        for i in range(n):
-                            x_old[i], k_old[i] = w.x[i], w.k[i]
-                        for i in range(ne):
-                            m_old[i] = w.m[i]
-                        if flag == ALONE and t < window[0] < t + w.reals[STEP_SIZE]:
-                            w.reals[STEP_SIZE] = window[0] - t
-                        status = _alone(scalar, w, 1 if flag == ALONE else 0)
-                        if measured.shape[1] > 0 and t >= window[0] and w.reals[TIME] > t:
-                            _observe(block, rows[MEASURED], lane, observe, w, t, x_old, k_old, m_old, values)
-                        _put_parameters(block, rows, lane, w, p)
-            while True:  # ends with a lane that goes on, or with none left to begin
-                if s >= 0:
-                    for e in range(w.ints[EVENTS]):
-                        i, t = w.ev_i[e], w.ev_t[e]
-                        if w.ev_m[e, 0] == 0:
-                            stuck[s, i] += _stay(since[lane, i], t, window)
-                            last_stick[s, i] = t
-                        if w.ev_m[e, 1] == 0:
-                            since[lane, i] = t
+        address, settle, observe, scalar: of the pass, the settling of events (0 for none), the signals and the scalar loop;  waiting: the row of that name as
+        integers;  parameters, starts: one row per scenario;
+        windows: (begin, end) of each, whose inner edges the steps end on;  asked: rows (element, mode, begin, end of the window);  x_end, m_end, statuses:
+        what each ends with;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the arrays of a
+        `toolbox.tally.Readings`;  doubt: whether extrema are doubtful (see `toolbox.lanes_observe`);  ev_*: the first switches of every scenario, as many
+        as there is room for.
+        """
+        w = _borrowed_all(w)
+        width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
+        scenario = np.full(width, -1, np.int64)
+        p = np.zeros((width, w.p.size))
+        modes = np.zeros((width, ne))
+        few = max(width // 5, 2)
+        last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
+        since = np.zeros((width, ne))
+        happened = np.zeros(width, np.bool_)
+        x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+        signals, views = lowest.shape[1], lowest.shape[2]
+        values = np.zeros((3, signals))
+        cuts = windows.ravel() if stamp >= 0 else np.zeros(0)  # the number has to be used
+        end = w.reals[END]
+        rest = w.p.copy()
+        block[:] = 0.0
+        block[STOP_ROW, :] = np.inf
+        block[LONGEST_ROW, :] = w.reals[LONGEST]
+        block[END_ROW, :] = end
+        block[RTOL_ROW, :] = w.reals[RTOL]
+        block[FLAG_ROW, :] = STOP
+        waiting[0] = 1
+        following, running = first, 0
+        while True:
+            settled = False
+            if settle != 0 and waiting[0] != 0:
+                events = 0
+                for lane in range(width):
+                    if block[FLAG_ROW, lane] == EVENT and scenario[lane] >= 0:
+                        happened[lane] = True
+                        events += 1
+                settled = events >= few or events == running
+                if settled:
+                    call_block(settle, block)
+            for lane in range(width if waiting[0] != 0 else 0):
+                flag = np.int64(block[FLAG_ROW, lane])
+                s = scenario[lane]
+                if s >= 0 and settled and flag == GOES_ON and happened[lane]:
+                    happened[lane] = False
+                    t = block[TIME_ROW, lane]
+                    changed = False
+                    for i in range(ne):
+                        mode = block[rows[M] + i, lane]
+                        if mode == modes[lane, i]:
+                            continue
+                        changed = True
+                        note_end(i, modes[lane, i], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
                         if counts[s, 2] < ev_t.shape[1]:
                             ev_t[s, counts[s, 2]] = t
                             ev_i[s, counts[s, 2]] = i
-                            ev_m[s, counts[s, 2]] = w.ev_m[e, 1]
+                            ev_m[s, counts[s, 2]] = np.int8(mode)
                         counts[s, 2] += 1
-                    counts[s, 3] += w.ints[MERGED]
-                    if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                        _scatter(block, rows, lane, w, _next_stop(w, window[0]))
-                        for i in range(ne):
-                            modes[lane, i] = w.m[i]
-                        last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
-                        break
-                    for i in range(ne):
-                        if w.m[i] == 0.0:
-                            stuck[s, i] += _stay(since[lane, i], w.reals[TIME], window)
-                            last_stick[s, i] = w.reals[TIME]
-                        m_end[s, i] = w.m[i]
-                    for i in range(x_end.shape[1]):
-                        x_end[s, i] = w.x[i]
-                    for q in range(signals):
-                        for i in range(3):
-                            measured[s, q, i] = block[rows[MEASURED] + 3 * q + i, lane]
-                    statuses[s] = status
-                    counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
-                    running -= 1
-                if following >= last:
-                    scenario[lane] = -1
-                    block[:, lane] = 0.0
-                    block[STOP_ROW, lane] = np.inf
-                    block[rows[AFTER], lane] = np.inf
-                    break
-                s = following
-                following += 1
-                running += 1
-                scenario[lane] = s
+                        modes[lane, i] = mode
+                    counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
+                    close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), end) else 0
+                    last_event[lane] = t
+                    if close[lane] <= 50 + 20 * ne:
+                        continue
+                    _gather_point(block, rows, lane, w, p)
+                    flag = ENDLESS_FLAG
+                if flag == GOES_ON or (s < 0 and following >= last):
+                    continue
+                if flag == EVENT and settle != 0 and s >= 0:
+                    if not settled:
+                        continue  # until a few lanes wait together
+                    happened[lane] = False
+                status = DONE
                 w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                status = _begin(scalar, w, rest, parameters[s], starts[s], 0)
-                _put_parameters(block, rows, lane, w, p)
-                for i in range(ne):
-                    since[lane, i] = 0.0
-                for q in range(signals):
-                    block[rows[MEASURED] + 3 * q, lane] = np.inf
-                    block[rows[MEASURED] + 3 * q + 1, lane] = -np.inf
-                    block[rows[MEASURED] + 3 * q + 2, lane] = 0.0
-        if running == 0:
-            return
-        call_block(address, block)
+                if flag == ENDLESS_FLAG:
+                    status = ENDLESS
+                elif s >= 0:
+                    t = block[TIME_ROW, lane]
+                    _gather_point(block, rows, lane, w, p)
+                    if flag == ROUND_OFF:
+                        _round_off(w)
+                        for i in range(n):
+                            block[rows[NOISE] + i, lane] = w.noise[i]
+                        block[FLAG_ROW, lane] = GOES_ON
+                        if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                            continue
+                        status = PAUSED
+                    elif flag != STOP or t < end:
+                        _gather_history(block, rows, lane, w)
+                        w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
+                        if flag == EVENT:
+                            w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
+                            status = _event(w, t)
+                        else:
+                            counts[s, 4] += flag == ALONE
+                            for i in range(n):
+                                x_old[i], k_old[i] = w.x[i], w.k[i]
+                            for i in range(ne):
+                                m_old[i] = w.m[i]
+                            for cut in cuts:
+                                if flag == ALONE and t < cut * (1.0 - SLACK) < t + w.reals[STEP_SIZE]:
+                                    w.reals[STEP_SIZE] = cut - t
+                            status = _alone(scalar, w, 1 if flag == ALONE else 0)
+                            if signals > 0 and w.reals[TIME] > t:
+                                _observe(block, rows, lane, views, observe, w, t, x_old, k_old, m_old, values)
+                            _put_parameters(block, rows, lane, w, p)
+                while True:  # ends with a lane that goes on, or with none left to begin
+                    if s >= 0:
+                        for e in range(w.ints[EVENTS]):
+                            i, t = w.ev_i[e], w.ev_t[e]
+                            note_end(i, w.ev_m[e, 0], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
+                            if counts[s, 2] < ev_t.shape[1]:
+                                ev_t[s, counts[s, 2]] = t
+                                ev_i[s, counts[s, 2]] = i
+                                ev_m[s, counts[s, 2]] = w.ev_m[e, 1]
+                            counts[s, 2] += 1
+                        counts[s, 3] += w.ints[MERGED]
+                        if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                            _scatter(block, rows, lane, w, _next_stop(w, cuts))
+                            for i in range(ne):
+                                modes[lane, i] = w.m[i]
+                            last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
+                            break
+                        for i in range(ne):
+                            note_end(i, w.m[i], w.reals[TIME], False, since[lane], asked, spent[s], number[s], latest[s], switches[s])
+                            m_end[s, i] = w.m[i]
+                        for i in range(x_end.shape[1]):
+                            x_end[s, i] = w.x[i]
+                        if signals > 0:
+                            _call(observe, w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
+                            doubt[s] = block[rows[DOUBT], lane] != 0.0
+                        for q in range(signals):
+                            ends[s, q] = values[0, q]
+                            for v in range(views):
+                                place = rows[MEASURED] + 3 * (q * views + v)
+                                lowest[s, q, v], highest[s, q, v], integral[s, q, v] = block[place, lane], block[place + 1, lane], block[place + 2, lane]
+                        statuses[s] = status
+                        counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
+                        running -= 1
+                    if following >= last:
+                        scenario[lane] = -1
+                        block[:, lane] = 0.0
+                        block[STOP_ROW, lane] = np.inf
+                        break
+                    s = following
+                    following += 1
+                    running += 1
+                    scenario[lane] = s
+                    w.ints[EVENTS], w.ints[MERGED] = 0, 0
+                    status = _begin(scalar, w, rest, parameters[s], starts[s], 0)
+                    _put_parameters(block, rows, lane, w, p)
+                    for i in range(ne):
+                        since[lane, i] = 0.0
+                    block[rows[DOUBT], lane] = 0.0
+                    for v in range(views):
+                        for i in range(2):
+                            block[rows[EDGES] + 2 * v + i, lane] = windows[v, i] * (1.0 - SLACK)
+                        for q in range(signals):
+                            place = rows[MEASURED] + 3 * (q * views + v)
+                            block[place, lane], block[place + 1, lane], block[place + 2, lane] = np.inf, -np.inf, 0.0
+            if running == 0:
+                return
+            call_block(address, block)
+
+    return run
+
+
+run = _made(checksum(loop, tally_loop))

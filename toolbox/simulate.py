@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import sys
 import time as clock
 import zlib
 from collections.abc import Mapping, Sequence
@@ -22,6 +21,7 @@ from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
+from toolbox.machine_cache import announce
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
@@ -162,7 +162,9 @@ def checked_run(
         if method != "time-stepping":
             raise SceneError(f"Argument `step` must come with method='time-stepping', but the method is {method!r}.")
         if not is_finite_number(step) or not step > 0 or duration / step > budget.steps:
-            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / budget.steps:.2g} s, {budget.steps} steps, but it is {step!r}.")
+            raise SceneError(
+                f"Argument `step` must be > 0 s and at least {duration / budget.steps:.2g} s, {budget.steps} steps, but it is {step!r}."
+            )
         step = float(step)
     if width is not None and method != "smoothed":
         raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
@@ -305,7 +307,9 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             kinds.append((name, "number"))
             value = float(value)
         else:
-            raise SceneError(f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}.")
+            raise SceneError(
+                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}."
+            )
         if name in system.parameters:
             system.parameters[name].check(np.array(_range(value)))
         values[name] = value
@@ -317,9 +321,6 @@ def _range(value: Any) -> tuple[float, ...]:
     if isinstance(value, Table):
         return float(value.values.min()), float(value.values.max())
     return value.range() if isinstance(value, Shape) else () if isinstance(value, ca.SX) else (value,)
-
-
-_LOADED: list[Any] = []
 
 
 def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
@@ -335,15 +336,7 @@ def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
 
         name, advance = "loop of time stepping", stepping_loop.advance
 
-    if advance not in _LOADED:
-        _LOADED.append(advance)
-        try:
-            target = advance.targetctx.codegen().magic_tuple()
-            known = any(target in key for key in advance._cache._cache_file._load_index())
-        except AttributeError:  # another version of numba keeps its index elsewhere
-            known = True
-        if not known:
-            print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+    if announce(advance, name):
         empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
         advance(empty)
     return loop, advance
@@ -420,7 +413,9 @@ def _run(run: Run) -> Trajectory:
                 if bar is None and spent > 1.0:
                     from tqdm import tqdm
 
-                    bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
+                    bar = tqdm(
+                        total=run.duration, unit="s", unit_scale=True, leave=False, disable=None
+                    )  # silent where stderr is no terminal
                 if bar is not None:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
@@ -460,7 +455,8 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(
-                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
+                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?",
+                run,
             )
     return run
 
@@ -606,9 +602,7 @@ def _grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:
     return work._replace(**bigger)
 
 
-def _sample(
-    loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
-) -> None:
+def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
@@ -680,11 +674,17 @@ def _failure(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
             name = names[int(np.argmin(bounds))]
-            return SimulationError(f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far)
+            return SimulationError(
+                f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
+            )
     if status == loop.ENDLESS:
         return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.INCONSISTENT:
-        inside = [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0] if t == 0.0 else []
+        inside = (
+            [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
+            if t == 0.0
+            else []
+        )
         if inside:
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
@@ -695,7 +695,8 @@ def _failure(
     if not np.isfinite(work.y[: len(labels)]).all():
         name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
         return SimulationError(
-            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.", so_far
+            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.",
+            so_far,
         )
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:

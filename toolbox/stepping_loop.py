@@ -1,14 +1,12 @@
 """The loop of time stepping: fixed steps, modes by pivoting, samples, inputs and outputs, compiled once per machine (see `toolbox.time_stepping`).
 
-It shares the arrays and the small functions of the event loop. Numba's cache does not see edits in another file, so the compiled loop is kept under the number
-of that file's text, too.
+It shares the arrays and the small functions of the event loop. It is kept under the number of that file's text, too (see
+`toolbox.machine_cache`).
 """
 
 from __future__ import annotations
 
 import math
-import zlib
-from pathlib import Path
 from typing import Any
 
 from numba import njit
@@ -48,9 +46,10 @@ from toolbox.loop import (
     _record,
     _samples,
 )  # fmt: skip
+from toolbox.machine_cache import checksum
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _event(w, t, i, before, after):
     """Note a switch of element i."""
     e = w.ints[EVENTS]
@@ -59,7 +58,7 @@ def _event(w, t, i, before, after):
     w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _switches(w, t):
     """Turn the switches whose guards are negative at the begin of a step; those that turn others follow."""
     n, ne = w.ints[N], w.ints[NE]
@@ -77,7 +76,7 @@ def _switches(w, t):
             _event(w, t, i, w.before[i], w.m[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _agrees(w, i):
     """Whether the mode of element i agrees with the trial step in `y`; where it does not, it is changed. held[i]: 1 where a contact is thrown back."""
     n, ne = w.ints[N], w.ints[NE]
@@ -109,7 +108,7 @@ def _agrees(w, i):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _step(w, t, h):
     """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
     n, ne = w.ints[N], w.ints[NE]
@@ -258,4 +257,4 @@ def _made(stamp: int) -> Any:
     return advance
 
 
-advance = _made(zlib.crc32(Path(loop.__file__).read_bytes()) & 0x7FFFFFFF)
+advance = _made(checksum(loop))

@@ -137,29 +137,28 @@ def events(element: str, after: float = 0.0, until: float | None = None) -> Meas
     return Measure("events", element, after, until)
 
 
-# ---------------------------------------------------------------------------------------------------------------------------------- one by one
-class Tally:
-    """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
+# --------------------------------------------------------------------------------------------------------------------------- where they are read
+class Layout:
+    """Where measures of one program are read: `signals` in `windows` (begin, end), and `asked` stays and switches (element, mode, begin, end).
 
-    One for each thread. `bounds` are the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused.
+    Behind the signals come the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused. `count` of both.
     """
 
-    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
-        from toolbox import loop, tally_loop
-
-        self.loop, self.loops, self.program, self.measures, self.duration = loop, tally_loop, program, tuple(measures), duration
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float):
+        self.program, self.measures, self.duration = program, tuple(measures), duration
         spans = [(float(m.after), duration if m.until is None else float(m.until)) for m in self.measures]
         of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.kind in _OF_SIGNALS]
-        self.signals = list(dict.fromkeys(m.of for m, _ in of_signals))
+        self.signals = tuple(dict.fromkeys(m.of for m, _ in of_signals))
         windows = list(dict.fromkeys(span for _, span in of_signals))
-        if program.varying and (0.0, duration) not in windows:
+        varying = program.varying if measures else []
+        if varying and (0.0, duration) not in windows:
             windows.append((0.0, duration))
         self.windows = np.array(windows, float).reshape(-1, 2)
         self.places = [
             (self.signals.index(m.of), windows.index(span)) if m.kind in _OF_SIGNALS else None
             for m, span in zip(self.measures, spans, strict=True)
         ]
-        self.whole = windows.index((0.0, duration)) if program.varying else 0
+        self.whole = windows.index((0.0, duration)) if varying else 0
         names = [element.name for element in program.system.elements]
         self.rows = [-1] * len(self.measures)
         asked: list[tuple[float, ...]] = []
@@ -170,73 +169,149 @@ class Tally:
                 self.rows[q] = len(asked)
                 asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
         self.asked = np.array(asked, float).reshape(-1, 4)
-        count = self.count = len(self.signals) + len(program.varying)
-        machine = program.machine
-        field, step, project, *_ = machine.addresses
-        self.addresses = np.array([field, step, project, _compiled(program, tuple(self.signals)) if count else 0], np.int64)
+        self.count = len(self.signals) + len(varying)
+
+    def values(self, found: Readings) -> np.ndarray:
+        """The measures, shape (..., measures)."""
+        return (
+            np.stack([self._value(q, m, found) for q, m in enumerate(self.measures)], axis=-1)
+            if self.measures
+            else np.zeros((*found.ends.shape[:-1], 0))
+        )
+
+    def _value(self, q: int, m: Measure, found: Readings) -> Any:
+        place = self.places[q]
+        if place is not None:
+            if m.kind == "final":
+                return found.ends[..., place[0]]
+            low, high = found.lowest[..., place[0], place[1]], found.highest[..., place[0], place[1]]
+            if m.kind in ("minimum", "maximum"):
+                return low if m.kind == "minimum" else high
+            begin, end = self.windows[place[1]]
+            average = np.minimum(np.maximum(found.integral[..., place[0], place[1]] / (end - begin), low), high)
+            if m.kind == "mean":
+                return average
+            extents = zip(low.ravel().tolist(), high.ravel().tolist(), average.ravel().tolist(), strict=True)
+            ratios = [severity_of(Extent(*extent, math.nan, math.nan), m.definition, m.reference) for extent in extents]
+            return np.array(ratios).reshape(low.shape)
+        row = self.rows[q]
+        if m.kind == "ratio":
+            return found.spent[..., row] / (self.asked[row, 3] - self.asked[row, 2])
+        return {"time": found.spent, "stays": found.number, "last": found.latest, "events": found.switches}[m.kind][..., row]
+
+    def negative(self, found: Readings) -> np.ndarray:
+        """Which of the bounds that vary in time were negative, shape (..., bounds)."""
+        if self.count == len(self.signals):
+            return np.zeros((*found.ends.shape[:-1], 0), bool)
+        low, high = (each[..., len(self.signals) :, self.whole] for each in (found.lowest, found.highest))
+        return low < -1e-9 * np.maximum(np.abs(low), np.abs(high))
+
+    def broken_bound(self, found: Readings) -> str | None:
+        """What is wrong with a bound of friction that was negative during a run; None where none was."""
+        for k in np.flatnonzero(self.negative(found)):
+            name, low = self.program.system.elements[self.program.varying[k]].name, found.lowest[len(self.signals) + k, self.whole]
+            return f"The bound of `{name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
+        return None
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was read of a run, or of several along leading axes.
+
+    lowest, highest, integral: of every signal in every window, shape (..., count, windows);  ends: of every signal, shape (..., count);  spent, number,
+    latest, switches: seconds, stays, end of the last stay [s] and events, shape (..., asked).
+    """
+
+    lowest: np.ndarray
+    highest: np.ndarray
+    integral: np.ndarray
+    ends: np.ndarray
+    spent: np.ndarray
+    number: np.ndarray
+    latest: np.ndarray
+    switches: np.ndarray
+
+    @staticmethod
+    def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
+        """Of nothing yet."""
+        extents = (np.inf, -np.inf, 0.0)
+        return Readings(
+            *(np.full((*runs, layout.count, len(layout.windows)), value) for value in extents),
+            np.zeros((*runs, layout.count)),
+            *(np.full((*runs, len(layout.asked)), value) for value in (0.0, 0.0, np.nan, 0.0)),
+        )
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- one by one
+class Tally:
+    """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
+
+    One for each thread.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
+        from toolbox import loop, tally_loop
+
+        self.loop, self.loops, self.program = loop, tally_loop, program
+        self.layout = Layout(program, measures, duration)
+        self.found = Readings.of(self.layout)
+        count = self.layout.count
+        field, step, project, *_ = program.machine.addresses
+        self.addresses = np.array([field, step, project, _compiled(program, self.layout.signals) if count else 0], np.int64)
         self.tolerance = 10.0 * accuracy
         self.p = np.empty(program.p_size)
-        self.size, self.ends = np.zeros(count), np.zeros(count)
-        self.lowest, self.highest, self.integral = (np.zeros((count, len(windows))) for _ in range(3))
-        self.since = np.zeros(len(names))
-        self.spent, self.number, self.latest, self.switches = (np.zeros(len(asked)) for _ in range(4))
+        self.size = np.zeros(count)
+        self.since = np.zeros(program.machine.elements)
 
     def begin(self) -> None:
         """Forget the run before."""
-        for array in (self.size, self.ends, self.integral, self.since, self.spent, self.number, self.switches):
+        found = self.found
+        for array in (self.size, found.ends, found.integral, self.since, found.spent, found.number, found.switches):
             array[:] = 0.0
-        self.lowest[:], self.highest[:], self.latest[:] = np.inf, -np.inf, np.nan
+        found.lowest[:], found.highest[:], found.latest[:] = np.inf, -np.inf, np.nan
 
     def read(self, work: Any, finished: bool) -> None:
         """Take in the recorded nodes and events and make room for more."""
-        loop, ints, machine = self.loop, work.ints, self.program.machine
-        if self.count:
+        loop, ints, machine, layout, found = self.loop, work.ints, self.program.machine, self.layout, self.found
+        if layout.count:
             self.p[:] = work.p
             self.loops.read_nodes(
-                self.addresses, machine.states, machine.elements, machine.guards, self.count, work.rec_t, work.rec_x, work.rec_m, work.rec_p,
-                ints[loop.RECORDS], self.p, self.program.first_held, self.windows, self.tolerance, self.size, self.lowest, self.highest,
-                self.integral, self.ends,
+                self.addresses, machine.states, machine.elements, machine.guards, layout.count, work.rec_t, work.rec_x, work.rec_m, work.rec_p,
+                ints[loop.RECORDS], self.p, self.program.first_held, layout.windows, self.tolerance, self.size, found.lowest, found.highest,
+                found.integral, found.ends,
             )  # fmt: skip
         r = ints[loop.RECORDS] - 1
         if r > 0:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
             ints[loop.RECORDS] = 1
-        if len(self.asked):
+        if len(layout.asked):
             self.loops.read_events(
-                work.ev_t, work.ev_i, work.ev_m, ints[loop.EVENTS], finished, work.reals[loop.TIME], work.m, self.since, self.asked, self.spent,
-                self.number, self.latest, self.switches,
+                work.ev_t, work.ev_i, work.ev_m, ints[loop.EVENTS], finished, work.reals[loop.TIME], work.m, self.since, layout.asked, found.spent,
+                found.number, found.latest, found.switches,
             )  # fmt: skip
         ints[loop.EVENTS] = 0
 
     def values(self) -> np.ndarray:
         """The measures of the finished run, shape (measures,)."""
-        return np.array([self._value(q, m) for q, m in enumerate(self.measures)], float)
-
-    def _value(self, q: int, m: Measure) -> float:
-        place = self.places[q]
-        if place is not None:
-            if m.kind == "final":
-                return self.ends[place[0]]
-            low, high = self.lowest[place], self.highest[place]
-            if m.kind in ("minimum", "maximum"):
-                return low if m.kind == "minimum" else high
-            begin, end = self.windows[place[1]]
-            average = min(max(self.integral[place] / (end - begin), low), high)
-            return average if m.kind == "mean" else severity_of(Extent(low, high, average, math.nan, math.nan), m.definition, m.reference)
-        row = self.rows[q]
-        if m.kind == "ratio":
-            return self.spent[row] / (self.asked[row, 3] - self.asked[row, 2])
-        return {"time": self.spent, "stays": self.number, "last": self.latest, "events": self.switches}[m.kind][row]
+        return self.layout.values(self.found)
 
     @property
     def broken_bound(self) -> str | None:
         """What is wrong with a bound of friction that was negative during the run; None where none was."""
-        for k, i in enumerate(self.program.varying, len(self.signals)):
-            low, high = self.lowest[k, self.whole], self.highest[k, self.whole]
-            if low < -1e-9 * max(abs(low), abs(high)):
-                return f"The bound of `{self.program.system.elements[i].name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
-        return None
+        return self.layout.broken_bound(self.found)
+
+
+def observed(program: Program, signals: Sequence[str]) -> ca.SX:
+    """Signals, then bounds that vary in time, in terms of t, x, p and the modes."""
+    system = program.system
+    _, u, force = program.expressions
+    rows = {name: system.rows(name) for name in signals}
+    chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
+    value = ca.vertcat(*chosen, *[system.elements[i].static for i in program.varying])
+    if system.elements:
+        value = ca.substitute(value, system.F, force)
+    return ca.substitute(value, system.u, u) if system.inputs else value
 
 
 def _compiled(program: Program, signals: tuple[str, ...]) -> int:
@@ -244,15 +319,8 @@ def _compiled(program: Program, signals: tuple[str, ...]) -> int:
     key = f"tally of {signals}"
     found = program.outputs.get(key)
     if found is None:
-        system = program.system
-        p, u, force = program.expressions
-        rows = {name: system.rows(name) for name in signals}
-        chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
-        value = ca.vertcat(*chosen, *[system.elements[i].static for i in program.varying])
-        if system.elements:
-            value = ca.substitute(value, system.F, force)
-        if system.inputs:
-            value = ca.substitute(value, system.u, u)
+        system, p = program.system, program.expressions[0]
+        value = observed(program, signals)
         field = program.form.field[: system.x.numel()]
         terms = [value]
         for _ in range(2):

@@ -162,26 +162,30 @@ def read_nodes(
                 top -= 1
 
 
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def note_end(i, was, t, switched, since, asked, spent, number, latest, switches):
+    """Add a stay of element i in mode `was`, which ends at t, by a switch or with the run."""
+    for q in range(asked.shape[0]):
+        if asked[q, 0] != i:
+            continue
+        if switched and asked[q, 2] <= t <= asked[q, 3]:
+            switches[q] += 1
+        first, last = max(since[i], asked[q, 2]), min(t, asked[q, 3])
+        if was == asked[q, 1] and first < last:
+            spent[q] += last - first
+            if latest[q] != first:  # a stay that is left and taken up at one instant is one
+                number[q] += 1
+            latest[q] = last
+    since[i] = t
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def read_events(time, index, modes, count, finished, end, m, since, asked, spent, number, latest, switches):
     """Stays and switches from `count` recorded events, added to what the arrays hold; when `finished`, the last stays end at `end` in the modes m.
 
     asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element.
     """
-    for e in range(count + (since.size if finished else 0)):
-        if e < count:
-            t, i, was = time[e], index[e], modes[e, 0]
-        else:
-            t, i, was = end, e - count, np.int8(m[e - count])
-        for q in range(asked.shape[0]):
-            if asked[q, 0] != i:
-                continue
-            if e < count and asked[q, 2] <= t <= asked[q, 3]:
-                switches[q] += 1
-            first, last = max(since[i], asked[q, 2]), min(t, asked[q, 3])
-            if was == asked[q, 1] and first < last:
-                spent[q] += last - first
-                if latest[q] != first:  # a stay that is left and taken up at one instant is one
-                    number[q] += 1
-                latest[q] = last
-        since[i] = t
+    for e in range(count):
+        note_end(index[e], modes[e, 0], time[e], True, since, asked, spent, number, latest, switches)
+    for i in range(since.size if finished else 0):
+        note_end(i, np.int8(m[i]), end, False, since, asked, spent, number, latest, switches)

@@ -1,4 +1,4 @@
-"""Many runs that differ in numbers alone: compiled once, run one after the other in one set of arrays, measured as they go.
+"""Many runs that differ in numbers alone: compiled once, run one after the other in one set of arrays, or many at once in lanes, measured as they go.
 
 `finished(task)` is all that a worker does, whether it is a thread, a process or another machine: a task holds parts, laws and numbers, never an
 address of machine code, which every process makes or loads for itself.
@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SimulationError
+from toolbox.kernel import UNROLLED
 from toolbox.program import program_of
-from toolbox.simulate import Run, _compiled_loop, _exhausted, _failure, _run, _work, pair_of
+from toolbox.runge_kutta import DOP853
+from toolbox.simulate import UNHURRIED, Run, _compiled_loop, _exhausted, _failure, _run, _work, pair_of
 from toolbox.tally import Measure, Tally
 from toolbox.trajectory import Trajectory
 
@@ -32,7 +34,8 @@ class Task:
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
     states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
-    of `run`;  measures: read by a `Tally`, or called with the trajectory;  first: index of the first run among all.
+    of `run`;  measures: read by a `Tally`, or called with the trajectory;  first: index of the first run among all;  lanes: whether the
+    runs are to step side by side.
     """
 
     run: Run
@@ -42,6 +45,7 @@ class Task:
     memories: np.ndarray | None = None
     held: np.ndarray | None = None
     first: int = 0
+    lanes: bool = False
 
     def part(self, rows: slice) -> Task:
         """The task of some of the runs."""
@@ -53,12 +57,13 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What n runs gave: values of the measures, shape (n, measures), nan for a run that failed; why, by index among all; seconds it took."""
+    """What n runs gave: values of the measures, shape (n, measures), nan for a run that failed; why, by index among all; seconds and steps it took."""
 
     first: int
     values: np.ndarray
     errors: dict[int, str]
     seconds: float
+    steps: int = 0
 
 
 def finished(task: Task) -> Outcome:
@@ -66,21 +71,71 @@ def finished(task: Task) -> Outcome:
     began = clock.perf_counter()
     values = np.full((len(task.numbers), len(task.measures)), np.nan)
     errors: dict[int, str] = {}
-    run = task.run
+    run, steps = task.run, 0
     dialled = run.method in ("time-stepping", "smoothed", "auto")  # their step or width is refined, run by run
     if run.laws or dialled or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
         _one_by_one(task, values, errors)
+    elif task.lanes:
+        _side_by_side(task, values, errors)
     else:
-        _in_a_row(task, values, errors)
-    return Outcome(task.first, values, errors, clock.perf_counter() - began)
+        steps = _in_a_row(task, values, errors)
+    return Outcome(task.first, values, errors, clock.perf_counter() - began, steps)
 
 
 _PREPARING = threading.Lock()
 """Threads that begin together compile once; the symbols of casadi are shared by all of them."""
 
 
-def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+FEWEST_LANES = 100
+"""Runs below which most lanes stand empty."""
+
+LANES_WORK = 1.5e9
+"""Instructions of runs one after the other, about a second, that the compilation of a block of lanes is worth."""
+
+
+def pays_in_lanes(task: Task, steps: int) -> bool:
+    """Whether the runs of a task, of about so many steps each, are done sooner in lanes, and can be: decided by counts, so that every machine decides alike.
+
+    Lanes take explicit methods without sampled laws. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
+    load; and while the step is a straight line of instructions.
+    """
     run = task.run
+    if run.method != "explicit" or run.system.updates or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+        return False
+    if not all(isinstance(measure, Measure) for measure in task.measures):
+        return False
+    from toolbox.lanes_settle import carries_events
+
+    machine = (program := program_of(run.system, run.kinds, pair_of(run))).machine
+    if machine.states * len(DOP853.b) > UNROLLED or (machine.elements and not carries_events(program)):
+        return False
+    return float(len(task.numbers)) * steps * machine.cost > LANES_WORK
+
+
+def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+    """Run a task in lanes; what fails there, or is doubtful, is run again alone, which finds the words for it."""
+    from toolbox.lanes import Lanes
+
+    run = task.run
+    with _PREPARING:
+        lanes = Lanes(run, task.measures)  # type: ignore[arg-type]
+    starts = task.starts
+    if starts is None:
+        starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(task.numbers), 1))
+    batch = lanes.run(task.numbers, starts)
+    values[:] = batch.values
+    again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
+    if again.size:
+        alone = dataclasses.replace(task, numbers=task.numbers[again], starts=starts[again], first=0)
+        rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
+        _in_a_row(alone, rows, found)
+        values[again] = rows
+        errors |= {task.first + int(again[i]): text for i, text in found.items()}
+
+
+def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
+    """Run a task, one run after the other; returns the steps that were tried."""
+    run, tried = task.run, 0
     with _PREPARING:
         program = program_of(run.system, run.kinds, pair_of(run))
         loop, advance = _compiled_loop(run, program)
@@ -119,6 +174,8 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
                 else:
                     errors[task.first + i] = broken
                 break
+        tried += int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+    return tried
 
 
 def single(task: Task, i: int) -> Run:

@@ -117,16 +117,11 @@ class Lanes:
         else:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(lambda first: chunk(first, min(first + CHUNK, n)), range(0, n, CHUNK)))
+        steps, refused, switches, merged, alone = counts.T.copy()
         return Batch(
-            states,
-            modes,
-            statuses,
-            *counts.T.copy(),
-            self.layout.values(found),
-            doubtful,
-            self.layout.negative(found).any(axis=-1),
-            *events,
-        )
+            states, modes, statuses, steps, refused, switches, merged, alone, self.layout.values(found), doubtful,
+            np.asarray(self.layout.negative(found).any(axis=-1)), *events,
+        )  # fmt: skip
 
 
 def run_lanes(

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox import tally
-from toolbox.batch import Call, Outcome, Task, finished, numbers_of_run, single, slots
+from toolbox.batch import FEWEST_LANES, Call, Outcome, Task, finished, numbers_of_run, pays_in_lanes, single, slots
 from toolbox.closed_loop import Held
 from toolbox.elements import FrictionLaw, finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -549,17 +549,18 @@ def evaluated(
     cost = math.inf
     done: dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]] = {}
     folder = Path(out) if out is not None else None
-    method = task.run.method
+    method, lanes = task.run.method, False
     if folder is not None:
-        chunks, method, done = _resumed(folder, fingerprint or {}, method)
+        chunks, method, lanes, done = _resumed(folder, fingerprint or {}, method)
     if chunks is None:
-        method, cost = _probed(task)
+        method, lanes, cost = _probed(task)
         workers = os.cpu_count() or 1
         size = max(1, min(int(WORK / cost) if cost > 0 else total, -(-total // (4 * workers))))
+        size = min(max(size, FEWEST_LANES), total) if lanes else size
         chunks = [(first, min(first + size, total)) for first in range(0, total, size)]
         if folder is not None:
-            _begun(folder, fingerprint or {}, method, chunks)
-    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method))
+            _begun(folder, fingerprint or {}, method, lanes, chunks)
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method), lanes=lanes)
     for (first, last), (rows, failed) in done.items():
         values[first:last] = rows
         errors |= failed
@@ -617,8 +618,8 @@ def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
 
 
-def _probed(task: Task) -> tuple[str, float]:
-    """The method that the middle run asks for, and the seconds that it takes."""
+def _probed(task: Task) -> tuple[str, bool, float]:
+    """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone."""
     middle = len(task.numbers) // 2
     method = task.run.method
     if method == "event":
@@ -630,30 +631,31 @@ def _probed(task: Task) -> tuple[str, float]:
             except SimulationError:
                 pass
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
-    finished(alone)  # compiles
-    return method, finished(alone).seconds
+    steps = finished(alone).steps  # compiles
+    return method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds
 
 
-def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, chunks: Sequence[tuple[int, int]]) -> None:
+def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, lanes: bool, chunks: Sequence[tuple[int, int]]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SceneError(f"Argument `out` must be a folder that can be written, but `{folder}` cannot: {error.strerror}.") from None
     with replaced(folder / MANIFEST) as file:
-        file.write(json.dumps({"arguments": dict(fingerprint), "method": method, "chunks": chunks}).encode())
+        file.write(json.dumps({"arguments": dict(fingerprint), "method": method, "lanes": lanes, "chunks": chunks}).encode())
 
 
 def _resumed(
     folder: Path, fingerprint: Mapping[str, str], method: str
-) -> tuple[list[tuple[int, int]] | None, str, dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]]]:
-    """(chunks, method, finished ones) of a sweep that was begun in this folder; (None, ...) where none was."""
+) -> tuple[list[tuple[int, int]] | None, str, bool, dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]]]:
+    """(chunks, method, whether in lanes, finished ones) of a sweep that was begun in this folder; (None, ...) where none was."""
     if not (folder / MANIFEST).is_file():
         if folder.exists() and (not folder.is_dir() or any(not path.name.startswith(f".{MANIFEST}.") for path in folder.iterdir())):
             raise SceneError(f"Argument `out` must be an empty or new folder, or that of a sweep to be continued, but `{folder}` is not.")
-        return None, method, {}
+        return None, method, False, {}
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         before, chunks = manifest["arguments"], [(int(a), int(b)) for a, b in manifest["chunks"]]
+        method, lanes = manifest["method"], bool(manifest["lanes"])
     except (OSError, ValueError, KeyError, TypeError):
         raise SceneError(f"Argument `out` must be the folder of a sweep, but `{folder / MANIFEST}` is damaged.") from None
     other = [word for word in fingerprint if before.get(word) != fingerprint[word]]
@@ -670,7 +672,7 @@ def _resumed(
                 done[chunk] = (data["values"], errors)
     for path in folder.glob(".runs_*"):  # what was being written when the sweep was killed
         path.unlink(missing_ok=True)
-    return chunks, manifest["method"], done
+    return chunks, method, lanes, done
 
 
 def _path(folder: Path, first: int) -> Path:

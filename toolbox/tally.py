@@ -234,12 +234,11 @@ class Readings:
     @staticmethod
     def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
         """Of nothing yet."""
-        extents = (np.inf, -np.inf, 0.0)
+        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
         return Readings(
-            *(np.full((*runs, layout.count, len(layout.windows)), value) for value in extents),
-            np.zeros((*runs, layout.count)),
-            *(np.full((*runs, len(layout.asked)), value) for value in (0.0, 0.0, np.nan, 0.0)),
-        )
+            lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
+            spent=np.zeros(asked), number=np.zeros(asked), latest=np.full(asked, np.nan), switches=np.zeros(asked),
+        )  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------- one by one

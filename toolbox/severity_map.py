@@ -414,6 +414,8 @@ class _Loop:
                 step = np.full_like(x, np.nan)
                 step[:, good] = -(np.linalg.pinv(matrix[good], rcond=1e-13) @ rows[good])[:, :, 0].T
                 x = x + step
+                if not (np.abs(step).max(axis=0) > 1e-13 * np.abs(x).max(axis=0)).any():  # nan where there is none
+                    break
         scale = np.abs(x).max(axis=0) + 1e-300
         slips = np.array(residual(0.0, x, u, values, m)[1])
         sliding = np.array([e.law is not None for e in self.closed.elements]) & (self.modes != 0.0)

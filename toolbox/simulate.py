@@ -162,9 +162,7 @@ def checked_run(
         if method != "time-stepping":
             raise SceneError(f"Argument `step` must come with method='time-stepping', but the method is {method!r}.")
         if not is_finite_number(step) or not step > 0 or duration / step > budget.steps:
-            raise SceneError(
-                f"Argument `step` must be > 0 s and at least {duration / budget.steps:.2g} s, {budget.steps} steps, but it is {step!r}."
-            )
+            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / budget.steps:.2g} s, {budget.steps} steps, but it is {step!r}.")
         step = float(step)
     if width is not None and method != "smoothed":
         raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
@@ -307,9 +305,7 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             kinds.append((name, "number"))
             value = float(value)
         else:
-            raise SceneError(
-                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}."
-            )
+            raise SceneError(f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}.")
         if name in system.parameters:
             system.parameters[name].check(np.array(_range(value)))
         values[name] = value
@@ -413,9 +409,7 @@ def _run(run: Run) -> Trajectory:
                 if bar is None and spent > 1.0:
                     from tqdm import tqdm
 
-                    bar = tqdm(
-                        total=run.duration, unit="s", unit_scale=True, leave=False, disable=None
-                    )  # silent where stderr is no terminal
+                    bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
                 if bar is not None:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
@@ -455,8 +449,7 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(
-                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?",
-                run,
+                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
             )
     return run
 
@@ -602,7 +595,9 @@ def _grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:
     return work._replace(**bigger)
 
 
-def _sample(loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float) -> None:
+def _sample(
+    loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
+) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
     c = int(work.ints[loop.CULPRIT])
     row = work.samplers[c]
@@ -674,17 +669,11 @@ def _failure(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
             name = names[int(np.argmin(bounds))]
-            return SimulationError(
-                f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
-            )
+            return SimulationError(f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far)
     if status == loop.ENDLESS:
         return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.INCONSISTENT:
-        inside = (
-            [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
-            if t == 0.0
-            else []
-        )
+        inside = [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0] if t == 0.0 else []
         if inside:
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
@@ -695,8 +684,7 @@ def _failure(
     if not np.isfinite(work.y[: len(labels)]).all():
         name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
         return SimulationError(
-            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.",
-            so_far,
+            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.", so_far
         )
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:

@@ -1,0 +1,209 @@
+"""Sweeps in lanes: the numbers of runs one after the other, the same failures in the same words, and nothing that depends on neighbours."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.special import j0
+
+from controllers import PI, StiffPI
+from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, TorsionalChain, wells
+from toolbox import Component, DryFriction, Equations, Sampled, batch, compose, measure, quantity, simulate, state, sweep, tally, time
+from toolbox.batch import FEWEST_LANES, Task, finished, pays_in_lanes
+from toolbox.inputs import sine
+from toolbox.lanes import Lanes
+from toolbox.sweep import Sweep, uniform, varied_numbers, varied_run
+
+pytestmark = pytest.mark.timeout(120)
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+CHAIN = TorsionalChain(
+    inertia=(900.0, 300.0, 400.0), stiffness=(2000.0, 1200.0), damping=(40.0, 30.0), top_drag=300.0,
+    friction=Coulomb(static=1.0, kinetic=0.8), friction_load=(1500.0, 300.0, 900.0),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Oscillator(Component):
+    """x'' = -w^2 x, and a signal cos(k x) that turns much faster than it."""
+
+    frequency: float = quantity(1.0, "rad/s", above=0)
+    waves: float = quantity(40.0, "rad/m", above=0)
+
+    def equations(self, signal):
+        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
+        return Equations(flow={x: v, v: -(self.frequency**2) * x}, gives={"mass.wave": (ca.cos(self.waves * x), "1")})
+
+
+@dataclass(frozen=True)
+class Growth(Component):
+    """x' = a x^2, so that x = 1/(1/x_0 - a t)."""
+
+    rate: float = quantity(1.0, "1/s", "rate a", at_least=0)
+
+    def equations(self, signal):
+        x = state("growth.size", "1")
+        return Equations(flow={x: self.rate * x**2})
+
+
+@dataclass(frozen=True)
+class FadingBrake(Component):
+    """A mass under a force of 1 N and friction whose bound is 2 cos(w t): negative from the time pi/(2 w) on."""
+
+    frequency: float = quantity(1.0, "rad/s", at_least=0)
+
+    def equations(self, signal):
+        v = state("mass.speed", "m/s")
+        brake = DryFriction("brake", v, Coulomb(static=1.0, kinetic=1.0), load=2.0 * ca.cos(self.frequency * time))
+        return Equations(flow={v: 1.0 + brake.force}, elements=[brake])
+
+
+TORQUE = ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])
+# plant, what varies, duration, other arguments, signals, the contact judged
+PLANTS = {
+    "drill string": (
+        RIG, {"bit.weight": (9e4, 1.1e5), "pi.reference": (6.0, 12.0)}, 60.0, {"controller": PI()}, ("bit.speed", "top.torque"), "bit",
+    ),
+    "belt": (compose(BlockOnBelt()), {"block.mass": (0.7, 1.3)}, 40.0, {}, ("block.position", "block.speed"), "belt"),
+    "forced belt": (
+        compose(BlockOnBelt()), {"block.belt_speed": (0.2, 0.3)}, 30.0, {"inputs": {"block.force": sine(0.0, 0.1, 0.2)}}, ("block.speed",), "belt",
+    ),
+    "table": (RIG, {"bit.weight": (5e4, 9e4)}, 40.0, {"inputs": {"top.torque": TORQUE}}, ("bit.speed",), "bit"),
+    "friction on all": (
+        compose(CHAIN), {"chain.friction_load.1": (200.0, 500.0)}, 30.0, {"inputs": {"top.torque": sine(2e3, 3e3, 0.2)}}, ("bit.speed",), "chain.2",
+    ),
+    "brake": (
+        compose(DiscBrake()), {"disc.force": (800.0, 1200.0)}, 0.5, {"start": {"disc.speed": 2.0}}, ("pad.speed", "brake.torque"), "pad",
+    ),
+}  # fmt: skip
+
+
+def task_of(name, accuracy, runs, seed=1):
+    plant, ranges, duration, arguments, signals, element = PLANTS[name]
+    element = element if element in {e.name for e in plant.elements} else plant.elements[0].name
+    after, until = 0.3141 * duration, 0.8765 * duration
+    asked = []
+    for signal in signals:
+        for window in ((after, until), (0.0, duration / 8)):
+            asked += [tally.minimum(signal, *window), tally.maximum(signal, *window), tally.mean(signal, *window)]
+        asked += [tally.final(signal), tally.severity(signal, after, until=until)]
+    asked += [tally.time_in(element, "stick", after, until), tally.stuck_ratio(element, after), tally.last_stay(element)]
+    asked += [tally.stays(element, "stick", after, until), tally.events(element)]
+    variations = uniform(ranges, runs, seed)
+    run = varied_run(plant, variations, duration, method="explicit", accuracy=accuracy, **arguments)
+    return Task(run, varied_numbers(run, variations)[0], tuple(asked))
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_all_measures_are_those_of_runs_one_after_the_other(name):
+    accuracy, duration = 1e-8, PLANTS[name][2]
+    task = task_of(name, accuracy, 24)
+    found = finished(dataclasses.replace(task, lanes=True))
+    expected = finished(task_of(name, accuracy / 100, 24))
+    assert not found.errors and not expected.errors
+    values = dict(zip(task.measures, expected.values.T, strict=True))
+    for q, asked in enumerate(task.measures):
+        if asked.kind in ("stays", "events"):
+            np.testing.assert_array_equal(found.values[:, q], values[asked])
+            continue
+        size = {"time": duration, "last": duration, "ratio": 1.0}.get(asked.kind)
+        if size is None:
+            extremes = [np.abs(column) for m, column in values.items() if m.of == asked.of and m.kind in ("minimum", "maximum")]
+            size = np.max(extremes, axis=0)
+        if asked.kind == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
+            average = np.abs(values[tally.mean(asked.of, asked.after, asked.until)])
+            size = np.maximum(1.0, values[asked]) * size / average
+        assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))
+        # the accuracy asked is kept within ten
+        assert np.nanmax(np.abs(found.values[:, q] - values[asked]) / size, initial=0.0) <= 10 * accuracy, asked
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_neighbours_change_nothing_to_the_last_bit(name):
+    task = dataclasses.replace(task_of(name, 1e-6, 130), lanes=True)
+    whole = finished(task)
+    for cut in (slice(0, 1), slice(1, 18), slice(50, 130)):
+        np.testing.assert_array_equal(finished(task.part(cut)).values, whole.values[cut])
+
+
+def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr(batch, "LANES_WORK", 0.0)
+    arguments = {"duration": 30.0, "controller": StiffPI(), "measures": ("severity", "stuck_ratio", "events")}
+    weights = {"bit.weight": np.linspace(50e3, 110e3, 700)}
+    whole = sweep(RIG, weights, **arguments)
+    sweep(RIG, weights, out=tmp_path / "found", **arguments)
+    written = sorted((tmp_path / "found").glob("runs_*.npz"))
+    assert len(written) > 2
+    for path in (written[0], written[-1], tmp_path / "found" / "sweep.npz"):
+        path.unlink()
+    found = sweep(RIG, weights, out=tmp_path / "found", **arguments)
+    for name in arguments["measures"]:
+        np.testing.assert_array_equal(found[name], whole[name])
+        np.testing.assert_array_equal(Sweep.load(tmp_path / "found")[name], whole[name])
+
+
+def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
+    rates = np.linspace(0.0, 0.9, FEWEST_LANES + 7)
+    rates[[5, 60]] = 3.0
+    given = {"duration": 1.0, "start": {"growth.size": 1.0}, "accuracy": 1e-10, "measures": {"x": tally.final("growth.size")}}
+    alone = sweep(compose(Growth()), {"growth.rate": rates}, **given)
+    monkeypatch.setattr(batch, "LANES_WORK", 0.0)
+    found = sweep(compose(Growth()), {"growth.rate": rates}, **given)
+    assert list(found.errors) == [5, 60]
+    assert found.errors == alone.errors
+    sound = np.delete(np.arange(rates.size), [5, 60])
+    np.testing.assert_allclose(found["x"][sound], 1.0 / (1.0 - rates[sound]), rtol=1e-8)
+    assert np.isnan(found["x"][[5, 60]]).all()
+
+
+def test_a_bound_that_turns_negative_is_reported_and_one_that_does_not_is_not(monkeypatch):
+    monkeypatch.setattr(batch, "LANES_WORK", 0.0)
+    frequency = np.linspace(0.1, 1.0, FEWEST_LANES)
+    found = sweep(compose(FadingBrake()), {"mass.frequency": frequency}, duration=3.0, measures={"v": tally.final("mass.speed")})
+    assert sorted(found.errors) == np.flatnonzero(frequency * 3.0 > math.pi / 2).tolist()
+    assert all("The bound of `brake` must be >= 0" in text for text in found.errors.values())
+
+
+def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch):
+    # mean of cos(k cos t) over whole turns is J_0(k)
+    monkeypatch.setattr(batch, "LANES_WORK", 0.0)
+    waves = np.linspace(20.0, 40.0, FEWEST_LANES)
+    measures = {"mean": tally.mean("mass.wave"), "low": tally.minimum("mass.wave"), "high": tally.maximum("mass.wave")}
+    given = {"duration": 2 * math.pi, "start": {"mass.position": 1.0}, "accuracy": 1e-7}
+    variations = {"mass.waves": waves}
+    found = sweep(compose(Oscillator()), variations, measures=measures, **given)
+    np.testing.assert_allclose(found["mean"], j0(waves), atol=1e-5)
+    np.testing.assert_allclose(found["low"], -1.0, atol=1e-6)
+    np.testing.assert_allclose(found["high"], 1.0, atol=1e-6)
+    run = varied_run(compose(Oscillator()), uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **given)
+    starts = np.tile([1.0, 0.0], (8, 1))
+    numbers = np.tile(run.system.values, (8, 1))
+    assert Lanes(run, tuple(measures.values())).run(numbers, starts).doubtful.all()
+    assert not Lanes(run, (tally.mean("mass.position"),)).run(numbers, starts).doubtful.any()
+
+
+def test_lanes_are_taken_for_many_runs_of_what_they_carry():
+    def pays(plant, runs, steps=1_000_000, **arguments):
+        run = varied_run(plant, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **{"method": "explicit", **arguments})
+        return pays_in_lanes(Task(run, np.zeros((runs, 1)), (tally.mean("bit.speed"),)), steps)
+
+    assert pays(RIG, FEWEST_LANES)
+    assert not pays(RIG, FEWEST_LANES - 1)
+    assert not pays(RIG, FEWEST_LANES, steps=1)
+    assert not pays(RIG, FEWEST_LANES, method="stiff")
+    assert not pays(RIG, FEWEST_LANES, controller=Sampled(StiffPI(), 0.01))
+
+
+def test_an_input_may_vary_as_well_as_a_parameter():
+    weights = {"bit.weight": (9e4, 1e5)}
+    task = Task(
+        varied_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (tally.severity("bit.speed", 10.0),), lanes=True
+    )
+    found = finished(dataclasses.replace(task, numbers=varied_numbers(task.run, uniform(weights, 2))[0]))
+    for weight, severity in zip(uniform(weights, 2).points[:, 0], found.values[:, 0], strict=True):
+        run = simulate(RIG, 30.0, controller=StiffPI(), inputs={"bit.weight": weight}, method="explicit")
+        assert severity == pytest.approx(measure.severity(run, after=10.0), rel=1e-5)

@@ -2,7 +2,8 @@
 
 A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then four other plants.
 One by one is the scalar loop, called from machine code for one scenario after another, with nothing recorded and no `Trajectory` made: what the
-run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`, last with extrema and mean of one signal. All are timed in turns, as processor time of
+run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`. Swept is what a run of a sweep costs that asks for the extrema and the mean of one
+signal, one by one and in lanes. All are timed in turns, as processor time of
 one thread, and the least of five counts. Switches of the first scenarios are compared one by one.
 
     python -m studies.lanes [scenarios]
@@ -21,6 +22,7 @@ from numba import njit
 from models import BitRock, DiscBrake, wells
 from studies.cases import DRIVE, cases
 from toolbox import compose, loop, tally
+from toolbox.batch import Task, finished, numbers_of_run
 from toolbox.lanes import run_lanes
 from toolbox.lanes_loop import _begin, scalar_address
 from toolbox.program import program_of
@@ -29,6 +31,8 @@ from toolbox.simulate import Run, _work, checked_run, place_start
 
 COMPARED = 1000
 """Scenarios whose switches are compared."""
+SWEPT = 300
+"""Scenarios that are swept and measured."""
 ROOM = 2000
 """Switches of a scenario that are kept."""
 
@@ -74,9 +78,13 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     one_by_one(scalar, work, parameters[:1], starts[:1], statuses, switches, states, times)
     found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
     signal = "bit.speed" if "bit.speed" in run.system.signals else next(iter(run.system.states))
-    alone, together, measured = [], [], []
+    alone, together, swept, measured = [], [], [], []
     measures = (tally.minimum(signal), tally.maximum(signal), tally.mean(signal))
-    run_lanes(run, parameters[:few], starts[:few], measures=measures)
+    numbers = np.tile(numbers_of_run(run), (min(SWEPT, count), 1))
+    numbers[:, : parameters.shape[1]] = parameters[: len(numbers)]
+    task = Task(dataclasses.replace(run, method="explicit"), numbers, measures, starts[: len(numbers)])
+    finished(task)
+    finished(dataclasses.replace(task, lanes=True))
     for _ in range(5):
         began = time.thread_time()
         one_by_one(scalar, work, parameters[:few], starts[:few], statuses, switches, states, times)
@@ -85,13 +93,16 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
         run_lanes(run, parameters, starts)
         together.append((time.thread_time() - began) / count)
         began = time.thread_time()
-        run_lanes(run, parameters[:few], starts[:few], measures=measures)
-        measured.append((time.thread_time() - began) / few)
+        finished(task)
+        swept.append((time.thread_time() - began) / len(numbers))
+        began = time.thread_time()
+        finished(dataclasses.replace(task, lanes=True))
+        measured.append((time.thread_time() - began) / len(numbers))
     same = (found.switches == switches) & (found.statuses == statuses)
     late = max(float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)) for s in np.flatnonzero(same))
     return (
         f"{title:<30}{1e6 * min(alone):9.1f}{1e6 * min(together):9.1f}{1 / min(together):11.0f}{min(alone) / min(together):8.2f}"
-        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}{1e6 * min(measured):11.1f}"
+        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}{1e6 * min(swept):10.1f}{1e6 * min(measured):9.1f}{min(swept) / min(measured):7.2f}"
     )
 
 
@@ -117,8 +128,10 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
 def main() -> None:
     """Print the table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
-    print(f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}{'measured':>11}")
-    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}")
+    print(
+        f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}{'swept':>11}{'lanes':>9}{'ratio':>7}"
+    )
+    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}{'[us]':>9}")
     for title, (run, spread, part) in plants().items():
         print(row(title, run, spread, count // part), flush=True)
 

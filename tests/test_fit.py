@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+import shlex
 import tomllib
 
 import numpy as np
@@ -271,3 +272,12 @@ def test_the_command_says_what_is_wrong(root, capsys):
     ):
         assert main(["fit", scene, data, *words]) == 2
         assert complaint in capsys.readouterr().err
+
+
+def test_the_example_of_the_help_reads_the_shipped_data(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(FOLDER.parents[1])
+    with pytest.raises(SystemExit):
+        main(["fit", "--help"])
+    words = shlex.split(" ".join(capsys.readouterr().out.split()).partition("example: stickslip ")[2])
+    assert main([*words[:-1], str(tmp_path / "fitted"), "--starts", "1"]) == 0
+    assert "bit.friction.static" in capsys.readouterr().out

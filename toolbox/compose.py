@@ -128,7 +128,15 @@ class _Composer:
             needs.append((name, unit, default, placeholder))
             return placeholder
 
-        equations = symbolic.equations(signal)
+        try:
+            equations = symbolic.equations(signal)
+        except RuntimeError as error:
+            if "truth value" not in str(error):
+                raise
+            raise SceneError(
+                f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
+                "or declare what they decide on as int, str or bool."
+            ) from error
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
         for variable in equations.flow:
@@ -340,7 +348,7 @@ class _Composer:
         known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
-            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}.")
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; a state must be a key of `flow`.")
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")

@@ -227,7 +227,7 @@ class Trajectory(Samples):
         return [piece for piece in out if piece[1] > piece[0]]
 
     def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
-        """Seconds that an element spends in a mode between `after` and `until` (the end of the run)."""
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
         intervals = self.intervals(element)
         known = self.program.system.elements[self._elements.index(element)].legend.values()
         if mode not in known:
@@ -235,6 +235,8 @@ class Trajectory(Samples):
         for word, value in (("after", after), ("until", until)):
             if value is not None and not value == value:
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
+        if after > self.end:  # no stick in no time would read as cured
+            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
         last = np.inf if until is None else until
         return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands.terminal import file_stems, plain, progress
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
 from toolbox.files import whole_folder
 
 ONSET_FILES = ("onset.png", "onset.txt")
@@ -50,11 +50,13 @@ def run(given: argparse.Namespace) -> int:
     units = {label: _unit(scene, label, given.parameter) for label in labels}
     unit = next((word for word in units.values() if word is not None), None)
     if unit is None:
-        _unit(scene, labels[0], given.parameter, complain=True)
+        raise _unknown(scene, labels, given.parameter)
     number = {
         word: None if text is None else parse(plain(text), str(unit), f"--{word}")
         for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
     }
+    if not number["from"] < number["to"]:  # type: ignore[operator]
+        raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     onsets, failures = {}, {}
     stems = file_stems(labels)
     names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]
@@ -91,16 +93,36 @@ def run(given: argparse.Namespace) -> int:
     return 0 if onsets else 1
 
 
-def _unit(scene: Any, label: str, parameter: str, complain: bool = False) -> str | None:
-    """Unit of what varies under one controller; None where it has no such parameter or law, or the error that says why."""
+def _unit(scene: Any, label: str, parameter: str) -> str | None:
+    """Unit of what varies under one controller; None where it has no such parameter or law."""
     from toolbox.stability import Knob, continuous_loop
 
     try:
         return Knob.of(continuous_loop(scene.plant(), scene.case(label).controller), parameter).unit
     except SceneError:
-        if complain:
-            raise
         return None
+
+
+def _unknown(scene: Any, labels: list[str], parameter: str) -> SceneError:
+    """Why a parameter varies under none of the controllers: the error of one that has it, or the nearest names under all of them."""
+    from toolbox.stability import Knob, continuous_loop
+
+    known, reason = set(), None
+    for label in labels:
+        try:
+            loop = continuous_loop(scene.plant(), scene.case(label).controller)
+        except SceneError as error:
+            reason = error
+            continue
+        known |= {*loop.parameters, *loop.inputs}
+        try:
+            Knob.of(loop, parameter)
+        except SceneError as error:
+            if parameter in known:
+                return error
+    if not known and reason is not None:
+        return reason
+    return SceneError(f"There is no parameter or input `{parameter}`: {suggest(parameter, known)}")
 
 
 def _earlier_onset(path: Path) -> set[str]:

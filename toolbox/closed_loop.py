@@ -193,7 +193,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
     law = sampled.law
     try:
-        inspect.signature(law).bind(0.0, None)
+        inspect.signature(law).bind(0.0, None)  # type: ignore[arg-type]
     except ValueError:  # something compiled, which does not tell
         pass
     except TypeError as error:

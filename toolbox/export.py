@@ -65,7 +65,7 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     if period is not None and (not is_finite_number(period) or period <= 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     if plant is not None and not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if not isinstance(controller, Controller):
         raise SceneError(f"Argument `controller` must be a Controller, but it is {controller!r}.")
     law = controller if plant is None else controller.design(plant)

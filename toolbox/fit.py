@@ -253,7 +253,7 @@ def _machine(
         plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
         return plant, case.controller, given, {**machine.start, **(start or {})}
     if not isinstance(machine, HybridSystem):
-        raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+        raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
     return machine.with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
 
 

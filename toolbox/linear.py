@@ -203,7 +203,7 @@ def linearise(
 # ---------------------------------------------------------------------------------------------------------------------------- points and modes
 def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
     if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if plant.updates:
         raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
     return plant.with_parameters(parameters) if parameters else plant

@@ -318,7 +318,7 @@ def onset(
         accuracy = scene.accuracy if accuracy is None else accuracy
     else:
         if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
         plant, law = machine, controller
         if law is not None and sample_time is not None:
             law = [

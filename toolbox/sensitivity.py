@@ -121,7 +121,8 @@ class Sensitivity:
         lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
         for name in self.run.names:
             rows = np.atleast_2d(self.end(name))
-            lines += [f"  {name:<24} " + "  ".join(f"{value:12.5g}" for value in row) for row in rows]
+            labels = [name] if rows.shape[0] == 1 else [f"{name}.{i}" for i in range(rows.shape[0])]
+            lines += [f"  {label:<24} " + "  ".join(f"{value:12.5g}" for value in row) for label, row in zip(labels, rows, strict=True)]
         return "\n".join(lines)
 
 

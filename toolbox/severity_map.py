@@ -331,7 +331,7 @@ class _Loop:
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
             if not isinstance(machine, HybridSystem):
-                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
             plant, law = machine, controller
         duration = 120.0 if duration is None else duration
         if not is_finite_number(duration) or not duration > 0:

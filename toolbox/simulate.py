@@ -148,7 +148,7 @@ def checked_run(
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if not is_finite_number(duration) or duration < 0:
         raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
     if method not in METHODS:

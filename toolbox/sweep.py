@@ -401,7 +401,7 @@ def sweep(
         plant, law, title = scene.plant(), case.controller, case.label
     else:
         if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
         plant, law = machine, controller
     if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")

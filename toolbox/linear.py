@@ -378,8 +378,24 @@ def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.n
         step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
         x = x + step
         if np.abs(step).max(initial=0.0) <= 1e-12 * np.abs(x).max(initial=0.0):
-            break
-    return x
+            return x
+    return _descended(plant, free, u)
+
+
+def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+    """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
+    from scipy.optimize import least_squares
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[0]).ravel()
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[1])
+
+    try:
+        return least_squares(values, np.zeros(plant.x.numel()), slopes, x_scale="jac", method="trf").x
+    except ValueError:  # rates that are not finite somewhere
+        return np.zeros(plant.x.numel())
 
 
 def _residual(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:

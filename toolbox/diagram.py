@@ -5,7 +5,7 @@ Every function draws into `ax` or makes a figure of its own, and returns the axe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
@@ -75,38 +75,6 @@ def onset_panels(onsets: Mapping[str, Onset]) -> Any:
             if i < len(onsets) - 1:
                 ax.set_xlabel("")
     return panels
-
-
-def locus_diagram(poles: np.ndarray, values: Sequence[float], ax: Any = None) -> Any:
-    """Poles of `pole_locus` in the complex plane: the upper half, the first value a ring, the last a dot; left of the axis is stable."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.6 * WIDTH, 3.2), layout="constrained")
-        poles = np.asarray(poles)
-        for j in range(poles.shape[1]):
-            column = np.where(poles[:, j].imag >= -1e-12, poles[:, j], np.nan)
-            ax.plot(column.real, column.imag, **LINES[0])
-            ax.plot(column.real[:1], column.imag[:1], marker="o", markerfacecolor="white", color=LINES[0]["color"], linestyle="none")
-            ax.plot(column.real[-1:], column.imag[-1:], marker="o", color=LINES[0]["color"], linestyle="none")
-        ax.axvline(0.0, color="0.2", linewidth=0.8)
-        ax.set_xlabel("real part [1/s]")
-        ax.set_ylabel("imaginary part [rad/s]")
-        ax.set_title(f"poles from {values[0]:g} (ring) to {values[-1]:g} (dot)", loc="left", fontsize=9.0)
-    return ax
-
-
-def reflection_diagram(frequency: np.ndarray, reflections: Mapping[str, np.ndarray], ax: Any = None) -> Any:
-    """|r| against frequency [Hz] for several drives, from `reflection` at `frequency` [rad/s]."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 2.8), layout="constrained")
-        for (label, r), style in zip(reflections.items(), (LINES[i % len(LINES)] for i in range(len(reflections))), strict=True):
-            ax.semilogx(np.asarray(frequency) / (2 * np.pi), np.abs(r), label=label, **style)
-        ax.set_xlabel("frequency [Hz]")
-        ax.set_ylabel("reflected part |r| [1]")
-        ax.set_ylim(bottom=0.0)
-        ax.legend(frameon=False)
-    return ax
 
 
 def severity_panels(found: SeverityMap, axes: Any = None) -> Any:

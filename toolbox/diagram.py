@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.plot import LINES, PAPER, WIDTH, _words
+from toolbox.plot import LINES, PAPER, WIDTH, in_words
 
 if TYPE_CHECKING:
     from toolbox.fit import Fit
@@ -46,8 +46,8 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
             ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
-        ax.set_xlabel(_words(found.parameter) + unit)
-        ax.set_ylabel(f"severity of {_words(found.signal)} [1]")
+        ax.set_xlabel(in_words(found.parameter) + unit)
+        ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])
         ax.set_ylim(bottom=0.0)
         handles, labels = ax.get_legend_handles_labels()
@@ -84,7 +84,7 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
     """
     from matplotlib.collections import LineCollection
 
-    from toolbox.plot import _words
+    from toolbox.plot import in_words
 
     looks: dict[str, tuple[str, dict[str, Any]]] = {
         "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
@@ -109,11 +109,11 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
                 ax.add_collection(LineCollection(list(chained(segments)), label=label, zorder=3, **look))
             ax.set_title(title, loc="left", fontsize=9.0)
             ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
-            ax.set_xlabel(f"{_words(found.names[0])} [{scales[0][1]}]")
-        axes[0].set_ylabel(f"{_words(found.names[1])} [{scales[1][1]}]")
+            ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
+        axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
         bar = figure.colorbar(
-            shade, ax=list(axes), label=f"severity of {_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
+            shade, ax=list(axes), label=f"severity of {in_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
         )
         bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
         handles, labels = axes[0].get_legend_handles_labels()
@@ -235,7 +235,7 @@ def fitted(found: Fit) -> Any:
                 bottom.set_xlabel("time [s]")
             bottom.plot(x, measured - model[name], **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            top.set_ylabel(f"{_words(name)} [{unit}]")
+            top.set_ylabel(f"{in_words(name)} [{unit}]")
             bottom.set_ylabel(f"left [{unit}]")
             top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
         figure.align_ylabels(axes)

@@ -122,7 +122,7 @@ def simulate(
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished, and AccuracyError for a method that cannot meet the accuracy at a bearable price.
     """
-    return _run(
+    return carry_out(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
             method=method, accuracy=accuracy, output_times=output_times, step=step, width=width, budget=budget,
@@ -322,7 +322,7 @@ def _range(value: Any) -> tuple[float, ...]:
 _LOADED: list[Any] = []
 
 
-def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
+def compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
     """The file of the event loop, and the loop that steps with this program: loaded by a run of no duration in each process.
 
     Says so on stderr where this machine has to compile it first.
@@ -344,7 +344,7 @@ def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
             known = True
         if not known:
             print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
-        empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
+        empty = work_arrays(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
         advance(empty)
     return loop, advance
 
@@ -365,7 +365,8 @@ def pair_of(run: Run) -> Pair | Rosenbrock | Theta:
     return DOPRI5 if run.accuracy > 1e-5 else DOP853
 
 
-def _run(run: Run) -> Trajectory:
+def carry_out(run: Run) -> Trajectory:
+    """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
     if run.method == "auto":
         from toolbox.choice import chosen
 
@@ -379,8 +380,8 @@ def _run(run: Run) -> Trajectory:
 
         run = dataclasses.replace(run, system=smoothed(run.system, run.widths or {}), tolerance=run.tolerance or tolerance(run))
     program = program_of(run.system, run.kinds, pair_of(run))
-    loop, advance = _compiled_loop(run, program)
-    work = _work(loop, run, program)
+    loop, advance = compiled_loop(run, program)
+    work = work_arrays(loop, run, program)
     began = clock.perf_counter()
     laws = [_fresh(law) for law in run.laws]
     answers: list[list[np.ndarray]] = [[] for _ in laws]
@@ -395,26 +396,26 @@ def _run(run: Run) -> Trajectory:
             status = advance(work)
             spent = clock.perf_counter() - began
             if spent > run.budget.seconds and status != loop.DONE:
-                raise _exhausted(loop, run, program, work, began, answers)
+                raise exhausted(loop, run, program, work, began, answers)
             if status == loop.DONE:
                 done = _trajectory(loop, run, program, work, began, answers)
                 done.laws = tuple(laws)
                 return _sound(done, program)
             if status == loop.EVENTS_FULL and work.ints[loop.EVENTS] > run.budget.events:
-                raise _exhausted(loop, run, program, work, began, answers)
+                raise exhausted(loop, run, program, work, began, answers)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
                 work = _grown(loop, work, status == loop.RECORDS_FULL, run.budget)
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED:
                 if progress(loop, work)[1] >= run.budget.steps:
-                    raise _exhausted(loop, run, program, work, began, answers)
+                    raise exhausted(loop, run, program, work, began, answers)
                 if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
                     chunk = max(1, min(2 * chunk, int(0.1 * progress(loop, work)[1] / spent)))
                 if progress(loop, work)[1] >= following:
                     if pays(loop, run, program, work, look):
                         left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
-                        return _run(dataclasses.replace(run, method="stiff", budget=left))
+                        return carry_out(dataclasses.replace(run, method="stiff", budget=left))
                     look = progress(loop, work)
                     following = 2 * look[1]
                 if bar is None and spent > 1.0:
@@ -424,7 +425,7 @@ def _run(run: Run) -> Trajectory:
                 if bar is not None:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
-                raise _failure(loop, status, run, program, work, began, answers)
+                raise failure(loop, status, run, program, work, began, answers)
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
@@ -465,7 +466,7 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
     return run
 
 
-def _work(loop: Any, run: Run, program: Program) -> Any:
+def work_arrays(loop: Any, run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
     system, machine = run.system, program.machine
     n, ne, ng = machine.states, machine.elements, machine.guards
@@ -654,7 +655,7 @@ def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, 
     )
 
 
-def _exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> BudgetError:
+def exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> BudgetError:
     """The error of a run that has spent its budget: what it spent and what it spent it on."""
     so_far = _trajectory(loop, run, program, work, began, answers)
     t, steps, events = progress(loop, work)
@@ -668,9 +669,10 @@ def _exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, a
     return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
 
 
-def _failure(
+def failure(
     loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
 ) -> SimulationError:
+    """The error of a run that the loop gave up, in words of the plant."""
     so_far = _trajectory(loop, run, program, work, began, answers)
     t = float(work.reals[loop.TIME])
     names = [element.name for element in program.system.elements]
@@ -705,4 +707,4 @@ def _failure(
 
 def again(run: Run, **changes: Any) -> Trajectory:
     """The same run with some arguments changed, e.g. another accuracy."""
-    return _run(dataclasses.replace(run, **changes))
+    return carry_out(dataclasses.replace(run, **changes))

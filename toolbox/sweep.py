@@ -35,9 +35,9 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
-from toolbox.onset import _contact, _speed
-from toolbox.parts import Component, _fields, _nested, checked, numbers_of, rebuilt, structure_of
-from toolbox.simulate import Run, _run, checked_run, place_start
+from toolbox.onset import judged_contact, judged_speed
+from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
+from toolbox.simulate import Run, carry_out, checked_run, place_start
 from toolbox.stability import Knob
 from toolbox.tally import Measure
 
@@ -342,8 +342,8 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = _contact(closed, scene.element if scene else None)
-            value = STANDARD[value](scene.signal if scene else _speed(closed, element), element, scene.after if scene else duration / 2)
+            element = judged_contact(closed, scene.element if scene else None)
+            value = STANDARD[value](scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2)
         if isinstance(value, Measure):
             value.check(closed, duration)
         elif not callable(value):
@@ -414,7 +414,7 @@ def sweep(
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else _starts(run, variations, begin)
     task = Task(run, numbers, tuple(chosen.values()), starts, held=_stand_ins(run, variations))
-    values, errors, seconds = evaluated(task, broken, executor, out, _fingerprint(task, variations, tuple(chosen)))
+    values, errors, seconds = evaluated(task, broken, executor, out, run_fingerprint(task, variations, tuple(chosen)))
     result = Sweep(
         title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts),
         names=variations.names,
@@ -495,7 +495,7 @@ def _has_check(part: Any) -> bool:
         return True
     if isinstance(part, FrictionLaw) and type(part).check is not FrictionLaw.check:
         return True
-    return any(_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in _fields(type(part))))
+    return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
 def _stand_ins(run: Run, variations: Variations) -> np.ndarray | None:
@@ -625,7 +625,7 @@ def _probed(task: Task) -> tuple[str, float]:
         method = "explicit"
         if not task.run.laws:
             try:
-                if _run(single(task, middle)).run.method == "stiff":
+                if carry_out(single(task, middle)).run.method == "stiff":
                     method = "stiff"
             except SimulationError:
                 pass
@@ -682,7 +682,7 @@ def _written(folder: Path, outcome: Outcome) -> None:
         np.savez(file, values=outcome.values, errors=np.array(json.dumps({str(i): text for i, text in outcome.errors.items()})))
 
 
-def _fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
+def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
     run = task.run
     measures = [measure if isinstance(measure, Measure) else _name(measure) for measure in task.measures]

@@ -24,7 +24,7 @@ from toolbox.elements import is_finite_number
 from toolbox.emit import compiled, function_text
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.kernel import _plain
+from toolbox.kernel import plain_body
 from toolbox.measure import SEVERITIES, Extent, severity_of
 from toolbox.program import Program
 
@@ -258,7 +258,7 @@ def _compiled(program: Program, signals: tuple[str, ...]) -> int:
         for _ in range(2):
             terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
         function = ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])
-        body = _plain(function, 0)
+        body = plain_body(function, 0)
         text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
         found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
     return found

@@ -21,7 +21,7 @@ from numba import njit
 
 from toolbox.emit import compiled, function_text
 from toolbox.errors import GrazingError
-from toolbox.kernel import _plain
+from toolbox.kernel import plain_body
 from toolbox.loop import FRICTION, RIGID, SWITCH, _call
 from toolbox.program import Program
 from toolbox.runge_kutta import Pair
@@ -118,7 +118,7 @@ class Variation:
         slope = ca.jacobian(field, z)
         self.rows, self.entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
         function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
-        body = _plain(function, 0)
+        body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
         self.address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair

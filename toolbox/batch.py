@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SimulationError
+from toolbox.failures import exhausted, failure
 from toolbox.program import program_of
-from toolbox.simulate import Run, carry_out, compiled_loop, exhausted, failure, pair_of, work_arrays
+from toolbox.simulate import Run, carry_out, compiled_loop, pair_of
 from toolbox.tally import Measure, Tally
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import work_arrays
 
 Call = Callable[[Trajectory], float]
 """A measure in Python."""

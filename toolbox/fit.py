@@ -27,7 +27,8 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.misfit import Loop, Simulated, residuals
 from toolbox.recording import Recording
-from toolbox.simulate import checked_run, place_start
+from toolbox.simulate import checked_run
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene

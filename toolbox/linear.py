@@ -19,8 +19,8 @@ import numpy as np
 from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.simulate import place_start
 from toolbox.trajectory import Samples
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     import control

@@ -15,8 +15,9 @@ from toolbox.compose import compose
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.simulate import checked_run, place_start, simulate
+from toolbox.simulate import checked_run, simulate
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.needs import Needs

@@ -18,8 +18,9 @@ import numpy as np
 from toolbox.closed_loop import names
 from toolbox.errors import SceneError, suggest
 from toolbox.inputs import Shape
-from toolbox.simulate import Run, again, place_start
+from toolbox.simulate import Run, again
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
 """Words by which the numbers of a shape are named: `block.load.amplitude`."""

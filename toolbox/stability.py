@@ -40,7 +40,8 @@ from toolbox.linear import (
     mode_numbers,
     residual_functions,
 )
-from toolbox.simulate import checked_run, place_start
+from toolbox.simulate import checked_run
+from toolbox.work_arrays import place_start
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""

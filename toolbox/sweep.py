@@ -37,9 +37,10 @@ from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
-from toolbox.simulate import Run, carry_out, checked_run, place_start
+from toolbox.simulate import Run, carry_out, checked_run
 from toolbox.stability import Knob
 from toolbox.tally import Measure
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene

@@ -13,6 +13,7 @@ from scipy import special
 from models import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, compose, emit, kernel, simulate, state
 from toolbox.elements import time
+from toolbox.emit_vector import LARGEST_ANGLE, VectorBody, function_text
 from toolbox.runge_kutta import DOP853, DOPRI5
 from toolbox.switching import switching
 
@@ -354,3 +355,84 @@ def test_a_simulation_does_not_depend_on_how_its_step_is_written(pair, monkeypat
     looped, unrolled = runs
     assert [(e.before, e.after) for e in looped.events] == [(e.before, e.after) for e in unrolled.events]
     np.testing.assert_allclose([e.time for e in looped.events], [e.time for e in unrolled.events], atol=10 * accuracy)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------ vectors
+RANDOM = np.random.default_rng(5)
+
+
+def vector_code(width, inputs, write):
+    """What `write(body, values)` computes on vectors: a function of arrays, one per input."""
+    body = VectorBody(width)
+    values = write(body, [body.load("%lanes", i) for i in range(inputs)])
+    for i, value in enumerate(values):
+        body.store(value, "%lanes", inputs + i)
+    text = "\n".join([function_text("f", body), *body.functions.values(), *sorted(body.intrinsics)])
+    call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(emit.compiled(text, ["f"], body.count)["f"])
+    rows = inputs + len(values)
+    raw = np.zeros(rows * width + 8)
+    lanes = raw[(-raw.ctypes.data % 64) // 8 :][: rows * width].reshape(rows, width)
+
+    def evaluate(*arrays):
+        size = len(arrays[0])
+        out = np.empty((len(values), size))
+        for first in range(0, size, width):
+            count = min(width, size - first)
+            lanes[:inputs, :count] = [array[first : first + count] for array in arrays]
+            call(lanes.ctypes.data)
+            out[:, first : first + count] = lanes[inputs:, :count]
+        return out
+
+    return evaluate
+
+
+def spread(low, high, count=4000):
+    return RANDOM.uniform(low, high, count)
+
+
+def magnitudes(low, high, count=2000):
+    return 10.0 ** RANDOM.uniform(low, high, count) * RANDOM.choice([-1.0, 1.0], count)
+
+
+MULTIPLES = np.arange(1, 2000) * (np.pi / 2)
+ARGUMENTS = {
+    "exp": np.concatenate([spread(-745.0, 709.7), spread(-1.0, 1.0), magnitudes(-310, 2)]),
+    "log": np.abs(np.concatenate([magnitudes(-323, 308), spread(0.5, 2.0), 1.0 + magnitudes(-15, -1)])),
+    "tanh": np.concatenate([spread(-25.0, 25.0), magnitudes(-310, 1)]),
+    "sin": np.concatenate([spread(-10.0, 10.0), spread(-LARGEST_ANGLE, LARGEST_ANGLE), magnitudes(-310, 300), MULTIPLES]),
+    "cos": np.concatenate([spread(-10.0, 10.0), spread(-LARGEST_ANGLE, LARGEST_ANGLE), magnitudes(-310, 300), MULTIPLES]),
+}
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles are doubles here")
+@pytest.mark.parametrize("width", [4, 8, 16])
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_vector_functions_are_right_to_two_units_in_the_last_place(name, width):
+    x = ARGUMENTS[name]
+    (found,) = vector_code(width, 1, lambda body, values: [body.call(name, values[0])])(x)
+    exact = getattr(np, name)(x.astype(np.longdouble))
+    unit = np.spacing(np.abs(exact.astype(float)))
+    assert float((np.abs(found - exact) / unit).max()) < 2.0
+
+
+@pytest.mark.parametrize("width", [4, 8, 16])
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_vector_functions_treat_special_values_as_libm_does(name, width):
+    x = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -5e-324, 1e308, -1e308, 710.0, -746.0])
+    (found,) = vector_code(width, 1, lambda body, values: [body.call(name, values[0])])(x)
+    with np.errstate(all="ignore"):
+        np.testing.assert_allclose(found, getattr(np, name)(x), rtol=4e-16)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_operation_gives_on_vectors_what_it_gives_on_numbers(name):
+    function = scalar(CASES[name][0])
+    a, b = (np.ravel(v) for v in np.meshgrid(SPECIAL, SPECIAL))
+    random = spread(*CASES[name][2], 21), spread(*CASES[name][2], 21)
+    if CASES[name][2] == TRUTH:
+        random = tuple(np.round(v) + 0.0 for v in random)
+    a, b = np.concatenate([a, random[0]]), np.concatenate([b, random[1]])
+    (found,) = vector_code(8, 2, lambda body, values: emit.inline(body, function, [values])[0])(a, b)
+    code = machine_code(function)
+    expected = np.array([code(point)[0] for point in zip(a, b, strict=True)])
+    np.testing.assert_allclose(found, expected, rtol=4.5e-16, atol=0)

@@ -186,7 +186,8 @@ def test_a_marker_without_its_numbers_is_an_error_that_shows_how(pytester, marke
     result.stdout.fnmatch_lines(["*needs the marker `stickslip_perturbed({*bit.weight*: 0.2})`*"])
 
 
-def test_a_start_of_pytest_with_the_plugin_imports_nothing_heavy(pytester, root):
+def test_a_start_of_pytest_with_the_plugin_imports_nothing_heavy(pytester, monkeypatch):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # those of other packages may be heavy: zarr brings numpy
     pytester.makepyfile(LIGHT)
     result = pytester.run(sys.executable, "-m", "pytest", "-q", "-p", "stickslip_pytest")
     assert result.ret == 0, result.stdout.str()

@@ -50,7 +50,11 @@ def literal(value: float) -> str:
 
 
 class Body:
-    """Text of one LLVM function under construction, with numbered values."""
+    """Text of one LLVM function under construction, with numbered values of one type: doubles here, vectors of them in `toolbox.emit_vector`."""
+
+    type = "double"
+    truths = "i1"
+    suffix = "f64"
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -65,11 +69,18 @@ class Body:
         self.lines.append(f"  {name} = {text}")
         return name
 
+    def number(self, value: float) -> str:
+        """A constant of the body's type."""
+        return literal(value)
+
     def add(self, a: str, b: str) -> str:
-        return self.value(f"fadd {FLAGS} double {a}, {b}")
+        return self.value(f"fadd {FLAGS} {self.type} {a}, {b}")
 
     def mul(self, a: str, b: str) -> str:
-        return self.value(f"fmul {FLAGS} double {a}, {b}")
+        return self.value(f"fmul {FLAGS} {self.type} {a}, {b}")
+
+    def select(self, flag: str, a: str, b: str) -> str:
+        return self.value(f"select {self.truths} {flag}, {self.type} {a}, {self.type} {b}")
 
     def load(self, pointer: str, index: int) -> str:
         return self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {index}')}")
@@ -78,16 +89,23 @@ class Body:
         target = self.value(f"getelementptr double, ptr {pointer}, i64 {index}")
         self.lines.append(f"  store double {value}, ptr {target}")
 
+    def intrinsic(self, name: str, *args: str) -> str:
+        """Call an LLVM intrinsic, such as sqrt, that takes the body's type."""
+        return self.call(f"llvm.{name}.{self.suffix}", *args)
+
     def call(self, name: str, *args: str) -> str:
         """Call a scalar function, an LLVM intrinsic or a libm function."""
         self.intrinsics.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
         return self.value(f"call {FLAGS} double @{name}({', '.join('double ' + a for a in args)})")
 
     def truth(self, flag: str) -> str:
-        return self.value(f"select i1 {flag}, double {literal(1.0)}, double {literal(0.0)}")
+        return self.select(flag, self.number(1.0), self.number(0.0))
+
+    def compare(self, how: str, a: str, b: str) -> str:
+        return self.value(f"fcmp {how} {self.type} {a}, {b}")
 
     def nonzero(self, a: str) -> str:
-        return self.value(f"fcmp une double {a}, {literal(0.0)}")
+        return self.compare("une", a, self.number(0.0))
 
     def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
         """base + sum((scale * factor) * value), skipping zero factors; the last value, which comes last in time, is added last.
@@ -99,7 +117,7 @@ class Body:
             if factor:
                 key = (scale, factor)
                 if key not in self.products:
-                    self.products[key] = self.mul(scale, literal(factor))
+                    self.products[key] = self.mul(scale, self.number(factor))
                 term = self.mul(self.products[key], value)
                 total = self.add(total, term) if total else term
         return total
@@ -112,7 +130,7 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
     no translation.
     """
     work: dict[int, str] = {}
-    outputs = [[literal(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
+    outputs = [[body.number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         args = function.instruction_input(k)
@@ -122,7 +140,7 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
         elif op == ca.OP_OUTPUT:
             outputs[target[0]][target[1]] = work[args[0]]
         elif op == ca.OP_CONST:
-            work[target[0]] = literal(function.instruction_constant(k))
+            work[target[0]] = body.number(function.instruction_constant(k))
         else:
             work[target[0]] = _operation(body, op, [work[a] for a in args])
     return outputs
@@ -130,41 +148,39 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
 
 def _operation(body: Body, op: int, v: list[str]) -> str:
     if op in _BINARY:
-        return body.value(f"{_BINARY[op]} {FLAGS} double {v[0]}, {v[1]}")
+        return body.value(f"{_BINARY[op]} {FLAGS} {body.type} {v[0]}, {v[1]}")
     if op == ca.OP_NEG:
-        return body.value(f"fneg {FLAGS} double {v[0]}")
+        return body.value(f"fneg {FLAGS} {body.type} {v[0]}")
     if op == ca.OP_SQ:
         return body.mul(v[0], v[0])
     if op == ca.OP_TWICE:
         return body.add(v[0], v[0])
     if op == ca.OP_INV:
-        return body.value(f"fdiv {FLAGS} double {literal(1.0)}, {v[0]}")
+        return body.value(f"fdiv {FLAGS} {body.type} {body.number(1.0)}, {v[0]}")
     if op in (ca.OP_ASSIGN, ca.OP_LIFT):
         return v[0]
     if op in _INTRINSIC:
-        return body.call(f"llvm.{_INTRINSIC[op]}.f64", v[0])
+        return body.intrinsic(_INTRINSIC[op], v[0])
     if op in _LIBM_1:
         return body.call(_LIBM_1[op], v[0])
     if op == ca.OP_FMIN or op == ca.OP_FMAX:
-        return body.call("llvm.minnum.f64" if op == ca.OP_FMIN else "llvm.maxnum.f64", *v)
+        return body.intrinsic("minnum" if op == ca.OP_FMIN else "maxnum", *v)
     if op in _LIBM_2:
         return body.call(_LIBM_2[op], *v)
     if op in _COMPARE:
-        return body.truth(body.value(f"fcmp {_COMPARE[op]} double {v[0]}, {v[1]}"))
+        return body.truth(body.compare(_COMPARE[op], *v))
     if op == ca.OP_NOT:
-        return body.truth(body.value(f"fcmp oeq double {v[0]}, {literal(0.0)}"))
+        return body.truth(body.compare("oeq", v[0], body.number(0.0)))
     if op in (ca.OP_AND, ca.OP_OR):
         both = "and" if op == ca.OP_AND else "or"
-        return body.truth(body.value(f"{both} i1 {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
+        return body.truth(body.value(f"{both} {body.truths} {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
     if op == ca.OP_IF_ELSE_ZERO:
-        return body.value(f"select i1 {body.nonzero(v[0])}, double {v[1]}, double {literal(0.0)}")
+        return body.select(body.nonzero(v[0]), v[1], body.number(0.0))
     if op == ca.OP_COPYSIGN:
-        return body.call("llvm.copysign.f64", *v)
+        return body.intrinsic("copysign", *v)
     if op == ca.OP_SIGN:
-        positive = body.value(f"fcmp ogt double {v[0]}, {literal(0.0)}")
-        negative = body.value(f"fcmp olt double {v[0]}, {literal(0.0)}")
-        below = body.value(f"select i1 {negative}, double {literal(-1.0)}, double {v[0]}")  # keeps zero, and NaN
-        return body.value(f"select i1 {positive}, double {literal(1.0)}, double {below}")
+        positive, negative = (body.compare(how, v[0], body.number(0.0)) for how in ("ogt", "olt"))
+        return body.select(positive, body.number(1.0), body.select(negative, body.number(-1.0), v[0]))  # keeps zero, and NaN
     names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
     raise SceneError(f"The casadi operation {'/'.join(names) or op} has no machine code here; write the expression with other functions.")
 

@@ -149,13 +149,7 @@ def _trial(function: ca.Function) -> Body:
 def _unrolled_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> Body:
     body = Body()
     _, x, p, m = _arguments(body, rhs)
-    slopes = [[body.load("%k", i) for i in range(n)]]
-    for c, row in zip(pair.c[1:], pair.a[1:], strict=True):
-        stage = [body.combination(x[i], "%h", row, [k[i] for k in slopes]) for i in range(n)]
-        now = body.combination("%t", "%h", [c], [literal(1.0)])
-        slopes += inline(body, rhs, [[now], stage, p, m])
-    new = [body.combination(x[i], "%h", pair.b, [k[i] for k in slopes]) for i in range(n)]
-    (end,) = inline(body, field, [[body.add("%t", "%h")], new, p, m])
+    slopes, new, end = stages(body, pair, rhs, field, ("%t", "%h"), (x, [body.load("%k", i) for i in range(n)], p, m))
     for i, value in enumerate([*new, *end]):
         body.store(value, "%y", i)
     base = n + len(end)
@@ -165,6 +159,21 @@ def _unrolled_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> 
             body.store(body.combination("", "%h", weights, [k[i] for k in used]), "%y", base + i)
         base += n
     return body
+
+
+def stages(
+    body: Body, pair: Pair, rhs: ca.Function, field: ca.Function, times: tuple[str, str], values: Sequence[Sequence[str]]
+) -> tuple[list[list[str]], list[str], list[str]]:
+    """Write the stages of a step from (t, h) and (x, slope, p, m); returns the slopes of the stages, the new states and the field there."""
+    (t, h), (x, k, p, m) = times, values
+    slopes = [list(k)]
+    for c, row in zip(pair.c[1:], pair.a[1:], strict=True):
+        stage = [body.combination(x[i], h, row, [k[i] for k in slopes]) for i in range(len(x))]
+        now = body.combination(t, h, [c], [body.number(1.0)])
+        slopes += inline(body, rhs, [[now], stage, p, m])
+    new = [body.combination(x[i], h, pair.b, [k[i] for k in slopes]) for i in range(len(x))]
+    (end,) = inline(body, field, [[body.add(t, h)], new, p, m])
+    return slopes, new, end
 
 
 def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tuple[Body, str]:

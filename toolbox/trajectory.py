@@ -285,7 +285,10 @@ class Trajectory(Samples):
         """
         from toolbox.simulate import UNHURRIED, again
 
-        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": self.run.longest_step / 5.3}
+        longest = self.run.longest_step / 5.3
+        if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
+            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
+        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": longest}
         return self.difference(again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:

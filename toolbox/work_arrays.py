@@ -59,7 +59,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
     if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
         ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
     reals = np.zeros(loop.REALS)
-    reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
+    reals[loop.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
     reals[loop.STEP_SIZE] = run.step or 0.0
     reals[loop.END] = run.duration
     reals[loop.RTOL] = run.tolerance or run.accuracy

@@ -1,0 +1,126 @@
+"""How many scenarios a second does one core run, in lanes and one by one?
+
+A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then four other plants.
+One by one is the scalar loop, called from machine code for one scenario after another, with nothing recorded and no `Trajectory` made: what the
+run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`, last with extrema and mean of one signal. All are timed in turns, as processor time of
+one thread, and the least of five counts. Switches of the first scenarios are compared one by one.
+
+    python -m studies.lanes [scenarios]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from models import BitRock, DiscBrake, wells
+from studies.cases import DRIVE, cases
+from toolbox import compose, loop
+from toolbox.lanes import run_lanes
+from toolbox.lanes_loop import _begin, scalar_address
+from toolbox.program import program_of
+from toolbox.runge_kutta import DOP853
+from toolbox.simulate import Run, _work, checked_run, place_start
+
+COMPARED = 1000
+"""Scenarios whose switches are compared."""
+ROOM = 2000
+"""Switches of a scenario that are kept."""
+
+
+@njit(nogil=True, error_model="numpy")
+def one_by_one(scalar, w, parameters, starts, statuses, switches, states, ev_t):
+    """Run every scenario by the scalar loop."""
+    rest = w.p.copy()
+    for s in range(len(parameters)):
+        w.ints[loop.EVENTS] = 0
+        statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], 10_000_000)
+        switches[s] = w.ints[loop.EVENTS]
+        states[s] = w.x[: states.shape[1]]
+        for e in range(min(switches[s], ev_t.shape[1])):
+            ev_t[s, e] = w.ev_t[e]
+
+
+def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of parameters, with those named spread evenly at random between their bounds, and of starts."""
+    random = np.random.default_rng(1)
+    system = run.system
+    parameters = np.tile(system.values, (count, 1))
+    for name, (low, high) in spread.items():
+        entry = system.parameters[name]
+        parameters[:, entry.offset : entry.offset + (entry.size or 1)] *= random.uniform(low, high, (count, entry.size or 1))
+    start = np.zeros(system.x.numel())
+    for name, value in run.start.items():
+        place_start(system, start, name, value)
+    return parameters, np.tile(start, (count, 1))
+
+
+def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int) -> str:
+    """One line of the table."""
+    parameters, starts = scenarios(run, spread, count)
+    work = _work(loop, run, program_of(run.system, run.kinds, DOP853))._replace(
+        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.empty((100_000, 2), np.int8)
+    )
+    work.ints[loop.NODES] = 0
+    few = min(COMPARED, count)
+    statuses, switches = np.zeros(few, np.int64), np.zeros(few, np.int64)
+    states, times = np.zeros_like(starts[:few]), np.zeros((few, ROOM))
+    scalar = scalar_address(work)
+    one_by_one(scalar, work, parameters[:1], starts[:1], statuses, switches, states, times)
+    found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
+    signal = "bit.speed" if "bit.speed" in run.system.signals else next(iter(run.system.states))
+    alone, together, measured = [], [], []
+    run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
+    for _ in range(5):
+        began = time.thread_time()
+        one_by_one(scalar, work, parameters[:few], starts[:few], statuses, switches, states, times)
+        alone.append((time.thread_time() - began) / few)
+        began = time.thread_time()
+        run_lanes(run, parameters, starts)
+        together.append((time.thread_time() - began) / count)
+        began = time.thread_time()
+        run_lanes(run, parameters[:few], starts[:few], signals=(signal,))
+        measured.append((time.thread_time() - began) / few)
+    same = (found.switches == switches) & (found.statuses == statuses)
+    late = max(float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)) for s in np.flatnonzero(same))
+    return (
+        f"{title:<30}{1e6 * min(alone):9.1f}{1e6 * min(together):9.1f}{1 / min(together):11.0f}{min(alone) / min(together):8.2f}"
+        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}{1e6 * min(measured):11.1f}"
+    )
+
+
+def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
+    """Runs with what varies and how many scenarios of them are run, as parts of the first."""
+
+    def case(name: str) -> Run:
+        found = cases()[name]
+        arguments: dict[str, Any] = dict(found.arguments)
+        return checked_run(found.plant, found.duration, **arguments)
+
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
+    brake = dataclasses.replace(DiscBrake(), force=1000.0)
+    return {
+        "JANSEN_2 with PI, 60 s": (checked_run(rig, 60.0, controller=DRIVE), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
+        "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
+        "disc brake": (checked_run(compose(brake), 2.0, start={"disc.speed": 2.0}), {"disc.force": (0.8, 1.2)}, 4),
+        "ten inertias, bit": (case("bit"), {"bit.weight": (0.8, 1.2)}, 4),
+        "ten inertias, friction on all": (case("all"), {"chain.friction_load": (0.8, 1.2)}, 10),
+    }
+
+
+def main() -> None:
+    """Print the table."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    print(f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}{'measured':>11}")
+    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}")
+    for title, (run, spread, part) in plants().items():
+        print(row(title, run, spread, count // part), flush=True)
+
+
+if __name__ == "__main__":
+    main()

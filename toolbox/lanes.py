@@ -16,7 +16,8 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.program import program_of
 from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.simulate import Run, _work
+from toolbox.simulate import Run
+from toolbox.work_arrays import work_arrays
 
 CHUNK = 512
 """Scenarios that a thread takes at once."""
@@ -81,7 +82,7 @@ def run_lanes(
         if array.shape != (n, columns):
             raise SceneError(f"Argument `{name}` must have shape ({n}, {columns}), but it has {array.shape}.")
     program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 and not signals else DOP853)
-    work = _work(loop, dataclasses.replace(run, output_times=None), program)
+    work = work_arrays(loop, dataclasses.replace(run, output_times=None), program)
     made = block(program, width or host_width(program.machine.states), tuple(signals))
     ne = program.machine.elements
     batch = Batch(

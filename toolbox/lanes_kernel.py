@@ -18,7 +18,7 @@ from toolbox.emit import compiled, inline
 from toolbox.emit import function_text as scalar_text
 from toolbox.emit_vector import VectorBody, function_text
 from toolbox.errors import SceneError
-from toolbox.kernel import _plain, stages
+from toolbox.kernel import plain_body, stages
 from toolbox.loop import RIGID, SWITCH
 from toolbox.program import Program
 from toolbox.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
@@ -343,7 +343,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...]) -> Block:
     scalar_texts: list[str] = []
     functions, declared = dict(body.functions), set(body.intrinsics)
     if signals:
-        plain = _plain(observe, 0)
+        plain = plain_body(observe, 0)
         scalar_texts.append(scalar_text("observe", plain))
         declared |= plain.intrinsics
     for other in bodies.values():

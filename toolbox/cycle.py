@@ -21,7 +21,7 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
-from toolbox.sensitivity import check_smooth, parameter_column
+from toolbox.sensitivity import parameter_column
 from toolbox.simulate import Run, again, simulate
 from toolbox.trajectory import Trajectory
 
@@ -190,7 +190,6 @@ class Orbit:
         """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
         from toolbox.variation import variation_of
 
-        check_smooth(run)
         for name, value in run.run.inputs.items():
             if isinstance(value, Table) and np.ptp(value.values) > 0:
                 raise SceneError(
@@ -225,10 +224,8 @@ class Orbit:
         for row in (0, -1):
             p = run.parameters.copy()
             p[run.program.first_held :] = run.held[row]
-            sides = np.empty(0)
-            if self.variation.sides.numel():
-                sides = np.sign(np.array(self.variation.kinks(run.time[row], run.states[row], p, run.mode[row])).ravel())
-            rows.append(np.array(self.variation.field(run.time[row], run.states[row], p, np.concatenate([run.mode[row], sides]))).ravel())
+            whole = self.variation.whole(run, [row])[0]
+            rows.append(self.variation.slope_at(run.time[row], whole, p, run.mode[row])[: self.variation.plant])
         return rows[0], rows[1]
 
     def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:

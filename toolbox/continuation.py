@@ -145,8 +145,11 @@ def follow(
     unit = unit_of(cycle.run, parameter)
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
+    left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:
         point = walk.step(size)
+        if point is not None and left is not None and signature_of(point.run) == left:
+            point = None  # back across the corner
         if point is None:
             size /= 2
             if size > 1e-5 * step:
@@ -156,7 +159,8 @@ def follow(
                 branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
                 branch.ended = "the cycle shrinks to a steady state"
                 break
-            point = walk.around() if turned < 2 else None
+            here = branch.cycles[-1].signature
+            point = walk.around(left) if turned < 2 else None
             touched = walk.touched()
             if point is None:
                 branch.ended = (
@@ -165,11 +169,11 @@ def follow(
                 if touched is not None:
                     branch.bifurcations.append(Bifurcation("grazing", touched, branch.cycles[-1]))
                 break
-            turned += 1
+            turned, left = turned + 1, here
             branch.bifurcations.append(Bifurcation("grazing", branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
-            turned = 0
+            turned, left = 0, None
             rest = walk.vanishing(point, size)
             if rest is not None:
                 branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
@@ -363,8 +367,11 @@ class _Walk:
         a, b = self.before, self.here
         return b.value + (b.value - a.value) * b.approach**2 / (a.approach**2 - b.approach**2)
 
-    def around(self) -> _Point | None:
-        """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
+    def around(self, left: Any = None) -> _Point | None:
+        """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show.
+
+        left: the switches that a corner just passed led away from, to which there is no way back.
+        """
         n, here, heading = self.kept.size, self.here, self.heading
         mine = signature_of(here.run)
         probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
@@ -373,13 +380,13 @@ class _Walk:
                 run, tangent, period = self._shot(here.u + near * probe)
             except (SimulationError, SceneError):
                 continue
-            if signature_of(run) == mine:
+            if signature_of(run) in (mine, left):
                 continue
             beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
             for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
                 self.heading = way
                 point = self._corrected(here.u + far * way, way, float(way @ here.u) + far, most=20)
-                if point is not None and not self._dead(point) and signature_of(point.run) != mine:
+                if point is not None and not self._dead(point) and signature_of(point.run) not in (mine, left):
                     return point
         self.heading = heading
         return None

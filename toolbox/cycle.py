@@ -241,7 +241,8 @@ class Orbit:
             returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + variation.laws.read.size))
             for update in run.program.system.updates:
                 first = update.first_held + len(update.names)
-                size.append(np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0))
+                found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
+                size.append(np.where(found > 1e-9 * size[0].max(), found, 0.0))  # of an integral that has come to rest at 0 round-off is left
             size.append(np.abs(run.held[:, variation.laws.read]).max(axis=0))
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0

@@ -156,7 +156,7 @@ class Fit:
             )
         lines += [f"  `{name}` ended at its bound: its interval means nothing, and the optimum lies outside." for name in self.at_bounds]
         if not self.misfit.exact:
-            lines.append("  slopes by differences, because a sampled law has no exact ones")
+            lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:

@@ -107,6 +107,17 @@ def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None
     return Extent(-low, high, min(max(mean, -low), high), when_low, when_high)
 
 
+def mean_square(run: Trajectory, signal: str, target: float = 0.0, *, after: float = 0.0, until: float | None = None) -> float:
+    """Time mean of (signal - target)^2 between `after` and `until` [s] (the end of the run), in the unit of the signal squared.
+
+    The Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`. Raises SceneError as `extent` does.
+    """
+    begin, end = window(run, after, until)
+    if not is_finite_number(target):
+        raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
+    return sum(float(weights @ (scalar(samples, signal) - target) ** 2) for weights, samples in gauss(run, begin, end)) / (end - begin)
+
+
 def severity(
     run: Trajectory,
     signal: str = "bit.speed",
@@ -346,7 +357,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     total, moved = np.zeros(len(terms)), np.zeros(len(terms))
     begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
     if power is not None:
-        for weights, samples in _gauss(run, begin, end):
+        for weights, samples in gauss(run, begin, end):
             values = _evaluated(power, samples)
             total += values @ weights
             moved += np.abs(values) @ weights
@@ -394,7 +405,7 @@ def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
     return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
 
 
-def _gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
+def gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
     """(weights [s], signals) at the Gauss points of every step between begin and end, in portions."""
     borders = _borders(run, begin, end)
     for first in range(0, borders.size - 1, CHUNK):
@@ -408,7 +419,7 @@ def _sampled(run: Trajectory, signal: str, begin: float, end: float) -> tuple[np
     """Times, values of a scalar signal at borders and Gauss points of all steps (right-hand limits at jumps), and the time mean."""
     borders = _borders(run, begin, end)
     inner_times, inner_values, integral = [], [], 0.0
-    for weights, samples in _gauss(run, begin, end):
+    for weights, samples in gauss(run, begin, end):
         values = scalar(samples, signal)
         inner_times.append(samples.time)
         inner_values.append(values)

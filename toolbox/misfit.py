@@ -93,7 +93,7 @@ class Simulated:
                 return {name: slopes[name] for name in self.outputs}
             except GrazingError:
                 pass
-            except SceneError:  # a sampled law
+            except SceneError:  # a law in Python, or one that reads an encoder
                 self.exact = False
         columns = []
         for i, size in enumerate(sizes):

@@ -75,12 +75,8 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
         keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
         memory_size = len(keys)
-        if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
-            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
-            p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
-    memory = np.zeros(memory_size)
-    if run.resume is not None:
-        memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
+    memory, held = begun(run, system)
+    p[program.held_slot : program.held_slot + held.size] = held
     depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
@@ -89,10 +85,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     for name, value in run.start.items():
-        remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]
-        if remembered:
-            _place_memory(system, memory[remembered[0] :], name, value)
-        else:
+        if not any(name in update.places for update in system.updates):
             place_start(system, x, name, value)
     events = _event_room(128 + 2 * ne, ne, run.budget)
     work = loop.Work(
@@ -111,6 +104,25 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
     )  # fmt: skip
     set_method(loop, work, program)
     return work
+
+
+def begun(run: Run, system: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
+    """What sampled laws begin with: their memory, the noise of each law behind its own, and the signals held before the first sample."""
+    memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
+    held = np.zeros(system.held.numel())
+    for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
+        if delay > 0.0:  # until a delayed output arrives the signal has its stand-in
+            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
+            held[update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
+    if run.resume is not None:
+        memory[:], held[:] = run.resume
+    place = 0
+    for update in system.updates:
+        for name, value in run.start.items():
+            if name in update.places:
+                _place_memory(system, memory[place:], name, value)
+        place += update.memory.numel() + len(update.channels)
+    return memory, held
 
 
 def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:

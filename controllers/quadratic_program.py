@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import SceneError
+from toolbox.announce import announced
 
 SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, the others as they ship with casadi."""
@@ -70,6 +71,9 @@ class QuadraticProgram:
     def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", tolerance: float | None = None, warm: bool = True):
         if solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {solver!r}.")
+        from controllers.condensing import kkt
+
+        announced("check of quadratic programs", kkt)
         self.solver, self.warm = solver, warm
         self.tolerance = tolerance or (1e-3 if solver in ("osqp", "proxqp") else 1e-6)
         self.H, self.A = np.array(H, float), np.array(A, float).reshape(-1, H.shape[0])

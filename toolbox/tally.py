@@ -20,6 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.announce import announced
 from toolbox.elements import is_finite_number
 from toolbox.emit import compiled, function_text
 from toolbox.errors import SceneError, suggest
@@ -147,6 +148,8 @@ class Tally:
 
     def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
         from toolbox import loop, tally_loop
+
+        announced("reader of measures", tally_loop.read_nodes, tally_loop.read_events)
 
         self.loop, self.loops, self.program, self.measures, self.duration = loop, tally_loop, program, tuple(measures), duration
         spans = [(float(m.after), duration if m.until is None else float(m.until)) for m in self.measures]
@@ -290,6 +293,7 @@ def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
     else:
         from toolbox import tally_loop
 
+        announced("reader of measures", tally_loop.read_steps)
         program, machine = nodes.program, nodes.program.machine
         addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
         tally_loop.read_steps(
@@ -299,7 +303,7 @@ def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
     long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
     return Steps(
         np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
-        *(array[long, 0] for array in (lowest, highest, when_lowest, when_highest, integral)),
+        *(array.ravel()[long] for array in (lowest, highest, when_lowest, when_highest, integral)),
     )  # fmt: skip
 
 

@@ -118,7 +118,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.g[N:], self.low[N:width] = law.priority, 0.0
         self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
         self._clear()
-        for speed in (0.0, law.reference):  # loads what is compiled, which no sample should wait for
+        for speed in (0.0, *3 * (law.reference,)):  # loads what is compiled; a bit turns after three samples
             self.plan(speed * np.append(model.bit, 0.0))
         self._clear()
 

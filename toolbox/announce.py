@@ -22,10 +22,10 @@ def announced(name: str, *functions: Any) -> bool:
 
 
 def _known(function: Any) -> bool:
-    if function.signatures:
-        return True
     try:
+        if function.signatures:
+            return True
         target = function.targetctx.codegen().magic_tuple()
         return any(target in key for key in function._cache._cache_file._load_index())
-    except AttributeError:  # another version of numba keeps its index elsewhere
+    except AttributeError:  # numba is told not to compile, or another version of it keeps its index elsewhere
         return True

@@ -8,7 +8,7 @@ from numba import njit
 from toolbox.loop import _call
 
 DEPTH = 12
-"""A step is halved at most so often."""
+"""A step is halved at most so often, so that it has at most 4096 pieces, whatever the signal."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -120,7 +120,7 @@ def _read_piece(
         h = stack_t[top] - at
         if not _fits(left, right, h, count, size, tolerance):
             middle = at + 0.5 * h
-            if top < _depth(left, right, count) and at < middle < stack_t[top]:
+            if top < DEPTH and h > 1.5 * (end - begin) / 2 ** _depth(left, right, count) and at < middle < stack_t[top]:
                 top += 1
                 stack_t[top] = middle
                 _state_at(step, project, origin, middle - origin, n, ne, x, k, p, m, y, new)

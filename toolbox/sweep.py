@@ -40,6 +40,7 @@ from toolbox.parts import Component, _fields, _nested, checked, numbers_of, rebu
 from toolbox.simulate import Run, _run, checked_run, place_start
 from toolbox.stability import Knob
 from toolbox.tally import Measure
+from toolbox.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -624,11 +625,13 @@ def _probed(task: Task) -> tuple[str, float]:
     if method == "event":
         method = "explicit"
         if not task.run.laws:
+            found: Trajectory | None
             try:
-                if _run(single(task, middle)).run.method == "stiff":
-                    method = "stiff"
-            except SimulationError:
-                pass
+                found = _run(single(task, middle))
+            except SimulationError as failure:
+                found = failure.run
+            if found is not None and found.run.method == "stiff":
+                method = "stiff"
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     finished(alone)  # compiles
     return method, finished(alone).seconds

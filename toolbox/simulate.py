@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import dataclasses
-import sys
 import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.announce import announced
 from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
@@ -335,13 +335,7 @@ def compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
 
     if advance not in _LOADED:
         _LOADED.append(advance)
-        try:
-            target = advance.targetctx.codegen().magic_tuple()
-            known = any(target in key for key in advance._cache._cache_file._load_index())
-        except AttributeError:  # another version of numba keeps its index elsewhere
-            known = True
-        if not known:
-            print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+        announced(name, advance)
         empty = work_arrays(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
         advance(empty)
     return loop, advance

@@ -40,6 +40,7 @@ from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, 
 from toolbox.simulate import Run, carry_out, checked_run
 from toolbox.stability import Knob
 from toolbox.tally import Measure
+from toolbox.trajectory import Trajectory
 from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
@@ -625,11 +626,13 @@ def _probed(task: Task) -> tuple[str, float]:
     if method == "event":
         method = "explicit"
         if not task.run.laws:
+            found: Trajectory | None
             try:
-                if carry_out(single(task, middle)).run.method == "stiff":
-                    method = "stiff"
-            except SimulationError:
-                pass
+                found = carry_out(single(task, middle))
+            except SimulationError as failure:
+                found = failure.run
+            if found is not None and found.run.method == "stiff":
+                method = "stiff"
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     finished(alone)  # compiles
     return method, finished(alone).seconds

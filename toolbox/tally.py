@@ -20,6 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.announce import announced
 from toolbox.elements import is_finite_number
 from toolbox.emit import compiled, function_text
 from toolbox.errors import SceneError, suggest
@@ -27,6 +28,7 @@ from toolbox.hybrid import HybridSystem
 from toolbox.kernel import plain_body
 from toolbox.measure import SEVERITIES, Extent, severity_of
 from toolbox.program import Program
+from toolbox.trajectory import Samples, Stepped, Trajectory
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- what is measured
@@ -147,6 +149,8 @@ class Tally:
     def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
         from toolbox import loop, tally_loop
 
+        announced("reader of measures", tally_loop.read_nodes, tally_loop.read_events)
+
         self.loop, self.loops, self.program, self.measures, self.duration = loop, tally_loop, program, tuple(measures), duration
         spans = [(float(m.after), duration if m.until is None else float(m.until)) for m in self.measures]
         of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.kind in _OF_SIGNALS]
@@ -156,7 +160,7 @@ class Tally:
             windows.append((0.0, duration))
         self.windows = np.array(windows, float).reshape(-1, 2)
         self.places = [
-            (self.signals.index(m.of), windows.index(span)) if m.kind in _OF_SIGNALS else None
+            (windows.index(span), self.signals.index(m.of)) if m.kind in _OF_SIGNALS else None
             for m, span in zip(self.measures, spans, strict=True)
         ]
         self.whole = windows.index((0.0, duration)) if program.varying else 0
@@ -173,11 +177,13 @@ class Tally:
         count = self.count = len(self.signals) + len(program.varying)
         machine = program.machine
         field, step, project, *_ = machine.addresses
-        self.addresses = np.array([field, step, project, _compiled(program, tuple(self.signals)) if count else 0], np.int64)
-        self.tolerance = 10.0 * accuracy
+        self.addresses = np.array(
+            [field, step, project, _compiled(program, tuple(self.signals), program.varying) if count else 0], np.int64
+        )
+        self.tolerance = _tolerance(accuracy)
         self.p = np.empty(program.p_size)
         self.size, self.ends = np.zeros(count), np.zeros(count)
-        self.lowest, self.highest, self.integral = (np.zeros((count, len(windows))) for _ in range(3))
+        self.lowest, self.highest, self.integral = (np.zeros((len(windows), count)) for _ in range(3))
         self.since = np.zeros(len(names))
         self.spent, self.number, self.latest, self.switches = (np.zeros(len(asked)) for _ in range(4))
 
@@ -217,11 +223,11 @@ class Tally:
         place = self.places[q]
         if place is not None:
             if m.kind == "final":
-                return self.ends[place[0]]
+                return self.ends[place[1]]
             low, high = self.lowest[place], self.highest[place]
             if m.kind in ("minimum", "maximum"):
                 return low if m.kind == "minimum" else high
-            begin, end = self.windows[place[1]]
+            begin, end = self.windows[place[0]]
             average = min(max(self.integral[place] / (end - begin), low), high)
             return average if m.kind == "mean" else severity_of(Extent(low, high, average, math.nan, math.nan), m.definition, m.reference)
         row = self.rows[q]
@@ -233,22 +239,84 @@ class Tally:
     def broken_bound(self) -> str | None:
         """What is wrong with a bound of friction that was negative during the run; None where none was."""
         for k, i in enumerate(self.program.varying, len(self.signals)):
-            low, high = self.lowest[k, self.whole], self.highest[k, self.whole]
+            low, high = self.lowest[self.whole, k], self.highest[self.whole, k]
             if low < -1e-9 * max(abs(low), abs(high)):
                 return f"The bound of `{self.program.system.elements[i].name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
         return None
 
 
-def _compiled(program: Program, signals: tuple[str, ...]) -> int:
-    """Address of the function (t, x, p, m) -> signals and bounds that vary, then their first and second derivatives in time."""
-    key = f"tally of {signals}"
+def _tolerance(accuracy: float) -> float:
+    """Largest distance of the cubic from the quintic, in parts of the size of a signal; its power 3/2 over 6 is about the error of the quintic."""
+    return min(10.0 * accuracy, 1e-5)
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- step by step
+@dataclass(frozen=True)
+class Steps:
+    """What a scalar signal does in every step of a run inside a window: arrays of shape (steps,).
+
+    begin, end: of the steps, cut to the window [s];  row: of the node at which each begins;  lowest, highest: values, of quintics;  when_lowest,
+    when_highest [s];  integral: over the step.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    row: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+    when_lowest: np.ndarray
+    when_highest: np.ndarray
+    integral: np.ndarray
+
+
+def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
+    """The steps of a run with every step recorded, read as those of a `Tally` are; those of time stepping are straight from node to node."""
+    first = max(int(np.searchsorted(nodes.time, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(nodes.time, end, side="left")) + 1
+    time, rows = nodes.time[first:last], slice(first, last)
+    lowest, highest, when_lowest, when_highest, integral = (
+        np.full((time.size - 1, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0)
+    )
+    if isinstance(nodes, Stepped):
+        edges = np.clip(time, begin, end)
+        left = np.asarray(nodes.at(edges[:-1])[signal])
+        right = np.asarray(
+            Samples(
+                nodes.program, edges[1:], nodes.at(edges[1:]).states, nodes.mode[rows][:-1], nodes.held[rows][:-1], nodes.parameters, False
+            )[signal]
+        )
+        for values, when in ((left, edges[:-1]), (right, edges[1:])):
+            lower, higher = values < lowest[:, 0], values > highest[:, 0]
+            lowest[lower, 0], when_lowest[lower, 0] = values[lower], when[lower]
+            highest[higher, 0], when_highest[higher, 0] = values[higher], when[higher]
+        integral[:, 0] = 0.5 * (left + right) * np.diff(edges)
+    else:
+        from toolbox import tally_loop
+
+        announced("reader of measures", tally_loop.read_steps)
+        program, machine = nodes.program, nodes.program.machine
+        addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
+        tally_loop.read_steps(
+            addresses, machine.states, machine.elements, machine.guards, time, nodes.states[rows], nodes.mode[rows], nodes.held[rows],
+            nodes.parameters.copy(), program.first_held, begin, end, _tolerance(nodes.accuracy), lowest, highest, when_lowest, when_highest, integral,
+        )  # fmt: skip
+    long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
+    return Steps(
+        np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
+        *(array.ravel()[long] for array in (lowest, highest, when_lowest, when_highest, integral)),
+    )  # fmt: skip
+
+
+def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] = ()) -> int:
+    """Address of the function (t, x, p, m) -> signals and bounds of elements, then their first and second derivatives in time."""
+    key = f"tally of {signals} and {list(bounds)}"
     found = program.outputs.get(key)
     if found is None:
         system = program.system
         p, u, force = program.expressions
         rows = {name: system.rows(name) for name in signals}
         chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
-        value = ca.vertcat(*chosen, *[system.elements[i].static for i in program.varying])
+        value = ca.vertcat(*chosen, *[system.elements[i].static for i in bounds])
         if system.elements:
             value = ca.substitute(value, system.F, force)
         if system.inputs:

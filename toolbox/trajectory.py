@@ -41,7 +41,9 @@ class Samples:
     Taken at a single time, entries are floats (or shape (n,)).
     """
 
-    def __init__(self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool):
+    def __init__(
+        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+    ):
         self.program = program
         self.time = time
         self.states = states
@@ -131,6 +133,10 @@ class Replay:
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
         self.place += 1
         return self.answers[self.place - 1]
+
+
+ROUND_OFF = 1e-12
+"""A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
 
 
 class Trajectory(Samples):
@@ -245,7 +251,9 @@ class Trajectory(Samples):
         numbers = finite_array(time)
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}.")
+            raise SceneError(
+                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}."
+            )
         nodes = self.nodes
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         states = nodes._between(times, row)
@@ -280,6 +288,7 @@ class Trajectory(Samples):
     def error(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
+        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it.
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """
@@ -301,10 +310,12 @@ class Trajectory(Samples):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
-        groups = self.program.groups[: size.size]  # a state far below others of its unit is round-off of theirs, as in the control of steps
+        groups = self.program.groups[: size.size]
         largest = np.zeros(self.program.group_count)
         np.maximum.at(largest, groups, size)
-        size[size > 0] = np.maximum(size, np.maximum(1e-10 * largest[groups], 1e-14))[size > 0]
+        floor = np.maximum(1e-10 * largest[groups], 1e-14)  # as in the control of steps
+        floor = np.where(size < ROUND_OFF * largest[groups], largest[groups], floor)
+        size[size > 0] = np.maximum(size, floor)[size > 0]
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 
@@ -453,8 +464,12 @@ class Smoothed(Trajectory):
         from toolbox.simulate import again
 
         widths = {name: width / 4 for name, width in self.run.widths.items()}
-        return 5.0 / 3.0 * self.difference(
-            again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+        return (
+            5.0
+            / 3.0
+            * self.difference(
+                again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+            )
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +43,9 @@ class Samples:
     Taken at a single time, entries are floats (or shape (n,)).
     """
 
-    def __init__(self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool):
+    def __init__(
+        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+    ):
         self.program = program
         self.time = time
         self.states = states
@@ -243,7 +247,9 @@ class Trajectory(Samples):
         numbers = finite_array(time)
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}.")
+            raise SceneError(
+                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}."
+            )
         nodes = self.nodes
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         states = nodes._between(times, row)
@@ -339,6 +345,29 @@ class Trajectory(Samples):
                 columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
         columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files import replaced
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        target = Path(path)
+        with replaced(target) as file:
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            table = csv.writer(text, lineterminator="\n")
+            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
+            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
+            text.flush()
+            text.detach()
+        return target
 
     def save(self, path: str | Path) -> Path:
         """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all.
@@ -448,8 +477,12 @@ class Smoothed(Trajectory):
         from toolbox.simulate import again
 
         widths = {name: width / 4 for name, width in self.run.widths.items()}
-        return 5.0 / 3.0 * self.difference(
-            again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+        return (
+            5.0
+            / 3.0
+            * self.difference(
+                again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+            )
         )
 
 

@@ -88,7 +88,7 @@ def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
     ("change", "word"),
     [
         (["--parameter", "top.refrence"], "top.reference"),
-        (["--from", "200 rpm"], "between"),
+        (["--from", "200 rpm"], "`--to` must be above `--from`"),
         (["--from", "20 kN"], "--from"),
         (["--to", "fast"], "--to"),
         (["--values", "1"], "values"),

@@ -31,9 +31,10 @@ from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.linear import _closed, _function, _holding, _input_values, _labels, _numbers, _residual, equilibrium
 from toolbox.onset import _contact, _speed
+from toolbox.parts import law_of
 from toolbox.simulate import Run
 from toolbox.stability import Knob, continuous_loop
-from toolbox.sweep import Variations, _fingerprint, evaluated, grid, varied_numbers, varied_run
+from toolbox.sweep import Variations, _fingerprint, evaluated, folder_of, grid, varied_numbers, varied_run
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -260,7 +261,7 @@ def severity_map(
         return severity, ratio, verdict
 
     if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
+        folder_of(Path(out))
     both = np.repeat([False, True], len(points))
     columns = judged(np.vstack([points, points]), both)
     first = failures
@@ -369,7 +370,7 @@ class _Loop:
         if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return _Loop(
-            title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts), names=names,
+            title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
             units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=signal or _speed(closed, contact), after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip

@@ -14,6 +14,7 @@ import numpy as np
 
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.parts import law_of
 
 
 class Event(NamedTuple):
@@ -395,7 +396,7 @@ class Trajectory(Samples):
 
     def __str__(self) -> str:
         lines = [
-            f"{type(self).__name__} of {', '.join(type(getattr(part, 'law', part)).__name__ for part in self.run.system.parts)}",
+            f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]

@@ -50,11 +50,13 @@ def run(given: argparse.Namespace) -> int:
     units = {label: _unit(scene, label, given.parameter) for label in labels}
     unit = next((word for word in units.values() if word is not None), None)
     if unit is None:
-        _unit(scene, labels[0], given.parameter, complain=True)
+        _unit(scene, labels[-1], given.parameter, complain=True)  # the first is often the plant alone, without a set-point
     number = {
         word: None if text is None else parse(plain(text), str(unit), f"--{word}")
         for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
     }
+    if not number["from"] < number["to"]:  # type: ignore[operator]
+        raise SceneError(f"Argument `--to` must be above `--from`, but the range is {given.low} to {given.high}.")
     onsets, failures = {}, {}
     stems = file_stems(labels)
     names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]

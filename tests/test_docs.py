@@ -40,6 +40,7 @@ def command(line, folder):
     return done.stdout
 
 
+@pytest.mark.timeout(300)  # commands are processes of their own, and import everything anew
 @pytest.mark.parametrize("path", [p for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))], ids=lambda path: path.stem)
 def test_a_page_runs_from_top_to_bottom_in_a_folder_of_its_own(path, tmp_path, monkeypatch):
     """Python is executed, blocks with a title are files, lines of a console that begin with $ are commands."""

@@ -411,11 +411,14 @@ class Trajectory(Samples):
         if self.time.size:
             lines.append("  at the recorded times")
             memories = {name for update in self.program.system.updates for name in update.places}
-            for name in self.names:
-                values = self[name]
-                if values.ndim == 1 and name not in memories:
+            shown = {name: self[name] for name in self.names if name not in memories}
+            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
+            for name, values in shown.items():
+                if values.ndim == 1:
                     values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
+                    lines.append(
+                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
+                    )
         return "\n".join(lines)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, numbers_of, structure_of, symbolic_copy
+from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, law_of, numbers_of, structure_of, symbolic_copy
 from toolbox.switching import check_rates
 
 
@@ -142,7 +142,7 @@ class _Composer:
         for variable in equations.flow:
             if not isinstance(variable, State):
                 raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
-        law = getattr(component, "law", component)
+        law = law_of(component)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
         label = first.label if first is not None else next(iter(equations.gives), "")

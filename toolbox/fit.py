@@ -322,19 +322,22 @@ class _Search:
 
     def fit(self) -> Fit:
         from scipy.stats import t as student
+        from tqdm import tqdm
 
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
         found: list[Any] = []
         reason: Exception | None = None
-        for begin in self._begins():
-            if len(found) == self.starts:
-                break
-            try:
-                found.append(self._descend(begin, scales, self.misfit.horizons()))
-            except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
-                reason = reason or error
+        with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(self._descend(begin, scales, self.misfit.horizons()))
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
         if not found:
             raise reason or SimulationError("No start of the fit could be simulated.")
         best = min(found, key=lambda each: each.cost)

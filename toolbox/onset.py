@@ -28,6 +28,7 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.linear import Equilibrium, function_of, input_values, state_labels
+from toolbox.parts import law_of
 from toolbox.simulate import Run, again, checked_run
 from toolbox.stability import Followed, HopfPoint, Knob, checked_range, continuous_loop, critical_pole, hopf_points, state_values
 from toolbox.trajectory import Trajectory
@@ -381,7 +382,7 @@ def onset(
     if laws and any(isinstance(each, Sampled) for each in laws):
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
     return Onset(
-        title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in search.base.system.parts),
+        title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
         parameter=parameter,
         unit=knob.unit,
         element=contact,

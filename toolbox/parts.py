@@ -91,6 +91,12 @@ class _Field:
 _FIELDS: dict[type, tuple[_Field, ...]] = {}
 
 
+def law_of(part: Component) -> Component:
+    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
+    law = getattr(part, "law", None)
+    return law if isinstance(law, Component) else part
+
+
 def fields_of(kind: type) -> tuple[_Field, ...]:
     """The declared fields of a part or law; looked up for every run, and therefore kept."""
     known = _FIELDS.get(kind)
@@ -136,7 +142,9 @@ def check_fields(part: Any) -> None:
             for number in value if isinstance(value, tuple) else (value,):
                 broken = bounds_broken(number, field.spec.metadata)
                 if broken:
-                    raise SceneError(f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")
+                    raise SceneError(
+                        f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}."
+                    )
     checked(part)
 
 

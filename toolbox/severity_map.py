@@ -40,9 +40,10 @@ from toolbox.linear import (
     state_labels,
 )
 from toolbox.onset import judged_contact, judged_speed
+from toolbox.parts import law_of
 from toolbox.simulate import Run
 from toolbox.stability import Knob, continuous_loop
-from toolbox.sweep import Variations, evaluated, grid, run_fingerprint, varied_numbers, varied_run
+from toolbox.sweep import Variations, evaluated, folder_of, grid, run_fingerprint, varied_numbers, varied_run
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -269,7 +270,7 @@ def severity_map(
         return severity, ratio, verdict
 
     if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
+        folder_of(Path(out))
     both = np.repeat([False, True], len(points))
     columns = judged(np.vstack([points, points]), both)
     first = failures
@@ -378,7 +379,7 @@ class _Loop:
         if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return _Loop(
-            title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts), names=names,
+            title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
             units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=signal or judged_speed(closed, contact), after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip

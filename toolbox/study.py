@@ -204,8 +204,8 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_found(found: SeverityMap | Tuned | WorkPrecision | Fit, title: str | None, path: Path) -> None:
-    """Write the figure of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
+def draw_found(found: Trajectory | SeverityMap | Tuned | WorkPrecision | Fit, title: str | None, path: Path) -> None:
+    """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
     _plot()
     _write(found.plot(), title, path)
 

@@ -36,7 +36,7 @@ from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
 from toolbox.onset import judged_contact, judged_speed
-from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
+from toolbox.parts import Component, checked, fields_of, is_nested, law_of, numbers_of, rebuilt, structure_of
 from toolbox.simulate import Run, carry_out, checked_run
 from toolbox.stability import Knob
 from toolbox.tally import Measure
@@ -418,7 +418,7 @@ def sweep(
     task = Task(run, numbers, tuple(chosen.values()), starts, held=_stand_ins(run, variations))
     values, errors, seconds = evaluated(task, broken, executor, out, run_fingerprint(task, variations, tuple(chosen)))
     result = Sweep(
-        title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts),
+        title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,
         units=tuple(Knob.of(run.system, name).unit for name in variations.names),
         points=variations.points,
@@ -638,11 +638,16 @@ def _probed(task: Task) -> tuple[str, float]:
     return method, finished(alone).seconds
 
 
-def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, chunks: Sequence[tuple[int, int]]) -> None:
+def folder_of(path: Path) -> None:
+    """Make a folder with its parents; raises SceneError where that cannot be."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SceneError(f"Argument `out` must be a folder that can be written, but `{folder}` cannot: {error.strerror}.") from None
+        raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
+
+
+def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, chunks: Sequence[tuple[int, int]]) -> None:
+    folder_of(folder)
     with replaced(folder / MANIFEST) as file:
         file.write(json.dumps({"arguments": dict(fingerprint), "method": method, "chunks": chunks}).encode())
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.parts import law_of
 
 
 class Event(NamedTuple):
@@ -356,6 +359,29 @@ class Trajectory(Samples):
         columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files import replaced
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        target = Path(path)
+        with replaced(target) as file:
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            table = csv.writer(text, lineterminator="\n")
+            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
+            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
+            text.flush()
+            text.detach()
+        return target
+
     def save(self, path: str | Path) -> Path:
         """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all.
 
@@ -382,7 +408,7 @@ class Trajectory(Samples):
 
     def __str__(self) -> str:
         lines = [
-            f"{type(self).__name__} of {', '.join(type(getattr(part, 'law', part)).__name__ for part in self.run.system.parts)}",
+            f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
@@ -397,11 +423,14 @@ class Trajectory(Samples):
         if self.time.size:
             lines.append("  at the recorded times")
             memories = {name for update in self.program.system.updates for name in update.places}
-            for name in self.names:
-                values = self[name]
-                if values.ndim == 1 and name not in memories:
+            shown = {name: self[name] for name in self.names if name not in memories}
+            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
+            for name, values in shown.items():
+                if values.ndim == 1:
                     values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
+                    lines.append(
+                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
+                    )
         return "\n".join(lines)
 
 

@@ -18,6 +18,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
+from toolbox.announce import announced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +66,12 @@ class PlannedNonlinear(PredictiveLaw):
     """A designed `NonlinearMPC`; `torques`, `states`, `modes` are the plan of the last sample, `value` its cost, `strength` the factor on the rock's torque."""
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
+        from controllers import condensing
+        from toolbox import rollout_loop
         from toolbox.rollout import Rollout, regularised
 
+        compiled = (rollout_loop.advance, condensing.cost, condensing.condense, condensing.wound_up, condensing.regulated)
+        announced("nonlinear predictive law", *compiled)
         model, _, _, A = drilling_point(plant, law.reference)
         super().__init__(law, plant, model, string_model(plant).A)
         self.settings = law
@@ -113,7 +118,7 @@ class PlannedNonlinear(PredictiveLaw):
         self.g[N:], self.low[N:width] = law.priority, 0.0
         self.program = QuadraticProgram(np.eye(width), self.rows, law.solver, warm=law.warm)
         self._clear()
-        for speed in (0.0, law.reference):  # loads what is compiled, which no sample should wait for
+        for speed in (0.0, *3 * (law.reference,)):  # loads what is compiled; a bit turns after three samples
             self.plan(speed * np.append(model.bit, 0.0))
         self._clear()
 

@@ -5,9 +5,9 @@
 An answer counts only if it passes its own Karush-Kuhn-Tucker conditions here, whatever the solver says of it: a solver may report success with violated
 bounds, most of all when it is started warm.
 
-Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order)
-is good in the median and bad in the tail where many limits are active; qrqp often fails on these programs, which the check notices. `studies/mpc_speed.py`
-measures it.
+Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order) is slow, most
+of all in the tail, where many limits are active and it may stop short of an answer that counts; qrqp often fails on these programs, which the check
+notices. `studies/mpc_speed.py` measures it.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import SceneError
+from toolbox.announce import announced
 
 SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, the others as they ship with casadi."""
@@ -63,15 +64,19 @@ class Answer:
 class QuadraticProgram:
     """A program of n unknowns and m rows for one of `SOLVERS`; H and A may change in place between solutions.
 
-    tolerance: the largest KKT residual of an answer that counts (default 1e-6, 1e-3 for osqp and proxqp, which are of first order);  warm: start from the last
-    sound answer. Raises SceneError for an unknown solver.
+    tolerance: the largest KKT residual of an answer that counts: with 1e-6, plans that two solvers of a drilling law agree to count differ in their first
+    torque by less than 1e-4 of its limit; osqp and proxqp, which are of first order, are asked for 1e-8 and 1e-9;  warm: start from the last sound answer.
+    Raises SceneError for an unknown solver.
     """
 
-    def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", tolerance: float | None = None, warm: bool = True):
+    def __init__(self, H: np.ndarray, A: np.ndarray, solver: str = "daqp", tolerance: float = 1e-6, warm: bool = True):
         if solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {solver!r}.")
+        from controllers.condensing import kkt
+
+        announced("check of quadratic programs", kkt)
         self.solver, self.warm = solver, warm
-        self.tolerance = tolerance or (1e-3 if solver in ("osqp", "proxqp") else 1e-6)
+        self.tolerance = tolerance
         self.H, self.A = np.array(H, float), np.array(A, float).reshape(-1, H.shape[0])
         self._start()
 
@@ -119,6 +124,7 @@ class _Plugin:
         special: dict[str, dict[str, Any]] = {
             "qrqp": quiet | {"max_iter": 200},
             "daqp": {"daqp": {"iter_limit": 400}},
+            "proxqp": {"proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0}},
             "hpipm": {"N": 1, "nx": [0, 0], "nu": [n, 0], "ng": [m, 0], "hpipm": {"mode": "speed", "iter_max": 60}},
         }
         options = {"error_on_fail": False, "print_time": False} | special.get(solver, {})
@@ -169,7 +175,7 @@ class _Osqp:
         self.upper = np.triu(np.ones_like(H)).T.astype(bool)  # transposed: scipy stores columns
         P, rows = self._sparse(H, A)
         many = rows.shape[0]
-        self.program.setup(P, np.zeros(self.n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-5, eps_rel=1e-5)  # fmt: skip
+        self.program.setup(P, np.zeros(self.n), rows, np.full(many, -1.0), np.full(many, 1.0), verbose=False, eps_abs=1e-8, eps_rel=1e-9)  # fmt: skip
 
     def _sparse(self, H: np.ndarray, A: np.ndarray) -> tuple[Any, Any]:
         from scipy.sparse import csc_matrix

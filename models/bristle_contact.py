@@ -2,7 +2,7 @@
 
 Why a play operator and no bristle mass: the slider of a bristle has no mass and sits behind a spring, so its friction force is the state of
 the spring, and no force of its own acts on its slip. What can be chosen at the bound is its slip: z' = v - w with |z| <= z_b, where w is zero inside, and
-whatever keeps z at the bound as long as v points outward. That is a relay in the switching function s = (z / z_b)^2 - 1 with w = z u, u >= 0: its
+whatever keeps z at the bound as long as v points outward. That is a relay in s = (q - 1) / (q + 1), q = (z / z_b)^2, with w = z u, u >= 0: its
 "sliding mode" s = 0 is the bristle slipping at its bound, and it ends exactly where v turns round. A small mass at each tip would make
 the bristle a `DryFriction`, at the price of a fast oscillation per bristle that the physics does not have and an explicit method must follow; a parallel damper
 would add a viscous force and the same stiffness. The play is exact and has no time constant at all.
@@ -84,7 +84,8 @@ class BristleContact(Component):
         for i in range(n):
             # any ceiling above what slipping takes will do, for then only the turn of the slip ends it
             ceiling = 2 * ca.sqrt((slip / bound[i]) ** 2 + FASTEST**2)
-            relays.append(_Bristle(f"plate.{i}", (z[i] / bound[i]) ** 2 - 1, ceiling, force_unit="1/s"))
+            q = (z[i] / bound[i]) ** 2
+            relays.append(_Bristle(f"plate.{i}", (q - 1) / (q + 1), ceiling, force_unit="1/s"))
             excess.append((ceiling - relays[-1].force) / 2)
         slider_slip = ca.vertcat(*excess) * z
         force = -self.stiffness / n * z

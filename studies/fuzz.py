@@ -322,11 +322,7 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
     if system.stored and audit.turnover > 0 and audit.relative > 1e3 * ACCURACY and run.error < 10 * ACCURACY:
         yield "energy", f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error:.2g}"
     other = again("stiff")
-    times = np.linspace(0.0, run.end, 51)
-    mine, theirs = run.at(times).states, other.at(times).states
-    size = np.abs(other.states[:, : mine.shape[1]]).max(axis=0)
-    real = size > 1e-12 * size.max(initial=0.0)  # beside the others, less than that is round-off
-    apart = np.max(np.abs(mine - theirs).max(axis=0)[real] / size[real], initial=0.0)
+    apart = run.difference(other)
     if apart > 10 * ACCURACY and apart > 10 * (run.error + other.error):
         yield "wrong", f"event and stiff differ by {apart:.2g}, errors said {run.error:.2g} and {other.error:.2g}"
 

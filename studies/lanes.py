@@ -27,7 +27,8 @@ from toolbox.lanes import run_lanes
 from toolbox.lanes_loop import _begin, scalar_address
 from toolbox.program import program_of
 from toolbox.runge_kutta import DOP853
-from toolbox.simulate import Run, _work, checked_run, place_start
+from toolbox.simulate import Run, checked_run
+from toolbox.work_arrays import place_start, work_arrays
 
 COMPARED = 1000
 """Scenarios whose switches are compared."""
@@ -67,7 +68,7 @@ def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> t
 def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int) -> str:
     """One line of the table."""
     parameters, starts = scenarios(run, spread, count)
-    work = _work(loop, run, program_of(run.system, run.kinds, DOP853))._replace(
+    work = work_arrays(loop, run, program_of(run.system, run.kinds, DOP853))._replace(
         out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.empty((100_000, 2), np.int8)
     )
     work.ints[loop.NODES] = 0

@@ -168,3 +168,15 @@ def test_a_ramp_of_the_plate_drags_the_slider_by_its_bristles_until_all_slip():
     run = simulate(plant, 1.0, inputs={"plate.speed": ramp(0.0, 0.01, 0.0, 0.05)}, accuracy=1e-9)
     assert run.at(1.0)["plate.drag"] == pytest.approx(MU * N, rel=1e-9)
     assert run.at(1.0)["slider.position"] == pytest.approx(MU * N / 1e4, rel=1e-6)
+
+
+def test_a_bristle_that_starts_far_beyond_its_bound_falls_to_it_and_stays():
+    """A stretch of a million times the bound decays at 2e4 per second until it is the bound, and is held there by a steady pull."""
+    contact = BristleContact(n=1, stiffness=1e6, load=10.0, friction=0.35)
+    bound = 0.35 * 10.0 / 1e6
+    run = simulate(compose(Slider(), contact), 0.01, start={"plate.stretch": [1e6 * bound]}, inputs={"slider.pull": 0.0}, accuracy=1e-8)
+    after = next(event.time for event in run.events if event.before == "beyond")
+    assert 0 < after < 0.01
+    assert abs(run.at(after)["plate.stretch"][0]) == pytest.approx(bound, rel=1e-9)
+    assert np.abs(run.at(np.linspace(after, 0.01, 50))["plate.stretch"]).max() <= bound * (1 + 1e-9)
+    assert run.error < 1e-6

@@ -389,6 +389,79 @@ def test_help_and_version_are_printed(capsys):
         assert "stickslip" in capsys.readouterr().out
 
 
+COMMANDS = ("study", "simulate", "onset", "sweep", "map", "tune", "fit", "tradeoff", "list")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_help_with_an_example_that_begins_with_its_name(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--help"])
+    assert caught.value.code == 0
+    printed = capsys.readouterr().out
+    assert f"example: stickslip {command} " in " ".join(printed.split())
+    assert command == "list" or "--out DIR" in printed
+
+
+def test_the_help_names_every_command_and_the_exit_codes(root, capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    printed = capsys.readouterr().out
+    page = (root / "docs" / "commands.md").read_text()
+    for command in COMMANDS:
+        assert f"\n    {command} " in printed and f"`stickslip {command} " in page
+    assert "exit codes: 0 done; 1" in printed
+    assert all(f"\n| {code} | " in page for code in (0, 1, 2, 130))
+
+
+JANSEN = "studies/scenes/jansen_2.toml"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["simulate", "--out", "/dev/null/out"], "`--out` must be a folder"),
+        (["map", "--x", "bit.wight=1:2", "--y", "top.reference=3:5", "--out", "OUT"], "did you mean `bit.weight`"),
+        (["map", "--x", "bit.weight=5e4:9e4", "--y", "top.torque=9e3:1e4", "--out", "/dev/null/out"], "must be a folder"),
+        (["sweep", "--vary", "bit.weight=5e4:9e4:2", "--controller", "stiff PI", "--out", "/dev/null/out"], "must be a folder"),
+        (["sweep", "--vary", "bit.wight=5e4:9e4:2", "--out", "OUT"], "did you mean `bit.weight`"),
+        (["onset", "--parameter", "top.reference", "--from", "5", "--to", "3"], "`--to` must be above `--from`"),
+        (["onset", "--parameter", "top.refrence", "--from", "3", "--to", "5"], "did you mean `top.reference`"),
+        (["tune", "--controller", "stif PI", "--free", "integral=1:2", "--objective", "stuck", "--out", "OUT"], "did you mean `stiff PI`"),
+        (["tradeoff", "--controller", "stif PI"], "did you mean `stiff PI`"),
+        (["fit", "nothing.csv", "--free", "bit.weight"], "There is no table"),
+    ],
+    ids=lambda value: " ".join(value)[:40] if isinstance(value, list) else "",
+)
+def test_the_same_mistakes_are_one_line_and_exit_code_2_in_every_command(arguments, words, root, tmp_path, capsys):
+    command, *rest = arguments
+    rest = [str(tmp_path / "out") if word == "OUT" else word for word in rest]
+    assert main([command, str(root / JANSEN), *rest]) == 2
+    assert words in one_line(capsys)
+    assert not list(tmp_path.iterdir())
+
+
+def test_list_tells_wells_models_laws_observers_and_friction_laws_apart(capsys):
+    assert main(["list"]) == 0
+    headings = [line for line in capsys.readouterr().out.splitlines() if not line.startswith(" ")]
+    assert headings == ["Wells", "Oscillators", "Models", "Control laws", "Observers", "Friction laws"]
+    assert main(["list", "Kalman"]) == 0
+    assert capsys.readouterr().out.startswith("Observers\n  observers.Kalman: ")
+    assert main(["list", "Exponential"]) == 0
+    assert capsys.readouterr().out.startswith("Friction laws\n  Exponential: ")
+
+
+def test_list_shows_what_a_part_from_tables_takes_as_a_scene_file_reads_it(capsys):
+    assert main(["list", "DrillString"]) == 0
+    _, _, made = capsys.readouterr().out.partition("    or made from tables, with\n")
+    for line in (
+        "sections         required  path of a table",
+        "top_inertia      required kg m2",
+        "band             1 Hz",
+        "friction         none",
+    ):
+        assert f"    {line}\n" in made
+
+
 def test_list_shows_every_part_with_parameters_and_units(capsys):
     assert main(["list"]) == 0
     printed = capsys.readouterr().out

@@ -88,7 +88,7 @@ def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):
     ("change", "word"),
     [
         (["--parameter", "top.refrence"], "top.reference"),
-        (["--from", "200 rpm"], "between"),
+        (["--from", "200 rpm"], "`--from` must be below `--to`"),
         (["--from", "20 kN"], "--from"),
         (["--to", "fast"], "--to"),
         (["--values", "1"], "values"),
@@ -99,6 +99,12 @@ def test_a_mistake_is_one_line_and_exit_code_2(rig, capsys, change, word):
     assert main(["onset", rig, *RANGE, "--controller", "stiff PI", *change]) == 2
     text = capsys.readouterr().err
     assert word in text and text.count("\n") == 1
+
+
+def test_an_unknown_name_is_looked_for_under_every_controller(rig, capsys):
+    # the law that comes first in the scene has no reference
+    assert main(["onset", rig, "--parameter", "top.refrence", "--from", "3", "--to", "14"]) == 2
+    assert "did you mean `top.reference`" in capsys.readouterr().err
 
 
 def test_where_no_controller_has_a_steady_state_the_exit_code_is_1(rig, capsys):

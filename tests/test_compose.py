@@ -573,6 +573,29 @@ def test_a_composed_controller_is_designed_on_the_plant_it_joins():
     assert plant.parameter("pi.proportional") == pytest.approx(math.sqrt(473.0 * 374.0), rel=1e-12)
 
 
+def test_equations_that_decide_in_python_on_a_number_are_refused_with_the_name_of_the_part():
+    @dataclass(frozen=True)
+    class Branching(Component):
+        rate: float = quantity(1.0, "1/s", "rate")
+
+        def equations(self, signal):
+            x = state("decay.x", "m")
+            return Equations(flow={x: -x if self.rate > 2 else -self.rate * x})
+
+    with pytest.raises(SceneError, match="The equations of Branching decide in Python"):
+        compose(Branching())
+
+
+def test_a_state_without_a_flow_is_named():
+    @dataclass(frozen=True)
+    class Half(Component):
+        def equations(self, signal):
+            return Equations(flow={state("half.x", "m"): state("half.v", "m/s")})
+
+    with pytest.raises(SceneError, match="half.v; a state must be a key of `flow`"):
+        compose(Half())
+
+
 # --- casadi front doors
 
 

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import math
+import shlex
 import tomllib
 
 import numpy as np
@@ -94,14 +95,18 @@ def test_start_values_constant_inputs_and_single_entries_can_be_free():
     assert found.parameters == {"chain.inertia.1": found["chain.inertia.1"]}
 
 
-def test_a_rig_under_a_sampled_drive_is_fitted_with_slopes_by_differences():
-    law = Sampled(PI(reference=8.0, proportional=3000.0, integral=1000.0), 0.1)
+def test_a_rig_under_a_sampled_drive_is_fitted_with_exact_slopes_and_one_under_a_python_law_by_differences():
+    def proportional(t, y):
+        return 9000.0 + 3000.0 * (8.0 - y[0])
+
     time = np.linspace(0.0, 15.0, 200)
-    run = simulate(true_rig(), 15.0, controller=law, output_times=time)
-    data = {"time": time, "top.speed": run["top.speed"], "top.torque": run["top.torque"]}  # the torque is an output of the loop
-    found = fit(RIG, data, "bit.friction.kinetic", parameters={**TRUTH, "bit.friction.kinetic": 0.5}, controller=law, starts=1)
-    assert found["bit.friction.kinetic"] == pytest.approx(0.46, rel=1e-5)
-    assert not found.misfit.exact and "by differences" in str(found)
+    for law, exact in ((PI(reference=8.0, proportional=3000.0, integral=1000.0), True), (proportional, False)):
+        sampled = Sampled(law, 0.1)
+        run = simulate(true_rig(), 15.0, controller=sampled, output_times=time)
+        data = {"time": time, "top.speed": run["top.speed"], "top.torque": run["top.torque"]}  # the torque is an output of the loop
+        found = fit(RIG, data, "bit.friction.kinetic", parameters={**TRUTH, "bit.friction.kinetic": 0.5}, controller=sampled, starts=1)
+        assert found["bit.friction.kinetic"] == pytest.approx(0.46, rel=1e-5)
+        assert found.misfit.exact == exact and ("by differences" in str(found)) != exact
 
 
 # ------------------------------------------------------------------------------------------------------------------------------ what is refused
@@ -271,3 +276,12 @@ def test_the_command_says_what_is_wrong(root, capsys):
     ):
         assert main(["fit", scene, data, *words]) == 2
         assert complaint in capsys.readouterr().err
+
+
+def test_the_example_of_the_help_reads_the_shipped_data(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(FOLDER.parents[1])
+    with pytest.raises(SystemExit):
+        main(["fit", "--help"])
+    words = shlex.split(" ".join(capsys.readouterr().out.split()).partition("example: stickslip ")[2])
+    assert main([*words[:-1], str(tmp_path / "fitted"), "--starts", "1"]) == 0
+    assert "bit.friction.static" in capsys.readouterr().out

@@ -15,7 +15,8 @@ from toolbox import Component, Equations, SceneError, UnilateralContact, compose
 from toolbox.lanes import run_lanes
 from toolbox.loop import INCONSISTENT, UNDERFLOW
 from toolbox.measure import extent
-from toolbox.simulate import checked_run, place_start
+from toolbox.simulate import checked_run
+from toolbox.work_arrays import place_start
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -11,9 +11,11 @@ import control
 import numpy as np
 import pytest
 
+from controllers import SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Relay, SceneError, compose, quantity, simulate, state
 from toolbox.linear import equilibrium, linearise
+from toolbox.stability import continuous_loop
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -344,3 +346,15 @@ def test_importing_it_loads_neither_control_nor_scipy():
     code = "import sys, toolbox.linear, toolbox.measure; print([m for m in ('control', 'scipy', 'matplotlib') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("law", [StiffPI, SoftTorque])
+@pytest.mark.parametrize("reference", [3.0, 8.0, 14.0])
+def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where_they_do_not_bind(law, reference):
+    # full steps of Newton jump from one limit to the other and find nothing
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    states = []
+    for limits in ({}, {"lowest_torque": 0.0, "highest_torque": 20e3}):
+        states.append(equilibrium(continuous_loop(rig, law(reference=reference, **limits))).states)
+    np.testing.assert_allclose(states[1], states[0], rtol=1e-9)
+    assert states[1][1] == pytest.approx(reference, rel=1e-12)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 
 from toolbox import lanes_loop, loop, stepping_loop, tally_loop
-from toolbox.machine_cache import announce, checksum
+from toolbox.machine_cache import checksum
 
 
 def module(path, text):
@@ -26,20 +26,3 @@ def test_an_edit_of_any_file_changes_the_checksum(tmp_path):
 def test_loops_that_call_functions_of_other_files_carry_their_checksum():
     for function, files in ((lanes_loop.run, (loop, tally_loop)), (stepping_loop.advance, (loop,))):
         assert checksum(*files) in [cell.cell_contents for cell in function.py_func.__closure__ if isinstance(cell.cell_contents, int)]
-
-
-def test_the_first_use_is_said_once(capsys):
-    class Loop:
-        """A loop that has to be compiled."""
-
-        class targetctx:
-            codegen = staticmethod(lambda: type("Codegen", (), {"magic_tuple": staticmethod(lambda: ("here",))}))
-
-        class _cache:
-            class _cache_file:
-                _load_index = staticmethod(dict)
-
-    assert announce(Loop, "loop of a test")
-    assert capsys.readouterr().err == "stickslip: compiling the loop of a test, once per machine (up to a minute) ...\n"
-    assert not announce(Loop, "loop of a test")
-    assert capsys.readouterr().err == ""

@@ -332,3 +332,80 @@ def test_settling_around_zero_takes_its_size_from_the_caller():
     position = lambda t: (fast * math.exp(-slow * t) - slow * math.exp(-fast * t)) / (fast - slow)  # noqa: E731
     expected = brentq(lambda t: position(t) - 0.02, 1.0, 30.0, xtol=1e-14)
     assert settling(run, "mass.position", 0.0, size=1.0) == pytest.approx(expected, rel=1e-8)
+
+
+# --------------------------------------------------------------------------------------------------------------- as accurate as the run, and its error
+@pytest.mark.parametrize("signal", ["bit.speed", "bit.torque", "chain.twist.0"])
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6, 1e-9])
+def test_mean_and_extrema_miss_those_of_the_run_by_less_than_a_tenth_of_its_accuracy(accuracy, signal):
+    """Gauss-Legendre integrals of order 16 and 200 samples of every step, through `run.at`, are what they are compared with."""
+    run = simulate(compose(wells.JANSEN_2, BitRock()), 60.0, inputs={"top.torque": 10_000.0}, accuracy=accuracy)
+    found = extent(run, signal, 20.0)
+    borders = np.unique(np.concatenate([[20.0], run.time[run.time > 20.0]]))
+    points, weights = np.polynomial.legendre.leggauss(8)
+    width = np.diff(borders)[:, None]
+    mean = (
+        float(
+            (run.at((borders[:-1, None] + 0.5 * width * (1 + points)).ravel())[signal].reshape(width.size, -1) @ (0.5 * weights))
+            @ width[:, 0]
+        )
+        / 40.0
+    )
+    dense = run.at((borders[:-1, None] + width * np.linspace(0.0, 1.0, 200, endpoint=False)).ravel())[signal]
+    size = np.abs(dense).max()
+    assert abs(found.mean - mean) < 0.1 * accuracy * size
+    for value, best, sign in ((found.maximum, dense.max(), 1.0), (found.minimum, dense.min(), -1.0)):
+        assert sign * (value - best) > -1e-13 * size  # no sample lies beyond
+        assert sign * (value - best) < 1e-4 * size
+    for value, when in ((found.maximum, found.time_of_maximum), (found.minimum, found.time_of_minimum)):
+        sides = np.append(run.at(when)[signal], run[signal][run.time == when])
+        assert np.abs(sides - value).min() <= 1e-15 * size  # they are values of the run
+
+
+@dataclass(frozen=True)
+class Falling(Component):
+    """x' = -1, with sqrt(max(x, 0)) as a signal, whose slope is infinite where x = 0."""
+
+    def equations(self, signal):
+        x = state("water.height", "m")
+        return Equations(flow={x: ca.SX(-1.0)}, gives={"water.outflow": (ca.sqrt(ca.fmax(x, 0.0)), "m/s")})
+
+
+def test_a_signal_whose_slope_is_infinite_has_the_mean_of_its_closed_form():
+    run = simulate(compose(Falling()), 3.0, start={"water.height": 1.0})
+    found = extent(run, "water.outflow")
+    assert found.mean == pytest.approx(2.0 / 9.0, rel=1e-3)
+    assert (found.minimum, found.maximum) == (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Neighbours(Component):
+    """A swinging mass, and a beam that it pushes with forces that cancel, but for their round-off."""
+
+    left: float = quantity(0.1, "1/s^2", "push from the left")
+    right: float = quantity(0.2, "1/s^2", "push from the right")
+    back: float = quantity(0.3, "1/s^2", "push back")
+
+    def equations(self, signal):
+        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
+        z, w = state("beam.position", "m"), state("beam.speed", "m/s")
+        return Equations(flow={x: v, v: -4.0 * x, z: w, w: self.left * x + self.right * x - self.back * x})
+
+
+@pytest.mark.parametrize("accuracy", [1e-5, 1e-6, 1e-9])
+def test_a_state_that_is_zero_but_for_round_off_does_not_spoil_the_error(accuracy):
+    run = simulate(compose(Neighbours()), 30.0, start={"mass.position": 1.0}, accuracy=accuracy)
+    assert 0.0 < np.abs(run["beam.position"]).max() < 1e-12
+    truth = np.abs(run["mass.position"] - np.cos(2.0 * run.time)).max()
+    assert run.error < max(10.0 * truth, 1e-11) and run.error < accuracy
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e-9])
+def test_an_honest_small_state_keeps_its_own_scale(size):
+    """A beam at rest a metre away does not hide the error of a mass that swings by a nanometre."""
+    start = {"mass.position": size, "beam.position": 1.0}
+    plant = compose(Neighbours(left=0.0, right=0.0, back=0.0))
+    run = simulate(plant, 30.0, start=start, accuracy=1e-4)
+    truth = np.abs(run["mass.position"] / size - np.cos(2.0 * run.time)).max()
+    assert truth > 1e-8
+    assert run.error == pytest.approx(truth, rel=0.7)

@@ -155,3 +155,49 @@ def test_a_row_of_bristles_slips_by_regions_and_converges_to_the_rounded_contact
     assert found["partial"] > 0.3
     assert found["error of 1"] == pytest.approx(0.19, abs=0.01)
     assert found["error of 16"] < 0.01 and 1.5 < found["order"] < 2.1
+
+
+@pytest.mark.slow
+def test_a_drive_that_gives_way_or_knows_the_string_ends_stick_slip_far_below_one_that_holds_the_speed(answer):
+    found = answer("07")
+    lowest, late = found["lowest"], found["stuck late at 3 rad/s"]
+    assert lowest["stiff PI"] == {"nominal": 13.0, "real": 13.0}
+    assert lowest["soft torque"] == {"nominal": 6.0, "real": 6.0}
+    assert lowest["LQR, LQG"] == {"nominal": 3.0, "real": 3.0}
+    assert lowest["Z-torque"]["nominal"] < lowest["Z-torque"]["real"] < lowest["soft torque"]["real"]
+    assert late["LQR, LQG"] == 0.0 and late["soft torque"] > 30.0 and late["Z-torque"] > 30.0
+
+
+@pytest.mark.slow
+def test_dither_of_the_load_helps_in_a_band_amplifies_below_it_and_fades_above(answer):
+    found = answer("09")
+    low, high = found["band"]
+    assert 1.5 < low < 3.0 and 4.0 < high < 6.0
+    swing = found["swing"]
+    assert swing["none"] == 1.0 and swing["in the band"] < 0.5 < swing["far above"] < 0.9
+    assert swing["below the natural frequency"] > 1.5 and found["largest"] > 1.5
+    assert found["least up to depth 0.4"] > 0.5
+    # along the slip the mean friction rises with speed, which that of a dithered load cannot
+    assert found["mean friction at 0.1 m/s under B = 0.5 m/s"] < 0.5 * found["mean friction at 0.3 m/s under B = 0.5 m/s"]
+
+
+@pytest.mark.slow
+def test_located_events_reach_an_accuracy_that_the_level_of_detail_makes_useless(answer):
+    found = answer("12")
+    least, detail, accuracy = found["least error"], found["by detail"], found["by accuracy 1e-2"]
+    assert found["disagreement"] < 1e-11 and max(least["explicit"], least["stiff"]) < 1e-11
+    assert least["time-stepping"] > 1e-5 and least["smoothed"] > 1e-3
+    assert detail[2] == pytest.approx(0.18, abs=0.01) and 0.02 < detail[10] < 0.1 and 0.02 < detail[20] < 0.1
+    assert all(accuracy[elements] < detail[elements] for elements in detail)
+    assert found["events"][50] > 50 * found["events"][2]
+    assert found["why"].startswith("event: 1 contact")
+
+
+@pytest.mark.slow
+def test_tuned_gains_free_a_well_from_tables_on_a_finer_model_and_another_weight_than_they_were_tuned_on(answer):
+    found = answer("14")
+    assert found["given"] > 1.0 and found["tuned"] < 0.2
+    assert found["stuck"]["as published"] > 5.0 and found["stuck"]["tuned"] == 0.0
+    assert found["severity"]["as published"] > 1.0 and found["severity"]["tuned"] < 0.3
+    assert 1.0 < found["proportional"] / found["impedance"] < 8.0
+    assert "#define DRIVE_READS 2" in found["header"] and "y[0]  top.speed [rad/s]" in found["header"]

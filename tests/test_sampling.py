@@ -367,6 +367,13 @@ def test_two_runs_with_one_callable_object_give_the_same():
     np.testing.assert_array_equal(first["bit.speed"], second["bit.speed"])
 
 
+def test_a_callable_of_other_arguments_is_refused_before_the_run():
+    rig = compose(wells.JANSEN_2, BitRock())
+    for wrong in (lambda y: 1e4, lambda t, y, u: 1e4):
+        with pytest.raises(SceneError, match=r"`controller` must be callable as \(t, y\)"):
+            simulate(rig, 1.0, controller=wrong, sample_time=0.1)
+
+
 def test_a_callable_gets_its_measurements_in_their_order_and_gives_its_outputs_in_theirs():
     seen = []
 

@@ -389,3 +389,18 @@ def test_wrong_sensors_are_one_clear_error(tmp_path, old, new, message):
     path.write_text(RIG.replace(old, new))
     with pytest.raises(SceneError, match=message.replace(".", r"\.")):
         Scene.load(path)
+
+
+def test_a_scene_prints_its_plant_and_its_cases():
+    path = Path(__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml"
+    text = str(Scene.load(path))
+    assert "TorsionalChain + BitRock, 120 s, judged by `bit` and `bit.speed`" in text
+    assert "constant torque: no law" in text and "late: SlidingMode, every 0.01 s, 0.02 s late" in text
+    assert max(map(len, text.splitlines())) < 120
+
+
+def test_a_scene_or_a_part_where_a_plant_belongs_is_refused_in_one_short_line():
+    path = Path(__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml"
+    for wrong, name in ((Scene.load(path), "Scene"), (Scene.load(path).parts[0], "TorsionalChain")):
+        with pytest.raises(SceneError, match=f"made by `compose`, but it is a {name}.$"):
+            simulate(wrong, 1.0)

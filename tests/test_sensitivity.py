@@ -293,9 +293,6 @@ def test_wrong_arguments_are_named():
         sensitivity(run, "block.mas")
     with pytest.raises(SceneError, match="one entry"):
         sensitivity(simulate(compose(wells.JANSEN_2), 1.0), "chain.inertia")
-    with pytest.raises(SceneError, match="sampled"):
-        rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-        sensitivity(simulate(rig, 1.0, controller=StiffPI(reference=5.0), sample_time=0.1), "bit.weight")
     with pytest.raises(SceneError, match="varies in time"):
         sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force")
 

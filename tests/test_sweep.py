@@ -418,3 +418,30 @@ def test_threads_that_need_the_same_code_at_once_share_it():
         with ThreadPoolExecutor(8) as pool:
             addresses = {future.result() for future in [pool.submit(load) for _ in range(8)]}
         assert len(addresses) == 1  # two would mean that the code of one is freed while its owner still calls it
+
+
+# --- stiff plants
+
+
+def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(monkeypatch):
+    n = 100  # a pipe cut into n elements
+    inertia = (2122.0 + 374.0 / n, *(374.0 / n,) * (n - 2), 374.0 + 374.0 / n)
+    pipe = TorsionalChain(inertia=inertia, stiffness=(473.0 * n,) * (n - 1), damping=(23.2 * n,) * (n - 1), top_drag=425.0, bit_drag=50.0)
+    asked = []
+    file = sys.modules["toolbox.sweep"]  # the name in the package is that of the function
+    alone = file.carry_out
+    monkeypatch.setattr(file, "carry_out", lambda run: (asked.append(run), alone(run))[1])
+    axes, arguments = (
+        {"bit.weight": np.array([85e3, 91e3, 97e3])},
+        {"inputs": {"top.torque": 10_000.0}, "accuracy": 1e-4, "measures": ("severity",)},
+    )
+    found = {
+        method: sweep(compose(pipe, BitRock()), axes, duration=60.0, method=method, **arguments)
+        for method in ("event", "stiff", "explicit")
+    }
+    assert len(asked) == 1
+    np.testing.assert_array_equal(found["event"]["severity"], found["stiff"]["severity"])
+    assert (found["event"]["severity"] != found["explicit"]["severity"]).all()
+    np.testing.assert_allclose(found["event"]["severity"], found["explicit"]["severity"], rtol=1e-3)
+    mild = {method: sweep(RIG, axes, duration=20.0, method=method, **arguments)["severity"] for method in ("event", "explicit")}
+    np.testing.assert_array_equal(mild["event"], mild["explicit"])

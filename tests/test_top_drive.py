@@ -223,3 +223,23 @@ def test_a_drive_of_another_name_is_found_by_the_laws_and_two_of_them_are_refuse
 def test_a_drive_that_cannot_be_built_is_refused_by_name(change, word):
     with pytest.raises(SceneError, match=word):
         compose(wells.JANSEN_2, TopDrive(**change))
+
+
+@dataclasses.dataclass(frozen=True)
+class NamedLaw(PI):
+    """A PI that calls one of its own methods `law`."""
+
+    def law(self):
+        return "proportional and integral"
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.01])
+def test_a_law_may_call_a_method_of_its_own_law_and_still_acts_through_the_drive(sample_time):
+    plant = compose(wells.JANSEN_2, ROCK, TopDrive(torque_limit=9000.0))
+    gains = {"reference": 9.0, "proportional": 5000.0, "integral": 500.0}
+    own = simulate(plant, 20.0, controller=NamedLaw(**gains), sample_time=sample_time)
+    same = simulate(plant, 20.0, controller=PI(**gains), sample_time=sample_time)
+    assert np.array_equal(own["bit.speed"], same["bit.speed"])
+    assert "NamedLaw" in str(own) and own["top.torque"].max() <= 9000.0 * (1 + 1e-9)
+    direct = simulate(compose(wells.JANSEN_2, ROCK), 20.0, controller=PI(**gains), sample_time=sample_time)
+    assert direct["top.torque"].max() > 20_000.0  # without the drive nothing limits the law

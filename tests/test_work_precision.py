@@ -119,3 +119,21 @@ def test_methods_are_named_or_refused():
         work_precision(BELT, 1.0, methods=("magic",))
     with pytest.raises(SceneError, match="Argument `duration` must be given for a plant"):
         work_precision(BELT)
+
+
+def test_the_figure_of_the_command_says_its_title_once_and_within_the_figure(trade, tmp_path, monkeypatch):
+    import matplotlib.pyplot as plt
+
+    from toolbox import study
+
+    drawn = []
+    monkeypatch.setattr(plt, "close", drawn.append)
+    study.draw_found(trade, None, tmp_path / "own.png")
+    study.draw_found(trade, "A long title of a scene, as engineers like them, with weight, speed and depth " * 2, tmp_path / "long.png")
+    monkeypatch.undo()
+    assert drawn[0].get_suptitle() == ""
+    figure = drawn[1]
+    box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
+    assert box.x0 > 0 and box.x1 < figure.bbox.x1
+    for each in drawn:
+        plt.close(each)

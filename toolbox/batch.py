@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SimulationError
+from toolbox.failures import exhausted, failure
 from toolbox.kernel import UNROLLED
 from toolbox.program import program_of
 from toolbox.runge_kutta import DOP853
-from toolbox.simulate import UNHURRIED, Run, _compiled_loop, _exhausted, _failure, _run, _work, pair_of
+from toolbox.simulate import UNHURRIED, Run, carry_out, compiled_loop, pair_of
 from toolbox.tally import Measure, Tally
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import work_arrays
 
 Call = Callable[[Trajectory], float]
 """A measure in Python."""
@@ -138,9 +140,9 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     run, tried = task.run, 0
     with _PREPARING:
         program = program_of(run.system, run.kinds, pair_of(run))
-        loop, advance = _compiled_loop(run, program)
+        loop, advance = compiled_loop(run, program)
         tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-        work = _work(loop, run, program)
+        work = work_arrays(loop, run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held, memory = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel()), slice(0, None)
@@ -161,10 +163,10 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             status = advance(work)
             events += int(work.ints[loop.EVENTS])
             if status == loop.PAUSED or events > run.budget.events:
-                errors[task.first + i] = str(_exhausted(loop, run, program, work, clock.perf_counter(), []))
+                errors[task.first + i] = str(exhausted(loop, run, program, work, clock.perf_counter(), []))
                 break
             if status not in (loop.DONE, loop.RECORDS_FULL, loop.EVENTS_FULL):
-                errors[task.first + i] = str(_failure(loop, status, run, program, work, clock.perf_counter(), []))
+                errors[task.first + i] = str(failure(loop, status, run, program, work, clock.perf_counter(), []))
                 break
             tally.read(work, status == loop.DONE)
             if status == loop.DONE:
@@ -194,7 +196,7 @@ def single(task: Task, i: int) -> Run:
         start = {name: float(x[at]) if size is None else x[at : at + size] for name, (at, size, _) in system.states.items()}
     resume = base.resume
     if task.memories is not None or task.held is not None:
-        work = _work(_compiled_loop(base, program)[0], base, program)
+        work = work_arrays(compiled_loop(base, program)[0], base, program)
         memory = work.memory if task.memories is None else task.memories[i]
         held = work.p[program.held_slot : program.held_slot + system.held.numel()] if task.held is None else task.held[i]
         resume = (memory.copy(), held.copy())
@@ -204,7 +206,7 @@ def single(task: Task, i: int) -> Run:
 def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
     for i in range(len(task.numbers)):
         try:
-            run = _run(single(task, i))
+            run = carry_out(single(task, i))
             values[i] = [_tallied(run, measure) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
         except SimulationError as error:
             errors[task.first + i] = str(error)
@@ -240,7 +242,7 @@ def _tallied(run: Trajectory, measure: Measure) -> float:
 def numbers_of_run(run: Run) -> np.ndarray:
     """Parameters and coefficients of inputs of a run, shape (first_held,)."""
     program = program_of(run.system, run.kinds, pair_of(run))
-    return _work(_compiled_loop(run, program)[0], run, program).p[: program.first_held].copy()
+    return work_arrays(compiled_loop(run, program)[0], run, program).p[: program.first_held].copy()
 
 
 def slots(run: Run, names: Sequence[str]) -> list[int]:

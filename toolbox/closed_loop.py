@@ -11,6 +11,7 @@ else, so that the second run of `run.error`, a run interrupted and continued, an
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -191,6 +192,12 @@ def names(value: str | Sequence[str]) -> tuple[str, ...]:
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
     law = sampled.law
+    try:
+        inspect.signature(law).bind(0.0, None)  # type: ignore[arg-type]
+    except ValueError:  # something compiled, which does not tell
+        pass
+    except TypeError as error:
+        raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
     asked = names(getattr(law, "measures", ("top.speed",)))
     measures = tuple(plant.routes.get(name, name) for name in asked)
     drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))

@@ -1,7 +1,8 @@
-"""The command `stickslip`: study a scene from file to verdict, figures and data; find where its stick-slip begins and ends; sweep it over a grid, map
-its severity; tune its laws; fit it to data; measure what its accuracy costs; list the parts.
+"""The command `stickslip`: study a scene from file to verdict, figures and data; simulate it once; find where its stick-slip begins and ends; sweep it
+over a grid, map its severity; tune its laws; fit it to data; measure what its accuracy costs; list the parts.
 
-Exit codes: 0 done; 1 no controller could be simulated; 2 the scene or an argument is wrong, or the folder cannot be written; 130 interrupted.
+Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
+the folder cannot be written; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ import os
 import sys
 from collections.abc import Sequence
 
-from toolbox.commands import fit, listing, onset, study, sweep, tradeoff, tune
+from toolbox.commands import fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.terminal import INTERRUPTED, complaint
 from toolbox.errors import SceneError
 
-COMMANDS = (study, onset, sweep, tune, fit, tradeoff, listing)
+COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +48,9 @@ def script() -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="stickslip", description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it."
+        prog="stickslip",
+        description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
+        epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, numbers_of, structure_of, symbolic_copy
+from toolbox.parts import Component, Equations, Slot, Update, bounds_checked, checked, law_of, numbers_of, structure_of, symbolic_copy
 from toolbox.switching import check_rates
 
 
@@ -128,13 +128,21 @@ class _Composer:
             needs.append((name, unit, default, placeholder))
             return placeholder
 
-        equations = symbolic.equations(signal)
+        try:
+            equations = symbolic.equations(signal)
+        except RuntimeError as error:
+            if "truth value" not in str(error):
+                raise
+            raise SceneError(
+                f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
+                "or declare what they decide on as int, str or bool."
+            ) from error
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
         for variable in equations.flow:
             if not isinstance(variable, State):
                 raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
-        law = getattr(component, "law", component)
+        law = law_of(component)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
         label = first.label if first is not None else next(iter(equations.gives), "")
@@ -340,7 +348,7 @@ class _Composer:
         known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
-            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}.")
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; a state must be a key of `flow`.")
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")

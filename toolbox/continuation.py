@@ -145,8 +145,11 @@ def follow(
     unit = unit_of(cycle.run, parameter)
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
+    left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:
         point = walk.step(size)
+        if point is not None and left is not None and signature_of(point.run) == left:
+            point = None  # back across the corner
         if point is None:
             size /= 2
             if size > 1e-5 * step:
@@ -156,7 +159,8 @@ def follow(
                 branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
                 branch.ended = "the cycle shrinks to a steady state"
                 break
-            point = walk.around() if turned < 2 else None
+            here = branch.cycles[-1].signature
+            point = walk.around(left) if turned < 2 else None
             touched = walk.touched()
             if point is None:
                 branch.ended = (
@@ -165,11 +169,11 @@ def follow(
                 if touched is not None:
                     branch.bifurcations.append(Bifurcation("grazing", touched, branch.cycles[-1]))
                 break
-            turned += 1
+            turned, left = turned + 1, here
             branch.bifurcations.append(Bifurcation("grazing", branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
-            turned = 0
+            turned, left = 0, None
             rest = walk.vanishing(point, size)
             if rest is not None:
                 branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
@@ -188,11 +192,11 @@ def follow(
 
 def _at_rest(branch: Branch, kept: np.ndarray) -> float | None:
     """The parameter to which the square of the swing, linear in it near a Hopf point, vanishes from the last two cycles; None where they are not small."""
-    if len(branch.values) < 2:
+    if len(branch.values) < 2 or branch.cycles[-1].forced:
         return None
     swing = np.array([np.ptp(cycle.run.states[:, kept], axis=0) for cycle in branch.cycles])
     size = (swing / (swing.max(axis=0) + 1e-300)).max(axis=1) ** 2
-    if branch.cycles[-1].forced or size[-1] > 0.05**2 or size[-1] >= size[-2]:
+    if size[-1] > 0.05**2 or size[-1] >= size[-2]:
         return None
     a, b = branch.values[-2:]
     return float(b + (b - a) * size[-1] / (size[-2] - size[-1]))
@@ -217,7 +221,7 @@ class _Walk:
 
     def __init__(self, cycle: Cycle, parameter: str, span: tuple[float, float]):
         self.parameter = parameter
-        self.orbit = Orbit.of(cycle.run, (parameter,), cycle.run.accuracy)
+        self.orbit = Orbit.of(cycle.run, (parameter,), cycle.run.accuracy, cycle.period if cycle.forced else None)
         self.kept = self.orbit.returning
         self.base = cycle.run.run
         self.forced = cycle.forced
@@ -225,10 +229,12 @@ class _Walk:
         natural = forcing_period(self.base) if self.forced else None
         self.multiple = round(cycle.period / natural) if natural else 0
         self.forced_period = cycle.period
-        self.rest = cycle.start.copy()
+        if self.orbit.clocked and parameter.endswith(".frequency") and self.multiple:
+            raise SceneError(f"Argument `parameter` must not be `{parameter}` under a sampled law: the period must stay a multiple of its sample time.")
+        self.rest = self.orbit.begins(cycle.run).copy()
         self.like = cycle.run
         value = value_of(self.base, parameter)
-        u = np.concatenate([cycle.start[self.kept], [] if self.forced else [cycle.period], [value]]) / self.scale
+        u = np.concatenate([self.rest[self.kept], [] if self.forced else [cycle.period], [value]]) / self.scale
         self.heading = np.zeros(u.size)
         self.before: _Point | None = None
         self._phase_at(cycle.run)
@@ -239,7 +245,7 @@ class _Walk:
 
     def _phase_at(self, run: Trajectory) -> None:
         """Fix the phase of what follows by the flow at the start of a run."""
-        self.reference = run.states[0][self.kept] / self.scale[: self.kept.size]
+        self.reference = self.orbit.begins(run)[self.kept] / self.scale[: self.kept.size]
         flow = self.orbit.slopes(run)[0][self.kept] / self.scale[: self.kept.size]
         self.flow = flow / (np.linalg.norm(flow) or 1.0)
 
@@ -251,7 +257,7 @@ class _Walk:
     def _period(self, u: np.ndarray, run: Any) -> float:
         if not self.forced:
             return float(u[-2] * self.scale[-2])
-        natural = forcing_period(run)
+        natural = None if self.orbit.clocked else forcing_period(run)
         return self.multiple * natural if natural and self.multiple else self.forced_period
 
     def _shot(self, u: np.ndarray) -> tuple[Trajectory, np.ndarray, float]:
@@ -292,8 +298,9 @@ class _Walk:
             except (SimulationError, SceneError):
                 return None
             u = u.copy()
-            u[:n] = run.states[0][self.kept] / self.scale[:n]
-            gap = (run.states[-1] - run.states[0])[self.kept] / self.scale[:n]
+            begin = self.orbit.begins(run)[self.kept]
+            u[:n] = begin / self.scale[:n]
+            gap = (self.orbit.ends(run)[self.kept] - begin) / self.scale[:n]
             if not self.forced:
                 gap = np.append(gap, self.flow @ (u[:n] - self.reference))
             matrix = self._matrix(run, tangent, period)
@@ -325,8 +332,10 @@ class _Walk:
 
     def _dead(self, point: _Point) -> bool:
         """Whether a free cycle has shrunk to a steady state."""
+        if self.forced:
+            return False
         swing = np.ptp(point.run.states[:, self.kept], axis=0) / self.scale[: self.kept.size]
-        return not self.forced and float(swing.max()) < 1e-4
+        return float(swing.max()) < 1e-4
 
     def vanishing(self, point: _Point, size: float) -> float | None:
         """The parameter at which the cycle shrinks to a steady state before the next point, whose cycle is then the same half a period later.
@@ -358,8 +367,11 @@ class _Walk:
         a, b = self.before, self.here
         return b.value + (b.value - a.value) * b.approach**2 / (a.approach**2 - b.approach**2)
 
-    def around(self) -> _Point | None:
-        """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show."""
+    def around(self, left: Any = None) -> _Point | None:
+        """The branch beyond a corner: its tangent there is that of the cycles with other switches, which runs started nearby show.
+
+        left: the switches that a corner just passed led away from, to which there is no way back.
+        """
         n, here, heading = self.kept.size, self.here, self.heading
         mine = signature_of(here.run)
         probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
@@ -368,13 +380,13 @@ class _Walk:
                 run, tangent, period = self._shot(here.u + near * probe)
             except (SimulationError, SceneError):
                 continue
-            if signature_of(run) == mine:
+            if signature_of(run) in (mine, left):
                 continue
             beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
             for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
                 self.heading = way
                 point = self._corrected(here.u + far * way, way, float(way @ here.u) + far, most=20)
-                if point is not None and not self._dead(point) and signature_of(point.run) != mine:
+                if point is not None and not self._dead(point) and signature_of(point.run) not in (mine, left):
                     return point
         self.heading = heading
         return None
@@ -383,7 +395,7 @@ class _Walk:
         """Make a point the current one, with the start of its cycle moved midway between events again where it has come near one."""
         self.before = self.here
         self.here, self.heading, self.like = point, point.direction, point.run
-        self.rest = point.run.states[0].copy()
+        self.rest = self.orbit.begins(point.run).copy()
         self._phase_at(point.run)
         if self.forced or abs(point.direction[-1]) < 0.02 or not point.run.events:
             return

@@ -5,6 +5,9 @@ of `toolbox.variation` make exact. A free cycle fixes its phase by f(x_0) . (x -
 The cycle starts where the fewest elements stick, midway between two events, so that no start lies on a switching surface. Each element that sticks somewhere
 makes M singular, which is a Floquet multiplier of exactly zero and no trouble: the equations hold M - I. States that only add up others, such as the angle of
 a free shaft, need not return and are left out.
+
+What a sampled law remembers returns with the states, and so does a held signal that a law reads before it holds it anew. Its clock makes the machine a driven
+one: the period must be a whole multiple of every sample time, and a free cycle, whose period is what it is, comes round with its clock by chance only.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import dataclasses
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -21,9 +25,11 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
-from toolbox.sensitivity import check_smooth, parameter_column
+from toolbox.remembered import check_laws
+from toolbox.sensitivity import parameter_column
 from toolbox.simulate import Run, again, simulate
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import begun
 
 CONVERGED = 1e-10
 """Newton step, relative to the size of states and period, at which a cycle counts as found."""
@@ -37,8 +43,9 @@ class CycleError(SimulationError):
 class Cycle:
     """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
 
-    run: one period of it, from 0 to `period` [s];  monodromy: dx(T)/dx(0) of the states that return, shape (n, n), in the order of `returning` (rows
-    of x);  multipliers: its eigenvalues, the largest first; for a free cycle without the one that is 1, which belongs to the phase;  forced: whether time
+    run: one period of it, from 0 to `period` [s];  monodromy: dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, and
+    behind them the memory of sampled laws and the held signals that they read;
+    multipliers: its eigenvalues, the largest first; for a free cycle without the one that is 1, which belongs to the phase;  forced: whether time
     enters the equations;  step: the last Newton step, relative;  iterations: how many it took;  period_error: the last change of the period [s].
     """
 
@@ -56,6 +63,11 @@ class Cycle:
     def start(self) -> np.ndarray:
         """States at time 0 of the cycle, shape (n_x,)."""
         return self.run.states[0]
+
+    @property
+    def memory(self) -> np.ndarray:
+        """What the sampled laws remember at time 0 of the cycle, one law after the other."""
+        return begun(self.run.run, self.run.program.system)[0]
 
     @property
     def stable(self) -> bool:
@@ -127,19 +139,21 @@ def limit_cycle(
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
+    sample_time: float | None = None,
     accuracy: float = 1e-11,
 ) -> Cycle:
     """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
     plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
     `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which
-    together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round.
+    together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law
+    it is that of the reference or load that alternates, a whole multiple of the sample time.
     accuracy: of the runs inside.
 
     Raises CycleError where none is found, GrazingError where the cycle touches a switching surface, and SceneError for wrong arguments.
     """
     if isinstance(plant, Trajectory):
-        if settle is not None or start or inputs or parameters or controller is not None:
+        if settle is not None or start or inputs or parameters or controller is not None or sample_time is not None:
             raise SceneError("Argument `plant` must be a plant for the other arguments to apply, but it is a trajectory, which has them.")
         run = plant
     else:
@@ -153,17 +167,26 @@ def limit_cycle(
             inputs=inputs,
             parameters=parameters,
             controller=controller,
+            sample_time=sample_time,
             accuracy=1e-8,
         )
     if period is not None and not (is_finite_number(period) and period > 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
-    orbit = Orbit.of(run, (), accuracy)
+    orbit = Orbit.of(run, (), accuracy, period)
     if orbit.forced:
         given = forcing_period(orbit.run) if period is None else float(period)
+        if given is None and orbit.clocked and not orbit.variation.forced:
+            raise SceneError(
+                "Argument `controller` must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "
+                "the sample time. Leave out `sample_time`; or give such a `period`, where the machine is driven or its cycle has locked to the clock."
+            )
         if given is None:
             raise SceneError("Argument `period` must be given for a driven machine whose inputs are not sines of one frequency.")
-        whole = np.floor(run.end / given * (1 + 1e-12)) * given
-        return orbit.solved(run.at(min(whole, run.end) if settle is not None or isinstance(plant, Trajectory) else 0.0).states[0], given)
+        given = orbit.whole(given)
+        rounds = np.floor(run.end / given * (1 + 1e-12)) if settle is not None or isinstance(plant, Trajectory) else 0.0
+        if orbit.clocked and rounds * given > run.end * (1 - 1e-9):
+            rounds -= 1.0  # at its end a run takes no sample
+        return orbit.solved(orbit.within(run, max(rounds, 0.0) * given), given)
     begin, length = (0.0, float(period)) if period is not None and settle is None and run is not plant else _round(run, orbit, period)
     anchor = anchored(run, begin, begin + length, orbit)
     return orbit.solved(run.at(anchor).states[0], length)
@@ -173,8 +196,9 @@ def limit_cycle(
 class Orbit:
     """The equations of a cycle: arguments of its runs, compiled derivatives, and which states return.
 
-    columns: entries of the parameter vector that are directions behind the states;  scale: size of every state;  approach: how fast the last run
-    met its slowest event, 0 at grazing.
+    A point of it holds the states, the memory of sampled laws, and the held signals that these read.  columns: entries of the parameter vector that are
+    directions behind those of the point;  scale: size of every entry of a point;  held: all held signals before the first sample;  approach: how fast the last
+    run met its slowest event, 0 at grazing.
     """
 
     run: Run
@@ -183,18 +207,27 @@ class Orbit:
     returning: np.ndarray
     forced: bool
     scale: np.ndarray
+    held: np.ndarray
     approach: float = np.inf
 
     @staticmethod
-    def of(run: Trajectory, names: tuple[str, ...], accuracy: float) -> Orbit:
+    def of(run: Trajectory, names: tuple[str, ...], accuracy: float, period: float | None = None) -> Orbit:
         """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
         from toolbox.variation import variation_of
 
-        check_smooth(run)
+        check_laws(run)
+        if any(delay > 0.0 for _, delay in run.run.clocks):
+            raise SceneError(
+                "Argument `controller` must act without delay in a periodic motion, where outputs on their way would have to return as well: "
+                "let the law remember its output for a sample, as `Observed(..., late=1)` lets its observer."
+            )
+        if any(update.channels for update in run.program.system.updates):
+            raise SceneError("Argument `controller` must be without noise in a periodic motion.")
         for name, value in run.run.inputs.items():
-            if isinstance(value, Table) and np.ptp(value.values) > 0:
+            if isinstance(value, Table) and np.ptp(value.values) > 0 and not (period is not None and _returns(value, period, run.end)):
                 raise SceneError(
-                    f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table."
+                    f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table"
+                    + (": give its `period`." if period is None else f" that does not repeat itself after {period:g} s.")
                 )
         arguments = dataclasses.replace(run.run, accuracy=accuracy, method="explicit", output_times=None, duration=0.0)
         columns = tuple(parameter_column(run, name) for name in names)
@@ -204,20 +237,86 @@ class Orbit:
         # a coarse run, or a stiff one, has another program
         variation = variation_of(again(arguments).program, columns)  # type: ignore[arg-type]
         returning = np.flatnonzero(~variation.drifting)
-        scale = np.abs(run.states).max(axis=0)
+        size = [np.abs(run.states).max(axis=0)]
+        if variation.laws is not None:
+            returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + variation.laws.read.size))
+            for update in run.program.system.updates:
+                first = update.first_held + len(update.names)
+                found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
+                size.append(np.where(found > 1e-9 * size[0].max(), found, 0.0))  # of an integral that has come to rest at 0 round-off is left
+            size.append(np.abs(run.held[:, variation.laws.read]).max(axis=0))
+        scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
-        return Orbit(arguments, variation, columns, returning, variation.forced, scale)  # type: ignore[arg-type]
+        held = begun(run.run, run.program.system)[1]
+        return Orbit(arguments, variation, columns, returning, variation.forced or variation.laws is not None, scale, held)  # type: ignore[arg-type]
+
+    @property
+    def _holding(self) -> np.ndarray:
+        return np.array([element.holds for element in self.run.system.elements], bool)
+
+    @property
+    def clocked(self) -> bool:
+        """Whether sampled laws act."""
+        return self.variation.laws is not None
+
+    def whole(self, period: float) -> float:
+        """The period, to the last bit that of the samples; raises SceneError unless it is a whole multiple of every sample time."""
+        least = period
+        for sample_time, _ in self.run.clocks:
+            count = round(period / sample_time)
+            if count < 1 or abs(count * sample_time - period) > 1e-9 * period:
+                times = Fraction(period / sample_time).limit_denominator(1000).denominator
+                raise SceneError(
+                    f"Argument `period` must be a whole multiple of the sample time {sample_time:g} s, but it is {period:g} s: "
+                    f"choose another sample time"
+                    + (f", or `period` = {times * period:g} s, where both come round." if times < 1000 else ".")
+                )
+            least = min(least, count * sample_time)
+        return float(least)
+
+    def within(self, run: Trajectory, t: float) -> np.ndarray:
+        """The point of a run at a time, which is an instant of all samples where there are any."""
+        if not self.clocked:
+            return run.at(t).states[0]
+        system = run.program.system
+        if t == 0.0:
+            memory, held = begun(run.run, system)
+            return np.concatenate([run.nodes.states[0], memory, held[self.variation.laws.read]])
+        at, before = run.at(t * (1 + 1e-15)), run.at(t * (1 - 1e-13))
+        self.held = before.held[0, : self.held.size].copy()
+        places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in system.updates]
+        return np.concatenate([at.states[0], at.held[0, np.concatenate(places)], self.held[self.variation.laws.read]])
+
+    def begins(self, run: Trajectory) -> np.ndarray:
+        """The point at the start of a shot."""
+        return self.within(run, 0.0) if self.clocked else run.states[0]
+
+    def ends(self, run: Trajectory) -> np.ndarray:
+        """The point at the end of a shot."""
+        if not self.clocked:
+            return run.states[-1]
+        return np.concatenate([run.states[-1], run.memory, run.held[-1, self.variation.laws.read]])
 
     def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
-        """The run over a period from x, and derivatives of its end, shape (n_x, n_x + parameters)."""
+        """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
         if not np.isfinite(x).all() or not 0.0 < period < np.inf:
             raise CycleError("The search for a cycle diverges.")
-        system = self.run.system
+        system, n = self.run.system, self.variation.plant
         start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
-        run = again(self.run, start=start, duration=float(period), longest_step=period / 64)
-        tangent = self.variation.along(run, np.eye(x.size))
-        self.approach = tangent.approach
-        return run, tangent.end
+        if not self.clocked:
+            run = again(self.run, start=start, duration=float(period), longest_step=period / 64)
+            tangent = self.variation.along(run, np.eye(x.size))
+            self.approach = tangent.approach
+            return run, tangent.end
+        laws, every = self.variation.laws, np.eye(x.size)
+        behind, held = n + laws.memory, self.held.copy()
+        held[laws.read] = x[behind:]
+        run = again(self.run, start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
+        first = np.zeros((held.size, x.size))
+        first[laws.read] = every[behind:]
+        tangent = self.variation.along(run, every[:n], memory=every[n:behind], held_first=first)
+        self.approach, self.held = tangent.approach, run.held[-1, : held.size].copy()
+        return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][laws.read]])
 
     def slopes(self, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         """dx/dt at begin and end of a run."""
@@ -225,23 +324,23 @@ class Orbit:
         for row in (0, -1):
             p = run.parameters.copy()
             p[run.program.first_held :] = run.held[row]
-            sides = np.empty(0)
-            if self.variation.sides.numel():
-                sides = np.sign(np.array(self.variation.kinks(run.time[row], run.states[row], p, run.mode[row])).ravel())
-            rows.append(np.array(self.variation.field(run.time[row], run.states[row], p, np.concatenate([run.mode[row], sides]))).ravel())
+            whole = self.variation.whole(run, [row])[0]
+            rate = self.variation.slope_at(run.time[row], whole, p, run.mode[row])[: self.variation.plant]
+            rows.append(np.append(rate, np.zeros(self.scale.size - rate.size)))
         return rows[0], rows[1]
 
     def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:
         """A start whose sticking elements have no slip at all."""
         from toolbox.loop import SWITCH
 
-        mode = like.mode[0].astype(float)
+        mode, n = like.mode[0].astype(float), self.variation.plant
         if not ((like.program.kind != SWITCH) & (mode == 0)).any():
             return x
         modes = np.concatenate([mode, np.ones(self.variation.sides.numel())])
         p = like.parameters.copy()
         p[like.program.first_held :] = like.held[0]
-        return np.array(self.variation.project(0.0, x, p, modes)).ravel()
+        whole = np.concatenate([x[:n], like.held[0, : self.held.size]])
+        return np.concatenate([np.array(self.variation.project(0.0, whole, p, modes)).ravel()[:n], x[n:]])
 
     def solved(self, x: np.ndarray, period: float, most: int = 25) -> Cycle:
         """The cycle near a start and a period, by Newton's method."""
@@ -249,13 +348,14 @@ class Orbit:
         scale, count = self.scale[kept], kept.size
         run, tangent = self.shot(x, period)
         towards, _ = self.slopes(run)
-        reference, guess = run.states[0].copy(), period
+        reference, guess = self.begins(run).copy(), period
         towards = towards[kept] / scale
         towards = towards / (np.linalg.norm(towards) or 1.0)
 
         def residual(run: Trajectory) -> np.ndarray:
-            gap = (run.states[-1] - run.states[0])[kept] / scale
-            return np.append(gap, towards @ ((run.states[0] - reference)[kept] / scale)) if free else gap
+            begin = self.begins(run)
+            gap = (self.ends(run) - begin)[kept] / scale
+            return np.append(gap, towards @ ((begin - reference)[kept] / scale)) if free else gap
 
         size = np.linalg.norm(residual(run))
         step = np.inf
@@ -273,7 +373,7 @@ class Orbit:
                 break
             share, tried = min(1.0, 0.5 / step), None
             for attempt in range(8):
-                following = run.states[0].copy()
+                following = self.begins(run).copy()
                 following[kept] += share * move[:count] * scale
                 longer = period + share * move[count] * guess if free else period
                 try:
@@ -290,13 +390,16 @@ class Orbit:
             run, tangent = tried
             period = longer
             size = np.linalg.norm(residual(run))
-        if run.mode.size and (run.mode[0] != run.mode[-1]).any():
+        judged = ~self._holding if self.clocked else np.ones(run.mode.shape[1], bool)  # what holds follows the states, and the first sample
+        if (run.mode[0] != run.mode[-1])[judged].any():
             names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
             raise CycleError(
                 f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run
             )
-        swing = np.ptp(run.states[:, kept], axis=0) / scale
-        if free and (swing.max(initial=0.0) < 1e-7 or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6):
+        if free and (
+            (np.ptp(run.states[:, kept], axis=0) / scale).max(initial=0.0) < 1e-7
+            or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6
+        ):
             raise CycleError(
                 "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
             )
@@ -325,6 +428,20 @@ def forcing_period(run: Run) -> float | None:
     if not shapes or any(s.kind != "sine" for s in shapes) or len({s.coefficients[2] for s in shapes}) > 1 or not shapes[0].coefficients[2]:
         return None
     return 1.0 / abs(shapes[0].coefficients[2])
+
+
+def _returns(table: Table, period: float, end: float) -> bool:
+    """Whether a table repeats itself after a period, as far as a run goes."""
+    times = np.unique(np.concatenate([table.times, table.times - period, [0.0, end - period]]))
+    times = times[(times >= 0.0) & (times <= end - period)]
+    if times.size < 2:
+        return True
+    inside = np.concatenate([times[:-1] + part * np.diff(times) for part in (0.25, 0.75)])
+    inside = inside[
+        np.repeat(np.diff(times)[None, :], 2, axis=0).ravel() > 1e-9 * period
+    ]  # the nodes of a period are sums, equal to round-off
+    now, later = (np.interp(t, table.times, table.values) for t in (inside, inside + period))
+    return bool(np.abs(now - later).max(initial=0.0) <= 1e-6 * np.ptp(table.values))
 
 
 def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:

@@ -5,14 +5,14 @@ Every function draws into `ax` or makes a figure of its own, and returns the axe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.plot import LINES, PAPER, WIDTH, _words
+from toolbox.plot import LINES, PAPER, WIDTH, in_words
 
 if TYPE_CHECKING:
     from toolbox.fit import Fit
@@ -46,8 +46,8 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
             ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
-        ax.set_xlabel(_words(found.parameter) + unit)
-        ax.set_ylabel(f"severity of {_words(found.signal)} [1]")
+        ax.set_xlabel(in_words(found.parameter) + unit)
+        ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])
         ax.set_ylim(bottom=0.0)
         handles, labels = ax.get_legend_handles_labels()
@@ -77,38 +77,6 @@ def onset_panels(onsets: Mapping[str, Onset]) -> Any:
     return panels
 
 
-def locus_diagram(poles: np.ndarray, values: Sequence[float], ax: Any = None) -> Any:
-    """Poles of `pole_locus` in the complex plane: the upper half, the first value a ring, the last a dot; left of the axis is stable."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.6 * WIDTH, 3.2), layout="constrained")
-        poles = np.asarray(poles)
-        for j in range(poles.shape[1]):
-            column = np.where(poles[:, j].imag >= -1e-12, poles[:, j], np.nan)
-            ax.plot(column.real, column.imag, **LINES[0])
-            ax.plot(column.real[:1], column.imag[:1], marker="o", markerfacecolor="white", color=LINES[0]["color"], linestyle="none")
-            ax.plot(column.real[-1:], column.imag[-1:], marker="o", color=LINES[0]["color"], linestyle="none")
-        ax.axvline(0.0, color="0.2", linewidth=0.8)
-        ax.set_xlabel("real part [1/s]")
-        ax.set_ylabel("imaginary part [rad/s]")
-        ax.set_title(f"poles from {values[0]:g} (ring) to {values[-1]:g} (dot)", loc="left", fontsize=9.0)
-    return ax
-
-
-def reflection_diagram(frequency: np.ndarray, reflections: Mapping[str, np.ndarray], ax: Any = None) -> Any:
-    """|r| against frequency [Hz] for several drives, from `reflection` at `frequency` [rad/s]."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(WIDTH, 2.8), layout="constrained")
-        for (label, r), style in zip(reflections.items(), (LINES[i % len(LINES)] for i in range(len(reflections))), strict=True):
-            ax.semilogx(np.asarray(frequency) / (2 * np.pi), np.abs(r), label=label, **style)
-        ax.set_xlabel("frequency [Hz]")
-        ax.set_ylabel("reflected part |r| [1]")
-        ax.set_ylim(bottom=0.0)
-        ax.legend(frameon=False)
-    return ax
-
-
 def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
     """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
 
@@ -116,7 +84,7 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
     """
     from matplotlib.collections import LineCollection
 
-    from toolbox.plot import _words
+    from toolbox.plot import in_words
 
     looks: dict[str, tuple[str, dict[str, Any]]] = {
         "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
@@ -141,11 +109,11 @@ def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
                 ax.add_collection(LineCollection(list(chained(segments)), label=label, zorder=3, **look))
             ax.set_title(title, loc="left", fontsize=9.0)
             ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
-            ax.set_xlabel(f"{_words(found.names[0])} [{scales[0][1]}]")
-        axes[0].set_ylabel(f"{_words(found.names[1])} [{scales[1][1]}]")
+            ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
+        axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
         bar = figure.colorbar(
-            shade, ax=list(axes), label=f"severity of {_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
+            shade, ax=list(axes), label=f"severity of {in_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
         )
         bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
         handles, labels = axes[0].get_legend_handles_labels()
@@ -267,7 +235,7 @@ def fitted(found: Fit) -> Any:
                 bottom.set_xlabel("time [s]")
             bottom.plot(x, measured - model[name], **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            top.set_ylabel(f"{_words(name)} [{unit}]")
+            top.set_ylabel(f"{in_words(name)} [{unit}]")
             bottom.set_ylabel(f"left [{unit}]")
             top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
         figure.align_ylabels(axes)

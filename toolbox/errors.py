@@ -27,7 +27,7 @@ class ZenoError(SimulationError):
 
 
 class BudgetError(SimulationError):
-    """A run that used up its budget of steps."""
+    """A run that used up its `Budget` of steps, events or seconds."""
 
 
 class AccuracyError(SimulationError):
@@ -40,7 +40,7 @@ class GrazingError(SimulationError):
 
 def suggest(name: str, known: Iterable[str]) -> str:
     """The tail of an error message about an unknown name: the nearest known names."""
-    known = sorted(known)
+    known = sorted(set(known))
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     if near:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"

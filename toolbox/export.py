@@ -19,7 +19,7 @@ from toolbox.elements import State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
-from toolbox.linear import _control_name
+from toolbox.linear import control_name
 from toolbox.observed import Observer
 from toolbox.parts import check_fields
 
@@ -65,7 +65,7 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     if period is not None and (not is_finite_number(period) or period <= 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     if plant is not None and not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if not isinstance(controller, Controller):
         raise SceneError(f"Argument `controller` must be a Controller, but it is {controller!r}.")
     law = controller if plant is None else controller.design(plant)
@@ -139,7 +139,7 @@ def to_control(
 
 def _entry(name: str) -> str:
     """The name that `linearise` gives to the same signal, so that python-control connects the two: chain_speed[0] for chain.speed.0."""
-    return _control_name(re.sub(r"\.(\d+)$", r"[\1]", name))
+    return control_name(re.sub(r"\.(\d+)$", r"[\1]", name))
 
 
 def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
@@ -161,14 +161,14 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
 
     Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
     """
-    c, h = _paths(path)
+    c, h = c_paths(path)
     declared_c(controller, plant, period, path)
     return c, h
 
 
 def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
     """Write a law as `export_c` does, and return what its header lists."""
-    c, h = _paths(path)
+    c, h = c_paths(path)
     designed = controller.design(plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
     if hasattr(designed, "export_c"):
         return designed.export_c(c, h, period)
@@ -208,7 +208,8 @@ def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Functio
     return declared
 
 
-def _paths(path: str | Path) -> tuple[Path, Path]:
+def c_paths(path: str | Path) -> tuple[Path, Path]:
+    """The .c and .h file of an export; raises SceneError where the name is no name in C."""
     path = Path(path)
     bare = path.with_suffix("") if path.suffix in (".c", ".h") else path
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", bare.name):
@@ -227,11 +228,11 @@ def _header(law: Declared) -> str:
     lines = [
         f"/* {law.title}: a control law exported by stickslip-toolbox. SI units, angles in rad.",
         " *",
-        f" * Call {name}_step once every {law.period:.17g} s, {name}_start before the first call. Returns 0 for success. Nothing is allocated.",
+        f" * Call {name}_step once every {law.period!r} s, {name}_start before the first call. Returns 0 for success. Nothing is allocated.",
         *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
         " *",
         " * Reads:",
-        *entries("y", [(n, unit, "" if value is None else f"set-point, {value:.17g} unless it moves") for n, unit, value in law.reads]),
+        *entries("y", [(n, unit, "" if value is None else f"set-point, {value!r} unless it moves") for n, unit, value in law.reads]),
         " * Drives, held until the next call:",
         *entries("u", [(n, unit, "") for n, unit in law.drives]),
         " * Memory, which starts at 0:",
@@ -243,7 +244,7 @@ def _header(law: Declared) -> str:
         f"#define {upper}_READS {len(law.reads)}",
         f"#define {upper}_MEMORY {len(law.memory)}",
         f"#define {upper}_DRIVES {len(law.drives)}",
-        f"#define {upper}_PERIOD {law.period:.17g}",
+        f"#define {upper}_PERIOD {float(law.period)!r}",
         "",
         "#ifdef __cplusplus",
         'extern "C" {',

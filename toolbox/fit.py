@@ -27,7 +27,8 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.misfit import Loop, Simulated, residuals
 from toolbox.recording import Recording
-from toolbox.simulate import checked_run, place_start
+from toolbox.simulate import checked_run
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -155,7 +156,7 @@ class Fit:
             )
         lines += [f"  `{name}` ended at its bound: its interval means nothing, and the optimum lies outside." for name in self.at_bounds]
         if not self.misfit.exact:
-            lines.append("  slopes by differences, because a sampled law has no exact ones")
+            lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:
@@ -253,7 +254,7 @@ def _machine(
         plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
         return plant, case.controller, given, {**machine.start, **(start or {})}
     if not isinstance(machine, HybridSystem):
-        raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+        raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
     return machine.with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
 
 
@@ -321,19 +322,22 @@ class _Search:
 
     def fit(self) -> Fit:
         from scipy.stats import t as student
+        from tqdm import tqdm
 
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
         found: list[Any] = []
         reason: Exception | None = None
-        for begin in self._begins():
-            if len(found) == self.starts:
-                break
-            try:
-                found.append(self._descend(begin, scales, self.misfit.horizons()))
-            except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
-                reason = reason or error
+        with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(self._descend(begin, scales, self.misfit.horizons()))
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
         if not found:
             raise reason or SimulationError("No start of the fit could be simulated.")
         best = min(found, key=lambda each: each.cost)

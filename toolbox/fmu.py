@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
-from toolbox.export import Declared, _paths, declared_c
+from toolbox.export import Declared, c_paths, declared_c
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 
@@ -32,7 +32,7 @@ def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | 
     import zipfile
 
     path = Path(path)
-    c, _ = _paths(path.with_suffix("") if path.suffix == ".fmu" else path)
+    c, _ = c_paths(path.with_suffix("") if path.suffix == ".fmu" else path)
     target, name = path.with_name(c.stem + ".fmu"), c.stem
     compiler = os.environ.get("CC") or shutil.which("cc")
     folders = {"linux": "linux64", "darwin": "darwin64"}

@@ -90,16 +90,16 @@ def machine(
         step, inner = _looped_step(pair, rhs, field, n)
         bodies["step"] = step
         texts.append(inner)
-    bodies["field"] = _plain(field, n)
-    bodies["project"] = _plain(project, 0)
-    bodies["probe"] = _plain(probe, 0)
-    bodies["burden"] = _plain(burden, 0)
+    bodies["field"] = plain_body(field, n)
+    bodies["project"] = plain_body(project, 0)
+    bodies["probe"] = plain_body(probe, 0)
+    bodies["burden"] = plain_body(burden, 0)
     if form.impulse is not None:
         held, elastic, results = form.impulse
-        bodies["impulse"] = _plain(ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]), 0)
+        bodies["impulse"] = plain_body(ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]), 0)
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
-        bodies[f"update_{i}"] = _plain(update, 0)
+        bodies[f"update_{i}"] = plain_body(update, 0)
     declared: set[str] = set()
     for name, body in bodies.items():
         texts.append(function_text(name, body))
@@ -127,7 +127,8 @@ def _arguments(body: Body, function: ca.Function) -> list[list[str]]:
     return values
 
 
-def _plain(function: ca.Function, offset: int) -> Body:
+def plain_body(function: ca.Function, offset: int) -> Body:
+    """The instructions that evaluate a function of the arguments of every kernel and write its values from an offset on."""
     body = Body()
     (values,) = inline(body, function, _arguments(body, function))
     for i, value in enumerate(values):
@@ -195,7 +196,7 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
             _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
         base += n
-    return body, _internal(body, {"slope": _plain(rhs, 0), "ends": _plain(field, n)})
+    return body, _internal(body, {"slope": plain_body(rhs, 0), "ends": plain_body(field, n)})
 
 
 def _internal(body: Body, inner: dict[str, Body]) -> str:
@@ -260,7 +261,7 @@ def _implicit_step(
     _loop(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
     _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), u[-1], (), ())
-    inner = {"slope": _plain(rhs, 0), "ends": _plain(field, n), "prepare": prepare, "solve": back}
+    inner = {"slope": plain_body(rhs, 0), "ends": plain_body(field, n), "prepare": prepare, "solve": back}
     text = _internal(body, inner)
     body.count += sum(function.count for function in inner.values())
     return body, text

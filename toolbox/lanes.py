@@ -16,8 +16,9 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.program import program_of
 from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.simulate import Run, _compiled_loop, _work
+from toolbox.simulate import Run, compiled_loop
 from toolbox.tally import Layout, Measure, Readings
+from toolbox.work_arrays import work_arrays
 
 CHUNK = 512
 """Scenarios that a thread takes at once."""
@@ -59,8 +60,8 @@ class Lanes:
 
     def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
         from toolbox import lanes_loop, loop
+        from toolbox.announce import announced
         from toolbox.lanes_kernel import block
-        from toolbox.machine_cache import announce
 
         system = run.system
         if system.updates:
@@ -71,13 +72,14 @@ class Lanes:
         self.program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 and not measures else DOP853)
         self.layout = Layout(self.program, measures, run.duration)
         explicit = dataclasses.replace(run, method="explicit", output_times=None)
-        _compiled_loop(explicit, self.program)
-        self.work = _work(loop, explicit, self.program)
+        compiled_loop(explicit, self.program)
+        self.work = work_arrays(loop, explicit, self.program)
         width = width or host_width(self.program.machine.states)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows))
         self.rows = np.array([self.block.rows[name] for name in lanes_loop.ITEMS], np.int64)
         self.scalar = lanes_loop.scalar_address(self.work)
-        if announce(lanes_loop.run, "loop of lanes"):
+        if not lanes_loop.run.signatures:  # the first use in this process
+            announced("loop of lanes", lanes_loop.run)
             self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))
 
     def run(self, parameters: np.ndarray, starts: np.ndarray, *, most_events: int = 0, threads: int = 1) -> Batch:

@@ -14,7 +14,7 @@ import casadi as ca
 from toolbox.emit import compiled, inline
 from toolbox.emit import function_text as scalar_text
 from toolbox.emit_vector import VectorBody, function_text
-from toolbox.kernel import _plain, stages
+from toolbox.kernel import plain_body, stages
 from toolbox.lanes_loop import ALONE, EVENT, GOES_ON, ROUND_OFF, STOP
 from toolbox.lanes_observe import Path, measure_step
 from toolbox.lanes_settle import carries_events, settling
@@ -70,7 +70,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
     projected = ca.Function("projected", arguments, [ca.densify(form.projected[:own])])
 
-    observe = ca.Function("observe", arguments, [ca.densify(observed(program, signals)) if windows else ca.SX(0, 1)])
+    observe = ca.Function("observe", arguments, [ca.densify(observed(program, signals, program.varying)) if windows else ca.SX(0, 1)])
     count = observe.numel_out(0)
     groups = program.group_count
     rows: dict[str, int] = {}
@@ -249,7 +249,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     scalar_texts: list[str] = []
     functions, declared = dict(body.functions), set(body.intrinsics)
     if count:
-        plain = _plain(observe, 0)
+        plain = plain_body(observe, 0)
         scalar_texts.append(scalar_text("observe", plain))
         declared |= plain.intrinsics
     for other in bodies.values():

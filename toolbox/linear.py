@@ -19,8 +19,8 @@ import numpy as np
 from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.simulate import place_start
 from toolbox.trajectory import Samples
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     import control
@@ -49,8 +49,8 @@ class Equilibrium:
 
     def __getitem__(self, name: str) -> Any:
         """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
-        function = _function(self.plant, ("signal", name), lambda: [_closed(self.plant, name)])
-        value = np.array(function(0.0, self.states, self.inputs, self.plant.values, _numbers(self.plant, self.modes))).ravel()
+        function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
+        value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
         return float(value[0]) if value.size == 1 else value
 
     def __str__(self) -> str:
@@ -83,17 +83,17 @@ def equilibrium(
     from scipy.optimize import root
 
     plant = _checked(plant, parameters)
-    u = _input_values(plant, inputs or {})
+    u = input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
     for name, value in (start or {}).items():
         place_start(plant, given, name, value)
     free = _free(plant)
     guesses = [given] if start else [_frictionless(plant, free, u), given]
-    residual, jacobian = _residual(plant)
+    residual, jacobian = residual_functions(plant)
     reason = ""
     for guess in guesses:
         m = _modes_at(plant, guess, u, mode, resting=True)
-        sticking = (m == 0.0) & _holding(plant)
+        sticking = (m == 0.0) & holding_elements(plant)
 
         def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
             flow, slip = residual(0.0, x, u, plant.values, m)
@@ -119,7 +119,7 @@ def equilibrium(
         size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
         if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
             worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
-            label, unit = _labels(plant)[worst]
+            label, unit = state_labels(plant)[worst]
             reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
             continue
         contradiction = _contradiction(plant, x, u, m)
@@ -166,15 +166,15 @@ def linearise(
     kept_outputs = _kept(plant, outputs, scalar, "signal", known=[*plant.signals, *plant.inputs])
 
     def jacobians() -> list[ca.SX]:
-        y = ca.vertcat(*[_closed(plant, name) for name in kept_outputs])
+        y = ca.vertcat(*[closed_signal(plant, name) for name in kept_outputs])
         return [ca.jacobian(a, b) for a in (plant.switching.field, y, plant.switching.slip) for b in (plant.x, plant.u)]
 
-    function = _function(plant, ("jacobians", *kept_outputs), jacobians)
+    function = function_of(plant, ("jacobians", *kept_outputs), jacobians)
     a, b, c, d, slip_x, slip_u = (np.array(matrix) for matrix in function(t, x, u, plant.values, m))
     if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
         raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
 
-    sticking = np.flatnonzero((m == 0.0) & _holding(plant))
+    sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
     columns = [list(plant.inputs).index(name) for name in kept_inputs]
     for i in sticking:
         movers = [name for name, column in zip(kept_inputs, columns, strict=True) if slip_u[i, column] != 0.0]
@@ -186,7 +186,7 @@ def linearise(
                 f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`."
             )
     free, lift = _constrained(slip_x[sticking])
-    labels = [name for name, _ in _labels(plant, control_names=True)]
+    labels = [name for name, _ in state_labels(plant, control_names=True)]
     return control.ss(
         (a @ lift)[free],
         b[free][:, columns],
@@ -194,7 +194,7 @@ def linearise(
         d[:, columns],
         name="linearised",
         states=[labels[i] for i in free],
-        inputs=[_control_name(name) for name in kept_inputs],
+        inputs=[control_name(name) for name in kept_inputs],
         outputs=[label for name in kept_outputs for label in _control_labels(plant, name)],
         remove_useless_states=False,
     )
@@ -203,13 +203,13 @@ def linearise(
 # ---------------------------------------------------------------------------------------------------------------------------- points and modes
 def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
     if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if plant.updates:
         raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
     return plant.with_parameters(parameters) if parameters else plant
 
 
-def _function(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
+def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
     """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
     found = plant.kernels.get(("linear", *key))
     if found is None:
@@ -218,17 +218,19 @@ def _function(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list
     return found
 
 
-def _closed(plant: HybridSystem, name: str) -> ca.SX:
+def closed_signal(plant: HybridSystem, name: str) -> ca.SX:
     """A signal as an expression of t, x, u, p and m."""
     expression = ca.densify(ca.SX(plant.expression(name)))
     return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
 
 
-def _numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
+def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
+    """Modes of all elements as the numbers of their legends, shape (elements,)."""
     return np.array([_code(element, modes[element.name]) for element in plant.elements])
 
 
-def _input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
+def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
+    """All inputs, those given and the others at their stand-ins, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
     for name, value in given.items():
         if name not in plant.inputs:
@@ -276,7 +278,7 @@ def _modes_at(
     return modes
 
 
-def _holding(plant: HybridSystem) -> np.ndarray:
+def holding_elements(plant: HybridSystem) -> np.ndarray:
     """Which elements hold their slip in mode 0."""
     return np.array([element.holds for element in plant.elements], bool)
 
@@ -285,13 +287,13 @@ def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.n
     """The first guard of every element, positive while its mode holds."""
     if not plant.elements:
         return np.empty(0)
-    function = _function(plant, ("guards",), lambda: [plant.switching.guards])
+    function = function_of(plant, ("guards",), lambda: [plant.switching.guards])
     return np.array(function(t, x, u, plant.values, m)).ravel()[: 2 * len(plant.elements) : 2]
 
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
     """What speaks against the modes at a point; empty where nothing does."""
-    probe = _function(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
+    probe = function_of(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
     slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
     size = float(np.abs(x).max(initial=0.0))
     guards = _guards(plant, t, x, u, m)
@@ -346,10 +348,10 @@ def _point(
             placed |= ~np.isnan(mark)
     elif at is not None:
         raise SceneError(f"Argument `at` must be a mapping, an equilibrium or one instant of a run, but it is {at!r}.")
-    u = _input_values(plant, given)
+    u = input_values(plant, given)
     m = _modes_at(plant, x, u, own, t)
     if (m == 0.0).any():
-        project = _function(plant, ("project",), lambda: [plant.switching.projected])
+        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
         stuck = np.array(project(t, x, u, plant.values, m)).ravel()
         x = np.where(placed, x, stuck)
     contradiction = _contradiction(plant, x, u, m, t)
@@ -365,7 +367,7 @@ def _free(plant: HybridSystem) -> ca.Function:
         flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
         return [flow, ca.jacobian(flow, plant.x)]
 
-    return _function(plant, ("free",), expressions)
+    return function_of(plant, ("free",), expressions)
 
 
 def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
@@ -378,15 +380,31 @@ def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.n
         step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
         x = x + step
         if np.abs(step).max(initial=0.0) <= 1e-12 * np.abs(x).max(initial=0.0):
-            break
-    return x
+            return x
+    return _descended(plant, free, u)
 
 
-def _residual(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
+def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+    """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
+    from scipy.optimize import least_squares
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[0]).ravel()
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[1])
+
+    try:
+        return least_squares(values, np.zeros(plant.x.numel()), slopes, x_scale="jac", method="trf").x
+    except ValueError:  # rates that are not finite somewhere
+        return np.zeros(plant.x.numel())
+
+
+def residual_functions(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
     """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
     values = [plant.switching.field, plant.switching.slip]
-    slopes = _function(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
-    return _function(plant, ("residual",), lambda: values), slopes
+    slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
+    return function_of(plant, ("residual",), lambda: values), slopes
 
 
 def _constrained(slope: np.ndarray) -> tuple[list[int], np.ndarray]:
@@ -424,7 +442,7 @@ def _kept(plant: HybridSystem, wanted: Any, everything: list[str], kind: str, kn
     return names
 
 
-def _labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str, str]]:
+def state_labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str, str]]:
     """(name, unit) of every entry of x."""
     out = []
     for name, (_, size, unit) in plant.states.items():
@@ -437,7 +455,8 @@ def _with_unit(value: float, unit: str) -> str:
     return f"{value:.5g}" if unit == "1" else f"{value:.5g} {unit}"
 
 
-def _control_name(name: str) -> str:
+def control_name(name: str) -> str:
+    """A name as python-control takes it, with "_" for every dot."""
     return name.replace(".", "_")
 
 
@@ -445,4 +464,4 @@ def _control_labels(plant: HybridSystem, name: str) -> list[str]:
     size = plant.states[name][1] if name in plant.states else None
     if size is None and name in plant.signals and plant.signals[name][0].numel() > 1:
         size = plant.signals[name][0].numel()
-    return [_control_name(name)] if size is None else [f"{_control_name(name)}[{i}]" for i in range(size)]
+    return [control_name(name)] if size is None else [f"{control_name(name)}[{i}]" for i in range(size)]

@@ -1,8 +1,9 @@
 """Numbers read off a run: stick intervals, cycles, severity, settling, overshoot, and the audit of its energy.
 
 Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak
-and the mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is sampled
-at its Gauss points through `run.at`; means are integrals, extrema and crossings are refined until they have the accuracy of the run itself.
+and the mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is read as `toolbox.tally`
+reads it, with the derivatives of the signal; means are integrals of these quintics, the step of an extremum or a crossing is found on them, and its
+value is that of `run.at`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -18,6 +20,9 @@ import numpy as np
 from toolbox.elements import UnilateralContact, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.trajectory import Samples, Trajectory, output_function
+
+if TYPE_CHECKING:
+    from toolbox.tally import Steps
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)
 POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
@@ -97,14 +102,27 @@ def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None
     Raises SceneError for an unknown or vector signal and for a window outside the run.
     """
     begin, end = window(run, after, until)
-    times, values, mean = _sampled(run, signal, begin, end)
-    nodes = run.nodes
-    inside = (nodes.time >= begin) & (nodes.time <= end)
-    sides = _rows(nodes, inside)  # nodes hold the left-hand limits at events, which `at` does not
-    node_values = scalar(sides, signal)
-    high, when_high = _largest(run, signal, 1.0, times, values, sides.time, node_values)
-    low, when_low = _largest(run, signal, -1.0, times, values, sides.time, node_values)
-    return Extent(-low, high, min(max(mean, -low), high), when_low, when_high)
+    steps = _steps(run, signal, begin, end)
+    last = _value(run, signal, end)  # the far side of a jump there
+    ends: list[tuple[float, float]] = []
+    for values, times, sign in ((steps.lowest, steps.when_lowest, -1.0), (steps.highest, steps.when_highest, 1.0)):
+        i = int(np.argmax(sign * values))
+        found = (_value_in(run, signal, steps, i, float(times[i])), float(times[i]))
+        ends.append(max(found, (last, end), key=lambda pair: sign * pair[0]))
+    (low, when_low), (high, when_high) = ends
+    mean = math.fsum(steps.integral) / (end - begin)
+    return Extent(low, high, min(max(mean, low), high), when_low, when_high)
+
+
+def mean_square(run: Trajectory, signal: str, target: float = 0.0, *, after: float = 0.0, until: float | None = None) -> float:
+    """Time mean of (signal - target)^2 between `after` and `until` [s] (the end of the run), in the unit of the signal squared.
+
+    The Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`. Raises SceneError as `extent` does.
+    """
+    begin, end = window(run, after, until)
+    if not is_finite_number(target):
+        raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
+    return sum(float(weights @ (scalar(samples, signal) - target) ** 2) for weights, samples in gauss(run, begin, end)) / (end - begin)
 
 
 def severity(
@@ -176,25 +194,15 @@ def settling(
     if not is_finite_number(band) or not 0 < band < 1:
         raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
     width = band * size
-    times, values, _ = _sampled(run, signal, begin, end)
-    excess = np.abs(values - target) - width
-    if excess[-1] > 0:
+    steps = _steps(run, signal, begin, end)
+    if abs(_value(run, signal, end) - target) > width:
         return math.inf
-    outside = np.flatnonzero(excess > 0)
-    last = int(outside[-1]) if outside.size else -1
-    low = float(times[last]) if last >= 0 else begin
-    # a swing between two samples may still leave the band for a moment
-    for sign in (1.0, -1.0):
-        first = max(last, 0)
-        peaks, heights, right = _peaks(run, signal, sign, times[first:], sign * values[first:], sign * target + width)
-        later = heights - sign * target > width
-        if later.any():
-            final = int(np.flatnonzero(later)[np.argmax(peaks[later])])
-            if last < 0 or peaks[final] > low:
-                low, last = float(peaks[final]), first + int(right[final]) - 1
-    if last < 0:
+    outside = np.flatnonzero((steps.highest - target > width) | (target - steps.lowest > width))
+    if not outside.size:
         return 0.0
-    high = float(times[last + 1])
+    last = int(outside[-1])  # what leaves the band in it is the later of its extrema that do, or a later point yet
+    extrema = ((steps.when_highest[last], steps.highest[last] - target), (steps.when_lowest[last], target - steps.lowest[last]))
+    low, high = max(float(when) for when, beyond in extrema if beyond > width), float(steps.end[last])
     while high - low > 2e-16 * max(high, begin):
         grid = np.linspace(low, high, 34)[1:-1]
         left = np.flatnonzero(np.abs(scalar(run.nodes.at(grid), signal) - target) > width)
@@ -216,18 +224,21 @@ def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float
     begin, end = window(run, after, None)
     if not is_finite_number(speed):
         raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
-    times, values, _ = _sampled(run, signal, begin, end)
-    below = np.flatnonzero(values <= speed)
+    steps = _steps(run, signal, begin, end)
+    below = np.flatnonzero(steps.lowest <= speed)
     if not below.size:
-        return math.inf
+        return end if _value(run, signal, end) <= speed else math.inf
     first = int(below[0])
-    if first == 0 or values[first] == speed:
-        return float(times[first])
+    start, there = float(steps.begin[first]), float(steps.when_lowest[first])
+    if _value(run, signal, start) <= speed:
+        return start
 
     def excess(t: float) -> float:
-        return float(scalar(run.nodes.at(np.array([t])), signal)[0]) - speed
+        return _value(run, signal, t) - speed
 
-    return float(brentq(excess, times[first - 1], times[first], xtol=1e-14 * max(1.0, end)))
+    if excess(there) > 0.0:  # by round-off, or because it jumps
+        return there
+    return float(brentq(excess, start, there, xtol=1e-14 * max(1.0, end)))
 
 
 def overshoot(
@@ -239,7 +250,7 @@ def overshoot(
     """
     begin, end = window(run, after, until)
     size = _size(target, size)
-    start = float(scalar(run.nodes.at(np.array([begin])), signal)[0])
+    start = _value(run, signal, begin)
     found = extent(run, signal, begin, end)
     beyond = found.maximum - target if start < target else target - found.minimum
     if start == target:
@@ -346,7 +357,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     total, moved = np.zeros(len(terms)), np.zeros(len(terms))
     begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
     if power is not None:
-        for weights, samples in _gauss(run, begin, end):
+        for weights, samples in gauss(run, begin, end):
             values = _evaluated(power, samples)
             total += values @ weights
             moved += np.abs(values) @ weights
@@ -394,7 +405,7 @@ def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
     return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
 
 
-def _gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
+def gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
     """(weights [s], signals) at the Gauss points of every step between begin and end, in portions."""
     borders = _borders(run, begin, end)
     for first in range(0, borders.size - 1, CHUNK):
@@ -404,19 +415,27 @@ def _gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarr
         yield (width[:, None] * WEIGHTS).ravel(), run.nodes.at(times.ravel())
 
 
-def _sampled(run: Trajectory, signal: str, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times, values of a scalar signal at borders and Gauss points of all steps (right-hand limits at jumps), and the time mean."""
-    borders = _borders(run, begin, end)
-    inner_times, inner_values, integral = [], [], 0.0
-    for weights, samples in _gauss(run, begin, end):
-        values = scalar(samples, signal)
-        inner_times.append(samples.time)
-        inner_values.append(values)
-        integral += float(values @ weights)
-    times = np.concatenate([borders, *inner_times])
-    values = np.concatenate([scalar(run.nodes.at(borders), signal), *inner_values])
-    order = np.argsort(times, kind="stable")
-    return times[order], values[order], integral / (end - begin)
+def _steps(run: Trajectory, signal: str, begin: float, end: float) -> Steps:
+    """What a scalar signal does in every step; raises SceneError for an unknown name or a vector."""
+    from toolbox.tally import steps_of
+
+    scalar(run.nodes.at(np.array([begin])), signal)
+    return steps_of(run.nodes, signal, begin, end)
+
+
+def _value(run: Trajectory, signal: str, t: float) -> float:
+    """Value of a scalar signal, on the far side of a jump."""
+    return float(scalar(run.nodes.at(np.array([t])), signal)[0])
+
+
+def _value_in(run: Trajectory, signal: str, steps: Steps, i: int, t: float) -> float:
+    """Value of a signal in step i; at its end that on the near side of a jump."""
+    nodes, row = run.nodes, int(steps.row[i])
+    if t < steps.end[i]:
+        return _value(run, signal, t)
+    states = nodes.states[row + 1 : row + 2] if t == nodes.time[row + 1] else nodes.at(np.array([t])).states
+    sides = Samples(nodes.program, np.array([t]), states, nodes.mode[row : row + 1], nodes.held[row : row + 1], nodes.parameters, False)
+    return float(scalar(sides, signal)[0])
 
 
 def _rows(nodes: Trajectory, chosen: np.ndarray) -> Samples:
@@ -436,54 +455,3 @@ def _evaluated(function: ca.Function, samples: Samples) -> np.ndarray:
     """A function of `output_function` at all samples, shape (rows of the function, nt)."""
     constants = samples._constants
     return np.array(function(samples.time[None, :], samples.states.T, constants, samples.held.T, samples.mode.T.astype(float)))
-
-
-def _largest(
-    run: Trajectory, signal: str, sign: float, times: np.ndarray, values: np.ndarray, node_times: np.ndarray, node_values: np.ndarray
-) -> tuple[float, float]:
-    """Supremum of sign * signal and its time, from samples, node values and the refined peaks between samples."""
-    every_time, every_value = np.concatenate([times, node_times]), sign * np.concatenate([values, node_values])
-    top = int(np.argmax(every_value))
-    best, when = float(every_value[top]), float(every_time[top])
-    peaks, heights, _ = _peaks(run, signal, sign, times, sign * values, best)
-    if heights.size and heights.max() > best:
-        best, when = float(heights.max()), float(peaks[np.argmax(heights)])
-    return best, when
-
-
-def _peaks(
-    run: Trajectory, signal: str, sign: float, times: np.ndarray, values: np.ndarray, floor: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Local maxima of sign * signal that may rise above `floor` between samples: their times, heights, and the sample to their right.
-
-    Each bracket of three samples is divided by eight and shrunk to the two parts around its largest value, all brackets at once. A smooth
-    peak is then missed by the square of a width that falls by four each time; brackets that cannot reach the best any more are dropped.
-    """
-    scale = float(np.abs(values).max(initial=0.0))
-    middle = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
-    rise = np.maximum(values[middle] - values[middle - 1], values[middle] - values[middle + 1])
-    middle = middle[(rise > 4e-16 * scale) & (values[middle] + rise > floor)]
-    left, right, height = times[middle - 1].copy(), times[middle + 1].copy(), values[middle].copy()
-    where, owner = times[middle].copy(), middle + 1
-    found_time, found_height, found_owner = [np.empty(0)], [np.empty(0)], [np.empty(0, int)]
-    for _ in range(24):
-        if not left.size:
-            break
-        grid = left[:, None] + (right - left)[:, None] * np.linspace(0.0, 1.0, 9)
-        inner = sign * scalar(run.nodes.at(grid[:, 1:-1].ravel()), signal).reshape(left.size, 7)
-        top = np.argmax(inner, axis=1)
-        row = np.arange(left.size)
-        better = inner[row, top] > height
-        best = np.where(better, top + 1, np.clip(np.rint(8 * (where - left) / (right - left)), 1, 7).astype(int))
-        where = np.where(better, grid[row, best], where)
-        spread = np.maximum(inner[row, top], height) - inner[row, np.clip(best - 2, 0, 6)]
-        spread = np.maximum(spread, np.maximum(inner[row, top], height) - inner[row, np.clip(best, 0, 6)])
-        height = np.maximum(inner[row, top], height)
-        left, right = np.minimum(grid[row, best - 1], where), np.maximum(grid[row, best + 1], where)
-        done = (spread <= 2e-15 * scale) | (right - left <= 4e-16 * np.abs(right))
-        keep = ~done & (height + spread > floor)
-        found_time.append(where[done])
-        found_height.append(height[done])
-        found_owner.append(owner[done])
-        left, right, height, where, owner = left[keep], right[keep], height[keep], where[keep], owner[keep]
-    return np.concatenate([*found_time, where]), np.concatenate([*found_height, height]), np.concatenate([*found_owner, owner])

@@ -23,8 +23,9 @@ from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.recording import Recording
 from toolbox.sensitivity import sensitivity
-from toolbox.simulate import place_start, simulate
+from toolbox.simulate import simulate
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 HORIZONS = (0.25, 0.5)
 """Parts of the data that a simulation is fitted to before all of them."""
@@ -92,7 +93,7 @@ class Simulated:
                 return {name: slopes[name] for name in self.outputs}
             except GrazingError:
                 pass
-            except SceneError:  # a sampled law
+            except SceneError:  # a law in Python, or one that reads an encoder
                 self.exact = False
         columns = []
         for i, size in enumerate(sizes):

@@ -27,7 +27,8 @@ from toolbox.closed_loop import Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.linear import Equilibrium, _function, _input_values, _labels
+from toolbox.linear import Equilibrium, function_of, input_values, state_labels
+from toolbox.parts import law_of
 from toolbox.simulate import Run, again, checked_run
 from toolbox.stability import Followed, HopfPoint, Knob, checked_range, continuous_loop, critical_pole, hopf_points, state_values
 from toolbox.trajectory import Trajectory
@@ -318,7 +319,7 @@ def onset(
         accuracy = scene.accuracy if accuracy is None else accuracy
     else:
         if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
         plant, law = machine, controller
         if law is not None and sample_time is not None:
             law = [
@@ -333,9 +334,9 @@ def onset(
             raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
     closed = continuous_loop(plant, law, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)
-    _input_values(closed, inputs or {})
-    contact = _contact(closed, element)
-    speed = signal or _speed(closed, contact)
+    input_values(closed, inputs or {})
+    contact = judged_contact(closed, element)
+    speed = signal or judged_speed(closed, contact)
     closed.unit(speed)
     at = knob.declared(closed, inputs or {}) if at is None else float(at)
     grid = np.linspace(low, high, values)
@@ -381,7 +382,7 @@ def onset(
     if laws and any(isinstance(each, Sampled) for each in laws):
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
     return Onset(
-        title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in search.base.system.parts),
+        title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
         parameter=parameter,
         unit=knob.unit,
         element=contact,
@@ -516,7 +517,7 @@ class _Search:
         plant = rest.plant
         _, vector = critical_pole(rest)
         index = [element.name for element in plant.elements].index(self.element)
-        slope = np.array(_function(plant, ("slip_slope", self.element), lambda: [_slip_slope(plant, index)])(
+        slope = np.array(function_of(plant, ("slip_slope", self.element), lambda: [_slip_slope(plant, index)])(
             0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()  # fmt: skip
         slip = float(np.array(plant.slips(0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()[index])
         phase = slope @ vector
@@ -530,7 +531,7 @@ class _Search:
     def begin(self, rest: Equilibrium, x: np.ndarray) -> _End:
         """A state of the continuous loop as the beginning of a run: states of sampled laws become their memory, what they drive is held."""
         system = self.base.system
-        named = dict(zip([name for name, _ in _labels(rest.plant)], x.tolist(), strict=True))
+        named = dict(zip([name for name, _ in state_labels(rest.plant)], x.tolist(), strict=True))
         start = {name: value for name, value in state_values(rest.plant, x).items() if name in system.states}
         if not system.updates:
             return _End(start, None)
@@ -577,7 +578,7 @@ class _Search:
         if rest is not None:
             plant, m = rest.plant, _modes(rest)
             m[[element.name for element in plant.elements].index(self.element)] = 0.0
-            project = _function(plant, ("project",), lambda: [plant.switching.projected])
+            project = function_of(plant, ("project",), lambda: [plant.switching.projected])
             begins.append(self.begin(rest, np.array(project(0.0, rest.states, rest.inputs, plant.values, m)).ravel()))
         return [*begins, _End(dict(self.base.start), None)]
 
@@ -663,9 +664,9 @@ def _slip_slope(plant: HybridSystem, index: int) -> Any:
 
 def _period(rest: Equilibrium) -> float:
     """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings."""
-    from toolbox.stability import _slopes
+    from toolbox.stability import flow_slopes
 
-    poles = np.linalg.eigvals(_slopes(rest))
+    poles = np.linalg.eigvals(flow_slopes(rest))
     poles = poles[np.abs(poles) > 1e-9 * np.abs(poles).max(initial=0.0)]
     swinging = poles[poles.imag > 1e-6 * np.abs(poles)]
     if swinging.size:
@@ -673,7 +674,8 @@ def _period(rest: Equilibrium) -> float:
     return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0
 
 
-def _contact(closed: HybridSystem, element: str | None) -> str:
+def judged_contact(closed: HybridSystem, element: str | None) -> str:
+    """The contact whose sticking is judged: the one named, else the first. Raises SceneError where there is none."""
     contacts = [each.name for each in closed.elements if each.law is not None]
     if not contacts:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
@@ -682,7 +684,7 @@ def _contact(closed: HybridSystem, element: str | None) -> str:
     return element or contacts[0]
 
 
-def _speed(closed: HybridSystem, contact: str) -> str:
+def judged_speed(closed: HybridSystem, contact: str) -> str:
     """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
     import casadi as ca
 

@@ -91,7 +91,13 @@ class _Field:
 _FIELDS: dict[type, tuple[_Field, ...]] = {}
 
 
-def _fields(kind: type) -> tuple[_Field, ...]:
+def law_of(part: Component) -> Component:
+    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
+    law = getattr(part, "law", None)
+    return law if isinstance(law, Component) else part
+
+
+def fields_of(kind: type) -> tuple[_Field, ...]:
     """The declared fields of a part or law; looked up for every run, and therefore kept."""
     known = _FIELDS.get(kind)
     if known is not None:
@@ -105,7 +111,7 @@ def _fields(kind: type) -> tuple[_Field, ...]:
     return _FIELDS.setdefault(kind, tuple(found))
 
 
-def _nested(value: Any) -> bool:
+def is_nested(value: Any) -> bool:
     """True for a field that is a law or a part with fields of its own."""
     return isinstance(value, (FrictionLaw, Component))
 
@@ -116,9 +122,9 @@ def checked(part: Any) -> None:
     Where they are not, the parameter table of the composed plant knows the full name to complain about.
     """
     sound = True
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
-        if _nested(value):
+        if is_nested(value):
             checked(value)
         elif field.numeric and value is not None:
             numbers = value if isinstance(value, tuple) else (value,)
@@ -130,13 +136,15 @@ def checked(part: Any) -> None:
 def check_fields(part: Any) -> None:
     """Raise SceneError unless the numbers of a part that stands alone are of their kind and within their bounds, and `check` finds them sound."""
     structure_of(part)
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
         if field.numeric and value is not None:
             for number in value if isinstance(value, tuple) else (value,):
                 broken = bounds_broken(number, field.spec.metadata)
                 if broken:
-                    raise SceneError(f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")
+                    raise SceneError(
+                        f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}."
+                    )
     checked(part)
 
 
@@ -160,9 +168,9 @@ _BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
 
 def bounds_checked(part: Any) -> None:
     """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
-        if _nested(value):
+        if is_nested(value):
             bounds_checked(value)
         elif field.numeric and value is not None:
             for number in value if isinstance(value, tuple) else (value,):
@@ -174,9 +182,9 @@ def bounds_checked(part: Any) -> None:
 def numbers_of(part: Any) -> list[float]:
     """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
     out: list[float] = []
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
-        if _nested(value):
+        if is_nested(value):
             out.extend(numbers_of(value))
         elif field.numeric and value is not None:
             if isinstance(value, tuple):
@@ -207,10 +215,10 @@ def _check_kind(part: Any, field: _Field, value: Any) -> None:
 def structure_of(part: Any) -> Any:
     """Everything about a part but its numbers, as a hashable key."""
     key: list[Any] = [type(part)]
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
         _check_kind(part, field, value)
-        if _nested(value):
+        if is_nested(value):
             key.append(structure_of(value))
         elif field.numeric and value is not None:
             key.append(len(value) if isinstance(value, tuple) else "number")
@@ -229,9 +237,9 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
     def rebuild(node: Any) -> Any:
         nonlocal offset
         changes: dict[str, Any] = {}
-        for field in _fields(type(node)):
+        for field in fields_of(type(node)):
             value = getattr(node, field.name)
-            if _nested(value):
+            if is_nested(value):
                 changes[field.name] = rebuild(value)
             elif field.numeric and value is not None:
                 if isinstance(value, tuple):
@@ -259,10 +267,10 @@ class Slot:
 def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
     """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
     clone = copy.copy(part)
-    for field in _fields(type(part)):
+    for field in fields_of(type(part)):
         value = getattr(part, field.name)
         here = f"{path}{field.name}"
-        if _nested(value):
+        if is_nested(value):
             object.__setattr__(clone, field.name, symbolic_copy(value, here + ".", slots))
         elif field.numeric and value is not None:
             if isinstance(value, tuple):

@@ -103,7 +103,7 @@ def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, u
             if len(contacts) == 1:
                 _bands(panel, run, contacts[0], begin, end)
             _event_lines(panel, run, begin, end)
-            height = _ribbon(panel, {_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
+            height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
                 _legend(panel, height)
         panels[-1].set_xlabel("time [s]")
@@ -151,14 +151,14 @@ def phase_plane(
             segments = [points[i:j] for i, j in zip(starts, ends, strict=True)]  # whole, for short pieces would leave gaps
             ax.add_collection(LineCollection(segments, colors="black", linewidths=3.4, capstyle="butt", joinstyle="round", zorder=3))
             ax.plot([], [], color=color, linewidth=1.0, label="slip")
-            ax.plot([], [], color="black", linewidth=3.4, label=f"stick ({_words(str(element))})")
+            ax.plot([], [], color="black", linewidth=3.4, label=f"stick ({in_words(str(element))})")
             ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2, handlelength=1.6)
         _arrows(ax, x, y, ~both, color)
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        ax.set_xlabel(f"{_words(x_signal)} [{run.unit(x_signal)}]")
-        ax.set_ylabel(f"{_words(y_signal)} [{run.unit(y_signal)}]")
+        ax.set_xlabel(f"{in_words(x_signal)} [{run.unit(x_signal)}]")
+        ax.set_ylabel(f"{in_words(y_signal)} [{run.unit(y_signal)}]")
     return ax
 
 
@@ -202,7 +202,7 @@ def comparison(
                 panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
         for panel in panels:
             panel.set_xlim(begin, end)
-        quantity = f"{_words(signal)} [{longest.unit(signal)}]"
+        quantity = f"{in_words(signal)} [{longest.unit(signal)}]"
         if ax is not None:
             rows = {
                 label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
@@ -297,14 +297,15 @@ def _interesting(run: Trajectory) -> list[str]:
     return found or [next(iter(system.states))]
 
 
-def _words(name: str) -> str:
+def in_words(name: str) -> str:
+    """The name of a signal as a reader says it."""
     return name.replace(".", " ").replace("_", " ")
 
 
 def _axis_label(names: Sequence[str], unit: str) -> str:
     """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
     if len(names) == 1:
-        return f"{_words(names[0])} [{unit}]"
+        return f"{in_words(names[0])} [{unit}]"
     tails = {name.rpartition(".")[2] for name in names}
     kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
     word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
@@ -332,9 +333,9 @@ def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
     for name in names:
         values = np.asarray(samples[name])
         if values.ndim == 1:
-            curves.append((_words(name), values))
+            curves.append((in_words(name), values))
         else:
-            curves += [(f"{_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
+            curves += [(f"{in_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
     many = len(curves) > 8  # then the first and the last name the row of shades between them
     for i, ((label, values), style) in enumerate(zip(curves, _styles(len(curves)), strict=True)):
         named = not many or i in (0, len(curves) - 1)

@@ -10,10 +10,16 @@ from toolbox.loop import _call
 MOST_SWITCHES = 50
 """Switches in one interval after which the rest of it is taken without looking at guards."""
 
+MOST_STEPS = 500
+"""Steps beyond the planned ones that an interval may take; one of a bit that chatters takes some two for each of its switches."""
+
 
 @njit(cache=True, nogil=True)
 def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # pragma: no cover - compiled
-    """Fill X, A, B and M (see `Rollout.advance`), whose first rows of X and M are given; no derivatives where A is empty."""
+    """Fill X, A, B and M (see `Rollout.advance`), whose first rows of X and M are given; no derivatives where A is empty.
+
+    Where the states overflow, or no bearable number of steps leads to the end of an interval, what follows is nan.
+    """
     n, nu, ne = X.shape[1], columns.size, M.shape[1]
     derivatives = A.shape[0] > 0
     size = n + 2 * ne + n * (n + nu)
@@ -42,9 +48,10 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                         m[i] = -1.0
                     elif z[n + 2 * i + 1] < 0.0:
                         m[i] = 1.0
-        left, switches = interval, 0
+        left, switches, taken = interval, 0, 0
         while left > 1e-12 * interval:
             h = min(interval / steps, left)
+            taken += 1
             _call(function, 0.0, h, x, k, p, m, y)
             while h > 1e-6 * interval:  # friction looked at far beyond zero slip may overflow
                 total = 0.0
@@ -54,6 +61,10 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                     break
                 h *= 0.5
                 _call(function, 0.0, h, x, k, p, m, y)
+            if (h <= 1e-6 * interval and h < left) or taken > steps + MOST_STEPS:  # nothing finite comes of it, or not in time
+                X[j + 1 :], M[j + 1 :] = np.nan, 0.0
+                A[j:], B[j:] = np.nan, np.nan
+                return
             guard = -1
             if switches < MOST_SWITCHES:
                 for i in range(2 * ne):

@@ -15,8 +15,9 @@ from toolbox.compose import compose
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.simulate import checked_run, place_start, simulate
+from toolbox.simulate import checked_run, simulate
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.needs import Needs
@@ -109,6 +110,14 @@ class Scene:
 
         scene_file.write(self, Path(path))
         return Path(path)
+
+    def __str__(self) -> str:
+        lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by `{self.element}` and `{self.signal}`"]
+        for case in self.cases:
+            law = "no law" if case.law is None else type(case.law).__name__
+            every = "" if case.sample_time is None else f", every {case.sample_time:g} s" + (f", {case.delay:g} s late" if case.delay else "")
+            lines.append(f"  {case.label}: {law}{every}")
+        return "\n".join(lines)
 
     def plant(self) -> HybridSystem:
         """The composed plant, with the declared parameters."""

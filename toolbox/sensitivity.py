@@ -18,8 +18,10 @@ import numpy as np
 from toolbox.closed_loop import names
 from toolbox.errors import SceneError, suggest
 from toolbox.inputs import Shape
-from toolbox.simulate import Run, again, place_start
+from toolbox.remembered import check_laws, sample_times
+from toolbox.simulate import Run, again
 from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
 """Words by which the numbers of a shape are named: `block.load.amplitude`."""
@@ -42,16 +44,10 @@ class Sensitivity:
     @cached_property
     def states(self) -> np.ndarray:
         """Derivatives of all states at `time`, shape (nt, n, k)."""
-        return self._at_times()[:, :, self._order]
+        return self._at_times()[:, : self.run.program.system.x.numel(), self._order]
 
     def _at_times(self) -> np.ndarray:
-        nodes = self.run.nodes
-        if nodes is self.run:
-            return self._tangent.nodes
-        from toolbox.variation import variation_of
-
-        variation = variation_of(nodes.program, self._columns)
-        return variation.between(nodes, self._tangent.nodes, self._own, self.run.time)
+        return self._tangent.nodes if self.run.nodes is self.run else self._between(self.run.time)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Derivatives of a signal, shape (nt, k), or (nt, size, k) of a vector signal; raises SceneError for an unknown name."""
@@ -64,6 +60,13 @@ class Sensitivity:
         return values[0] if values.shape[0] == 1 else values
 
     def _of(self, name: str, tangent: np.ndarray, samples: Any) -> np.ndarray:
+        slope, n = self._slopes(name, samples), tangent.shape[1]
+        values = slope[:, :, 1 : 1 + n] @ tangent
+        values[:, :, self._own :] += slope[:, :, 1 + n :]
+        return values[:, :, self._order]
+
+    def _slopes(self, name: str, samples: Any) -> np.ndarray:
+        """Partial derivatives of a signal with respect to time, states, held signals and parameters, shape (nt, size, ...)."""
         program = self.run.program
         key = ("slope of", name, self._columns)
         function = program.outputs.get(key)
@@ -72,17 +75,19 @@ class Sensitivity:
             rows = system.rows(name)
             expression = system.x[rows[0] : rows[0] + (rows[1] or 1)] if rows is not None else system.expression(name)
             expression = ca.substitute(ca.substitute(expression, system.F, force), system.u, u) if rows is None else expression
-            chosen = ca.vertcat(system.x, *[p[c] for c in self._columns])
+            chosen = ca.vertcat(system.t, system.x, system.held, *[p[c] for c in self._columns])
             slope = ca.densify(ca.jacobian(expression, chosen))
             function = program.outputs[key] = ca.Function("slope", [system.t, system.x, p, system.m], [slope])
         p = np.repeat(self.run.parameters[:, None], samples.time.size, axis=1)
         p[program.first_held :] = samples.held.T
-        n, count = tangent.shape[1], samples.time.size
         slope = np.array(function(samples.time[None], samples.states.T, p, samples.mode.T.astype(float)))
-        slope = slope.reshape(slope.shape[0], count, -1).transpose(1, 0, 2)
-        values = slope[:, :, :n] @ tangent
-        values[:, :, self._own :] += slope[:, :, n:]
-        return values[:, :, self._order]
+        return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
+
+    def _between(self, times: np.ndarray) -> np.ndarray:
+        from toolbox.variation import variation_of
+
+        nodes = self.run.nodes
+        return variation_of(nodes.program, self._columns).between(nodes, self._tangent.nodes, self._own, times)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
         """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
@@ -100,8 +105,6 @@ class Sensitivity:
         """
         from scipy.optimize import minimize_scalar
 
-        from toolbox.variation import variation_of
-
         nodes = self.run.nodes
         inside = np.flatnonzero(nodes.time >= after)
         values = nodes[name][inside]
@@ -113,30 +116,65 @@ class Sensitivity:
         t = float(found.x)
         if min(t - max(after, nodes.time[0]), nodes.end - t) < 1e-6 * (high - low):
             raise SceneError(f"Argument `name` must be a signal with a peak inside the run, but `{name}` is largest at its end.")
-        variation = variation_of(nodes.program, self._columns)
-        tangent = variation.between(nodes, self._tangent.nodes, self._own, np.array([t]))
-        return self._of(name, tangent, nodes.at([t]))[0, 0]
+        return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
+
+    def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
+        """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
+        from toolbox.measure import gauss, window
+
+        nodes = self.run.nodes
+        begin, end = window(self.run, after, None)
+        total = np.zeros(len(self.to))
+        for weights, samples in gauss(self.run, begin, end):
+            slopes = self._of(name, self._between(samples.time), samples)[:, 0]
+            total += 2.0 * (weights * (samples[name] - target)) @ slopes
+        square = (nodes[name] - target) ** 2
+        times, first = np.unique(nodes._event_arrays[0], return_index=True)
+        for t, row in zip(times, self.event_times[first], strict=True):
+            if begin < t < end:
+                left, right = np.searchsorted(nodes.time, t), np.searchsorted(nodes.time, t, side="right") - 1
+                total += (square[left] - square[right]) * row
+        return total / (end - begin)
+
+    def settling(self, name: str, target: float, band: float = 0.02, *, after: float = 0.0, size: float | None = None) -> np.ndarray:
+        """Derivatives of `measure.settling` with the same arguments, -(dy/dp) / y' at the last crossing of the band, shape (k,).
+
+        Raises SceneError where the signal does not come to stay in the band during the run, which has no derivative.
+        """
+        from toolbox.measure import settling
+        from toolbox.variation import variation_of
+
+        passed = settling(self.run, name, target, band, after=after, size=size)
+        if not 0.0 < passed < np.inf:
+            raise SceneError(f"Argument `name` must be a signal that settles during the run, but `{name}` settles after {passed:g} s.")
+        nodes, t = self.run.nodes, after + passed
+        at = nodes.at([t])
+        slope = self._slopes(name, at)[0, 0]
+        flow = variation_of(nodes.program, self._columns).flow(nodes, t)
+        rate = slope[0] + slope[1 : 1 + flow.size] @ flow
+        return -self._of(name, self._between(np.array([t])), at)[0, 0] / rate
 
     def __str__(self) -> str:
         lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
         for name in self.run.names:
             rows = np.atleast_2d(self.end(name))
-            lines += [f"  {name:<24} " + "  ".join(f"{value:12.5g}" for value in row) for row in rows]
+            labels = [name] if rows.shape[0] == 1 else [f"{name}.{i}" for i in range(rows.shape[0])]
+            lines += [f"  {label:<24} " + "  ".join(f"{value:12.5g}" for value in row) for label, row in zip(labels, rows, strict=True)]
         return "\n".join(lines)
 
 
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     """Derivatives of a run with respect to the names in `to`, through every stick, slip, impact and switch.
 
-    to: parameters of the plant or of a continuous controller (`block.mass`, `chain.stiffness.0`), constant inputs (`top.torque`), numbers of a sine
-    (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`), start values of states (`chain.speed.1`, or `bit.speed`, a signal that is a state). A name
-    given as an input is that input.
+    to: parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`), constant inputs
+    (`top.torque`), numbers of a sine (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`), start values of states and of what a sampled law
+    remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state). A name given as an input is that input.
 
-    Raises SceneError for unknown names and sampled controllers, and GrazingError where the run has no derivative.
+    Raises SceneError for unknown names, sample times, laws in Python and measurements with encoder steps, and GrazingError where the run has no derivative.
     """
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
-    check_smooth(run)
+    check_laws(run)
     from toolbox.variation import variation_of
 
     if run.run.method == "stiff":  # derivatives follow explicit steps, stage by stage
@@ -156,14 +194,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     own = len(starts)
     n = run.program.system.x.numel()
     variation = variation_of(run.program, tuple(columns))
-    tangent = variation.along(run, np.array(starts).T.reshape(n, own), keep=True)
+    begin = np.array(starts).reshape(own, -1).T if own else np.zeros((n, 0))
+    tangent = variation.along(run, begin[:n], keep=True, memory=begin[n:] if own else None)
     return Sensitivity(run, wanted, np.array([i if kind == "start" else own + i for kind, i in order]), tuple(columns), tangent)
-
-
-def check_smooth(run: Trajectory) -> None:
-    """Raise SceneError for a run whose sampled laws have a memory that the record does not hold."""
-    if run.program.system.updates:
-        raise SceneError("Argument `run` must be without sampled controllers: leave out `sample_time`, so that the law acts continuously.")
 
 
 def parameter_column(run: Trajectory, name: str) -> int | None:
@@ -190,12 +223,24 @@ def parameter_column(run: Trajectory, name: str) -> int | None:
         raise SceneError(f"There is no parameter, constant input or state `{name}`: {suggest(name, known)}") from None
     if entry.size is not None:
         raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {entry.size}.")
+    if entry.offset in sample_times(run.run):
+        raise SceneError(f"Argument `{name}` must not be a sample time: a derivative belongs to given instants of the samples.")
     return entry.offset
 
 
 def _direction(run: Trajectory, name: str) -> np.ndarray:
-    direction = np.zeros(run.program.system.x.numel())
-    place_start(run.program.system, direction, name, 1.0)
+    """The direction of a start value among the states and, behind them, the memory of the sampled laws."""
+    system = run.program.system
+    direction = np.zeros(system.x.numel() + sum(update.memory.numel() for update in system.updates))
+    place = system.x.numel()
+    for update in system.updates:
+        head, _, tail = name.rpartition(".")
+        if name in update.places or (head in update.places and tail.isdigit() and int(tail) < (update.places[head][1] or 0)):
+            first, size = update.places[name] if name in update.places else (update.places[head][0] + int(tail), None)
+            direction[place + first : place + first + (size or 1)] = 1.0
+        place += update.memory.numel()
+    if not direction.any():
+        place_start(system, direction[: system.x.numel()], name, 1.0)
     if direction.sum() != 1.0:
         raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {direction.sum():g}.")
     return direction

@@ -29,11 +29,21 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
-from toolbox.linear import _closed, _function, _holding, _input_values, _labels, _numbers, _residual, equilibrium
-from toolbox.onset import _contact, _speed
+from toolbox.linear import (
+    closed_signal,
+    equilibrium,
+    function_of,
+    holding_elements,
+    input_values,
+    mode_numbers,
+    residual_functions,
+    state_labels,
+)
+from toolbox.onset import judged_contact, judged_speed
+from toolbox.parts import law_of
 from toolbox.simulate import Run
 from toolbox.stability import Knob, continuous_loop
-from toolbox.sweep import Variations, _fingerprint, evaluated, grid, varied_numbers, varied_run
+from toolbox.sweep import Variations, evaluated, folder_of, grid, run_fingerprint, varied_numbers, varied_run
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -260,7 +270,7 @@ def severity_map(
         return severity, ratio, verdict
 
     if out is not None:
-        Path(out).mkdir(parents=True, exist_ok=True)
+        folder_of(Path(out))
     both = np.repeat([False, True], len(points))
     columns = judged(np.vstack([points, points]), both)
     first = failures
@@ -331,7 +341,7 @@ class _Loop:
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
             if not isinstance(machine, HybridSystem):
-                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
             plant, law = machine, controller
         duration = 120.0 if duration is None else duration
         if not is_finite_number(duration) or not duration > 0:
@@ -361,16 +371,16 @@ class _Loop:
         here = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if k.is_input}
         there = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if not k.is_input}
         rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=mode, start=guess)
-        contact = _contact(closed, element)
-        m = _numbers(closed, rest.modes)
+        contact = judged_contact(closed, element)
+        m = mode_numbers(closed, rest.modes)
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:
             raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
         notes = []
         if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return _Loop(
-            title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts), names=names,
-            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=signal or _speed(closed, contact), after=float(after),
+            title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
+            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=signal or judged_speed(closed, contact), after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip
 
@@ -384,7 +394,7 @@ class _Loop:
         u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
         names = list(self.closed.inputs)
         if self.inputs:
-            _input_values(self.closed, self.inputs)  # raises for unknown names
+            input_values(self.closed, self.inputs)  # raises for unknown names
         for name, value in self.inputs.items():
             u[names.index(name)] = value
         for knob, column in zip(knobs, points.T, strict=True):
@@ -397,9 +407,9 @@ class _Loop:
 
         From the middle of the map to each point in steps; contacts must slide the way they do in the middle.
         """
-        residual, slopes = _residual(self.closed)
+        residual, slopes = residual_functions(self.closed)
         size, n = len(points), self.rest.size
-        sticking = (self.modes == 0.0) & _holding(self.closed)
+        sticking = (self.modes == 0.0) & holding_elements(self.closed)
         m = np.repeat(self.modes[:, None], size, axis=1)
         x = np.repeat(self.rest[:, None], size, axis=1)
         step = np.zeros_like(x)
@@ -426,7 +436,7 @@ class _Loop:
         """Largest real part of the poles of steady running at all points [1/s], but for those at zero; nan without steady running."""
         x, found = self.steady(points)
         values, u = self._numbers(points)
-        _, slopes = _residual(self.closed)
+        _, slopes = residual_functions(self.closed)
         a = np.array(slopes(0.0, x, u, values, np.repeat(self.modes[:, None], len(points), axis=1))[0])
         poles = np.linalg.eigvals(a.reshape(x.shape[0], len(points), x.shape[0]).transpose(1, 0, 2))
         size = np.abs(poles).max(axis=1, keepdims=True)
@@ -450,7 +460,7 @@ class _Loop:
         values, u = self._numbers(points)
         broken = {**broken, **{int(i): "There is no steady running." for i in np.flatnonzero(~found)}}
         task = Task(self.run, numbers, measures, *self._begins(x, u, values, stopped))
-        result, errors, _ = evaluated(task, broken, executor, folder, _fingerprint(task, variations, [""] * len(measures)), label="map")
+        result, errors, _ = evaluated(task, broken, executor, folder, run_fingerprint(task, variations, [""] * len(measures)), label="map")
         severity, ratio, last, low0, high0, low, high = result.T
         with np.errstate(invalid="ignore"):
             sticks = (last > end - 0.25 * (end - self.after)) & (ratio > max(10 * self.run.accuracy, 1e-9))
@@ -467,8 +477,8 @@ class _Loop:
         halt = closed.function("projected", closed.switching.projected, "stopped")
         at_rest = np.array(halt(0.0, x, u, values, stuck)).reshape(x.shape)
         begin = x + np.where(stopped, 1.0, SLOWED) * (at_rest - x)
-        labels = [name for name, _ in _labels(closed)]
-        starts = np.stack([begin[labels.index(name)] for name, _ in _labels(system)], axis=1)
+        labels = [name for name, _ in state_labels(closed)]
+        starts = np.stack([begin[labels.index(name)] for name, _ in state_labels(system)], axis=1)
         if not system.updates:
             return starts, None, None
         memories, held = [], np.zeros((size, system.held.numel()))
@@ -481,6 +491,6 @@ class _Loop:
                 memories.append(x[labels.index(name)] if name in labels else np.zeros(size))
             memories += [np.zeros(size)] * len(update.channels)
             for i, name in enumerate(update.names):
-                function = _function(closed, ("signal", name), lambda name=name: [_closed(closed, name)])  # type: ignore[misc]
+                function = function_of(closed, ("signal", name), lambda name=name: [closed_signal(closed, name)])  # type: ignore[misc]
                 held[:, update.first_held + i] = np.array(function(0.0, x, u, values, m)).ravel()
         return starts, np.stack(memories, axis=1) if memories else np.zeros((size, 0)), held

@@ -6,7 +6,6 @@ import contextlib
 import copy
 import dataclasses
 import time as clock
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import FunctionType
@@ -15,21 +14,23 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.announce import announced
 from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
-from toolbox.errors import BudgetError, SceneError, SimulationError, ZenoError, suggest
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.failures import exhausted, failure, trajectory_so_far
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Shape, Table
-from toolbox.machine_cache import announce
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.smoothed import SmoothSystem, checked_widths, smoothed
-from toolbox.stiffness import FIRST_LOOK, pays, progress, set_method
+from toolbox.stiffness import FIRST_LOOK, pays, progress
 from toolbox.time_stepping import MOREAU_JEAN, Theta
-from toolbox.trajectory import Samples, Smoothed, Stepped, Trajectory, output_function
+from toolbox.trajectory import Samples, Stepped, Trajectory
+from toolbox.work_arrays import grown, work_arrays
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,6 @@ class Budget:
 
 
 UNHURRIED = Budget()
-
-MAX_RECORDS = 400_000
-"""Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
 METHODS = ("event", "explicit", "stiff", "time-stepping", "smoothed", "auto")
 """How a run may step."""
@@ -122,7 +120,7 @@ def simulate(
     Returns a Trajectory. Raises SceneError for arguments that cannot be simulated, and SimulationError, ZenoError or BudgetError, with
     the trajectory so far in `.run`, for a run that cannot be finished, and AccuracyError for a method that cannot meet the accuracy at a bearable price.
     """
-    return _run(
+    return carry_out(
         checked_run(
             plant, duration, start=start, inputs=inputs, parameters=parameters, controller=controller, sample_time=sample_time,
             method=method, accuracy=accuracy, output_times=output_times, step=step, width=width, budget=budget,
@@ -148,7 +146,7 @@ def checked_run(
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
     if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     if not is_finite_number(duration) or duration < 0:
         raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
     if method not in METHODS:
@@ -319,7 +317,10 @@ def _range(value: Any) -> tuple[float, ...]:
     return value.range() if isinstance(value, Shape) else () if isinstance(value, ca.SX) else (value,)
 
 
-def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
+_LOADED: list[Any] = []
+
+
+def compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
     """The file of the event loop, and the loop that steps with this program: loaded by a run of no duration in each process.
 
     Says so on stderr where this machine has to compile it first.
@@ -332,8 +333,10 @@ def _compiled_loop(run: Run, program: Program) -> tuple[Any, Any]:
 
         name, advance = "loop of time stepping", stepping_loop.advance
 
-    if announce(advance, name):
-        empty = _work(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
+    if advance not in _LOADED:
+        _LOADED.append(advance)
+        announced(name, advance)
+        empty = work_arrays(loop, dataclasses.replace(run, duration=0.0, output_times=None), program)
         advance(empty)
     return loop, advance
 
@@ -354,7 +357,8 @@ def pair_of(run: Run) -> Pair | Rosenbrock | Theta:
     return DOPRI5 if run.accuracy > 1e-5 else DOP853
 
 
-def _run(run: Run) -> Trajectory:
+def carry_out(run: Run) -> Trajectory:
+    """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
     if run.method == "auto":
         from toolbox.choice import chosen
 
@@ -368,8 +372,8 @@ def _run(run: Run) -> Trajectory:
 
         run = dataclasses.replace(run, system=smoothed(run.system, run.widths or {}), tolerance=run.tolerance or tolerance(run))
     program = program_of(run.system, run.kinds, pair_of(run))
-    loop, advance = _compiled_loop(run, program)
-    work = _work(loop, run, program)
+    loop, advance = compiled_loop(run, program)
+    work = work_arrays(loop, run, program)
     began = clock.perf_counter()
     laws = [_fresh(law) for law in run.laws]
     answers: list[list[np.ndarray]] = [[] for _ in laws]
@@ -384,26 +388,26 @@ def _run(run: Run) -> Trajectory:
             status = advance(work)
             spent = clock.perf_counter() - began
             if spent > run.budget.seconds and status != loop.DONE:
-                raise _exhausted(loop, run, program, work, began, answers)
+                raise exhausted(loop, run, program, work, began, answers)
             if status == loop.DONE:
-                done = _trajectory(loop, run, program, work, began, answers)
+                done = trajectory_so_far(loop, run, program, work, began, answers)
                 done.laws = tuple(laws)
                 return _sound(done, program)
             if status == loop.EVENTS_FULL and work.ints[loop.EVENTS] > run.budget.events:
-                raise _exhausted(loop, run, program, work, began, answers)
+                raise exhausted(loop, run, program, work, began, answers)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
-                work = _grown(loop, work, status == loop.RECORDS_FULL, run.budget)
+                work = grown(loop, work, status == loop.RECORDS_FULL, run.budget)
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED:
                 if progress(loop, work)[1] >= run.budget.steps:
-                    raise _exhausted(loop, run, program, work, began, answers)
+                    raise exhausted(loop, run, program, work, began, answers)
                 if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
                     chunk = max(1, min(2 * chunk, int(0.1 * progress(loop, work)[1] / spent)))
                 if progress(loop, work)[1] >= following:
                     if pays(loop, run, program, work, look):
                         left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
-                        return _run(dataclasses.replace(run, method="stiff", budget=left))
+                        return carry_out(dataclasses.replace(run, method="stiff", budget=left))
                     look = progress(loop, work)
                     following = 2 * look[1]
                 if bar is None and spent > 1.0:
@@ -413,11 +417,11 @@ def _run(run: Run) -> Trajectory:
                 if bar is not None:
                     bar.update(float(work.reals[loop.TIME]) - bar.n)
             else:
-                raise _failure(loop, status, run, program, work, began, answers)
+                raise failure(loop, status, run, program, work, began, answers)
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
-                error.run = _trajectory(loop, run, program, work, began, answers)  # type: ignore[attr-defined]
+                error.run = trajectory_so_far(loop, run, program, work, began, answers)  # type: ignore[attr-defined]
         if getattr(error, "run", None) is not None:
             error.run.laws = tuple(laws)  # type: ignore[attr-defined]
         raise
@@ -454,147 +458,6 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
     return run
 
 
-def _work(loop: Any, run: Run, program: Program) -> Any:
-    """All arrays of a run, filled with its numbers."""
-    system, machine = run.system, program.machine
-    n, ne, ng = machine.states, machine.elements, machine.guards
-    p = np.empty(program.p_size)
-    base = system.values.size
-    p[:base] = system.values
-    p[program.first_held :] = 0.0
-    jumps: list[tuple[float, int, float]] = []
-    for name, value in run.inputs.items():
-        if isinstance(value, Table):
-            slot = program.table_slot[name]
-            for begin, a, b, t0 in value.segments():
-                if begin <= 0.0:
-                    p[slot : slot + 3] = a, b, t0
-                else:
-                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
-        elif isinstance(value, Shape):
-            slot = program.coefficient_slot[name]
-            p[slot : slot + len(value.coefficients)] = value.coefficients
-        elif not isinstance(value, ca.SX):
-            p[program.coefficient_slot[name]] = value
-    times, first = np.empty(0), np.zeros(1, np.int64)
-    if jumps:
-        jumps.sort(key=lambda jump: jump[0])
-        times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
-        first = np.append(first, len(jumps)).astype(np.int64)
-
-    ints = np.zeros(loop.INTS, np.int64)
-    ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
-    ints[loop.COUPLED] = machine.coupled
-    ints[loop.FIRST_HELD] = program.first_held
-    ints[loop.NODES] = 1 if run.output_times is None else 0
-    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
-        ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
-    reals = np.zeros(loop.REALS)
-    reals[loop.LONGEST] = run.longest_step if program.forced else np.inf
-    reals[loop.STEP_SIZE] = run.step or 0.0
-    reals[loop.END] = run.duration
-    reals[loop.RTOL] = run.tolerance or run.accuracy
-    reals[loop.LAST_EVENT] = -np.inf
-
-    samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
-    clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
-    memory_size = 0
-    keys: list[int] = []
-    for c, update in enumerate(system.updates):
-        size, first_output = update.memory.numel(), program.held_slot + update.first_held
-        address = 0 if update.external else machine.updates[c]
-        samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
-        keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
-        memory_size = len(keys)
-        if clocks[c, 1] > 0.0:  # until a delayed output arrives the signal has its stand-in
-            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
-            p[first_output : first_output + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
-    memory = np.zeros(memory_size)
-    if run.resume is not None:
-        memory[:], p[program.held_slot : program.held_slot + system.held.numel()] = run.resume
-    depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
-    widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
-    capacity = 1024 if run.output_times is None else run.output_times.size + 8
-    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
-        capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
-    x = np.zeros(n)  # behind the states come those of hidden forces
-    for name, value in run.start.items():
-        remembered = [row[loop.FIRST_STATE] for row, update in zip(samplers, system.updates, strict=True) if name in update.places]
-        if remembered:
-            _place_memory(system, memory[remembered[0] :], name, value)
-        else:
-            place_start(system, x, name, value)
-    events = _event_room(128 + 2 * ne, ne, run.budget)
-    work = loop.Work(
-        ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
-        scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
-        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
-        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(2 * ne + 1), bounced=np.zeros(ne, np.bool_),
-        excited=program.excited,
-        rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
-        rec_p=np.empty((capacity, program.p_size - program.first_held)),
-        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.empty((events, 2), np.int8),
-        jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
-        out_t=run.output_times if run.output_times is not None else np.empty(0),
-        samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
-    )  # fmt: skip
-    set_method(loop, work, program)
-    return work
-
-
-def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:
-    """Write the start value of a state that a sampled law remembers into the memory of that law."""
-    first, size = next(update.places[name] for update in system.updates if name in update.places)
-    array = finite_array(value)
-    if array is None or (array.ndim and array.shape != (size or 1,)):
-        raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
-    memory[first : first + (size or 1)] = array
-
-
-def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
-    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
-    target: Any = None
-    rows = system.rows(name)
-    if rows is not None:
-        target = slice(rows[0], rows[0] + (rows[1] or 1))
-    elif name in system.signals:
-        expression = system.signals[name][0]
-        if expression.numel() == 1 and expression.is_symbolic():
-            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
-            if place.size == 1:
-                target = slice(place[0], place[0] + 1)
-    if target is None:
-        if name in system.signals:
-            raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
-        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
-    array = finite_array(value)
-    if array is None:
-        raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
-    if array.ndim and array.shape != x[target].shape:
-        raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
-    x[target] = array
-
-
-def _event_room(asked: int, elements: int, budget: Budget) -> int:
-    """Room for events, no more than the budget allows and one instant fills: the loop stops when it is full."""
-    return int(min(asked, budget.events + 2 * elements + 1))
-
-
-def _grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:
-    """The work arrays with twice the room for records, or for events."""
-    names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
-    bigger = {}
-    for name in names:
-        old = getattr(work, name)
-        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], work.m.size, budget)
-        new = np.empty((room, *old.shape[1:]), old.dtype)
-        new[: old.shape[0]] = old
-        bigger[name] = new
-    return work._replace(**bigger)
-
-
 def _sample(
     loop: Any, run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
 ) -> None:
@@ -614,84 +477,13 @@ def _sample(
         raise SimulationError(
             f"The controller must return {row[loop.OUTPUTS]} finite value(s) for {', '.join(part.drives)}, but at "
             f"t = {work.reals[loop.TIME]:g} s it returned {answer!r}.",
-            _trajectory(loop, run, program, work, began, answers),
+            trajectory_so_far(loop, run, program, work, began, answers),
         )
     work.queue[c, row[loop.TAKEN] % work.queue.shape[1], : u.size] = u.ravel()
     answers[index].append(u.ravel())
     row[loop.TAKEN] += 1
 
 
-def _trajectory(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
-    r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
-    kind = Stepped if run.method == "time-stepping" else Smoothed if run.method == "smoothed" else Trajectory
-    return kind(
-        run=run,
-        program=program,
-        time=work.rec_t[:r].copy(),
-        states=work.rec_x[:r].copy(),
-        mode=work.rec_m[:r].copy(),
-        held=work.rec_p[:r].copy(),
-        parameters=work.p,
-        event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
-        last_mode=work.m,
-        end=float(work.reals[loop.TIME]),
-        answers=answers,
-        memory=work.memory.copy(),
-        steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
-        merged=int(work.ints[loop.MERGED]),
-        wall_time=clock.perf_counter() - began,
-    )
-
-
-def _exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> BudgetError:
-    """The error of a run that has spent its budget: what it spent and what it spent it on."""
-    so_far = _trajectory(loop, run, program, work, began, answers)
-    t, steps, events = progress(loop, work)
-    spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
-    if spent:
-        cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
-    else:
-        spent, names = f"{events} events", [element.name for element in program.system.elements]
-        often = np.bincount(work.ev_i[:events], minlength=len(names))
-        cause = f"most of them are of `{names[int(np.argmax(often))]}`"
-    return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
-
-
-def _failure(
-    loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
-) -> SimulationError:
-    so_far = _trajectory(loop, run, program, work, began, answers)
-    t = float(work.reals[loop.TIME])
-    names = [element.name for element in program.system.elements]
-    point = Trajectory.point(run, program, t, work.x, work.m, work.p)
-    if status in (loop.INCONSISTENT, loop.ENDLESS):
-        bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
-            t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
-        if (bounds < 0).any():
-            name = names[int(np.argmin(bounds))]
-            return SimulationError(f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far)
-    if status == loop.ENDLESS:
-        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
-    if status == loop.INCONSISTENT:
-        inside = [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0] if t == 0.0 else []
-        if inside:
-            return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
-        return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
-    labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
-    finite = np.isfinite(work.k)
-    if not finite.all():
-        return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
-    if not np.isfinite(work.y[: len(labels)]).all():
-        name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
-        return SimulationError(
-            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.", so_far
-        )
-    largest = int(np.argmax(np.abs(work.x[: len(labels)])))
-    if abs(work.x[largest]) > 1e12:
-        return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
-    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)
-
-
 def again(run: Run, **changes: Any) -> Trajectory:
     """The same run with some arguments changed, e.g. another accuracy."""
-    return _run(dataclasses.replace(run, **changes))
+    return carry_out(dataclasses.replace(run, **changes))

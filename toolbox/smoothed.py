@@ -70,7 +70,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     `<element>.smoothing_peak` hold w and b. Raises SceneError for a width that is not > 0, and for a rigid unilateral contact.
     """
     if not isinstance(plant, HybridSystem) or isinstance(plant, SmoothSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is {plant!r}.")
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     widths = checked_widths(plant, width)
     key = ("smoothed", tuple(widths))
     template = plant.kernels.get(key)

@@ -31,16 +31,17 @@ from toolbox.linear import (
     Equilibrium,
     _free,
     _frictionless,
-    _function,
-    _holding,
-    _input_values,
     _modes_at,
-    _numbers,
-    _residual,
     equilibrium,
+    function_of,
+    holding_elements,
+    input_values,
     linearise,
+    mode_numbers,
+    residual_functions,
 )
-from toolbox.simulate import checked_run, place_start
+from toolbox.simulate import checked_run
+from toolbox.work_arrays import place_start
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
@@ -135,7 +136,7 @@ def equilibria(
     words = ("slip+", "slip-", "stick")
     alike = 3 ** len(holding) > MANY_MODES
     combinations = [(word,) * len(holding) for word in words] if alike else list(itertools.product(words, repeat=len(holding)))
-    smooth = _frictionless(plant, _free(plant), _input_values(plant, inputs or {}))
+    smooth = _frictionless(plant, _free(plant), input_values(plant, inputs or {}))
     found: list[Equilibrium] = []
     for combination in combinations:
         for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):
@@ -168,7 +169,7 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
     stable only if the rest of the machine damps more. Contacts that stick are left out.
     """
     plant = point.plant
-    m = _numbers(plant, point.modes)
+    m = mode_numbers(plant, point.modes)
     slopes = {}
     for element, mode in zip(plant.elements, m, strict=True):
         if element.law is None or mode == 0.0:
@@ -181,7 +182,7 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
             slope = ca.substitute(element.load * slope, speed, element.mode * element.slip)
             return [ca.substitute(slope, plant.F, plant.switching.force)]
 
-        function = _function(plant, ("slope", element.name), expression)
+        function = function_of(plant, ("slope", element.name), expression)
         slopes[element.name] = float(function(0.0, point.states, point.inputs, plant.values, m))
     return slopes
 
@@ -191,9 +192,9 @@ def critical_pole(point: Equilibrium) -> tuple[complex, np.ndarray]:
 
     The poles that sticking contacts and relays on their surface put at zero do not count.
     """
-    plant, m = point.plant, _numbers(point.plant, point.modes)
-    values, vectors = np.linalg.eig(_slopes(point))
-    constraints = int(((m == 0.0) & _holding(plant)).sum())
+    plant, m = point.plant, mode_numbers(point.plant, point.modes)
+    values, vectors = np.linalg.eig(flow_slopes(point))
+    constraints = int(((m == 0.0) & holding_elements(plant)).sum())
     order = np.argsort(np.abs(values))
     keep = np.sort(order[constraints:])
     values, vectors = values[keep], vectors[:, keep]
@@ -201,10 +202,10 @@ def critical_pole(point: Equilibrium) -> tuple[complex, np.ndarray]:
     return complex(values[best]), vectors[:, best]
 
 
-def _slopes(point: Equilibrium) -> np.ndarray:
+def flow_slopes(point: Equilibrium) -> np.ndarray:
     """df/dx over all states at a steady state, in its modes."""
     plant = point.plant
-    return np.array(_residual(plant)[1](0.0, point.states, point.inputs, plant.values, _numbers(plant, point.modes))[0])
+    return np.array(residual_functions(plant)[1](0.0, point.states, point.inputs, plant.values, mode_numbers(plant, point.modes))[0])
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------- Hopf points
@@ -414,8 +415,8 @@ class Followed:
         """Where implicit Euler steps of growing length lead from rest with all contacts in slip: limits and layers of a law do not stop them."""
         arguments = self.knob.arguments(value, self.inputs)
         plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
-        u = _input_values(plant, arguments["inputs"])
-        residual, slopes = _residual(plant)
+        u = input_values(plant, arguments["inputs"])
+        residual, slopes = residual_functions(plant)
         x = np.zeros(plant.x.numel())
         m = _modes_at(plant, x, u, self.mode, resting=True)
         a = np.array(slopes(0.0, x, u, plant.values, m)[0])
@@ -433,7 +434,7 @@ class Followed:
         point = self(value)
         if point is None:
             return None
-        poles = np.linalg.eigvals(_slopes(point))
+        poles = np.linalg.eigvals(flow_slopes(point))
         return np.sort(poles[poles.imag > 1e-9 * np.abs(poles).max(initial=0.0)].real)[::-1]
 
 
@@ -461,8 +462,8 @@ def _solved(followed: Followed, guess: float, stable: str) -> HopfPoint:
     given = [name for name in inputs if name != knob.name]
     near = followed(guess)
     assert near is not None  # `_crossing` has found it
-    plant, m = near.plant, _numbers(near.plant, near.modes)
-    poles, vectors = np.linalg.eig(_slopes(near))
+    plant, m = near.plant, mode_numbers(near.plant, near.modes)
+    poles, vectors = np.linalg.eig(flow_slopes(near))
     best = min(
         (i for i in range(poles.size) if poles[i].imag > 1e-9 * np.abs(poles).max()), key=lambda i: abs(poles[i].real) / poles[i].imag
     )
@@ -470,7 +471,7 @@ def _solved(followed: Followed, guess: float, stable: str) -> HopfPoint:
     size = np.maximum(np.abs(near.states), np.abs(near.states).max() * 1e-3 + 1e-300)
     v = vectors[:, best] / np.linalg.norm(vectors[:, best])
     c = np.concatenate([v.real, v.imag])
-    sticking = np.flatnonzero((m == 0.0) & _holding(plant))
+    sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
     residual, jacobian = _extended(plant, knob, tuple(given), tuple(sticking.tolist()))
     scale = np.concatenate([size, [abs(guess) or 1.0, poles[best].imag], np.ones(2 * n)])
     z = np.concatenate([near.states, [guess, poles[best].imag], v.real, v.imag])
@@ -560,7 +561,7 @@ def _lyapunov_coefficient(point: Equilibrium, m: np.ndarray, w: float, q: np.nda
             total += 1j ** sum(parts) * np.array(value).ravel()
         return total
 
-    a = _slopes(point)
+    a = flow_slopes(point)
     q = q / np.linalg.norm(q)
     values, vectors = np.linalg.eig(a.T)
     p = vectors[:, int(np.argmin(np.abs(values + 1j * w)))]

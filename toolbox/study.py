@@ -204,8 +204,8 @@ def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
     _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_found(found: SeverityMap | Tuned | WorkPrecision | Fit, title: str, path: Path) -> None:
-    """Write the figure of what a search, a map, a measurement or a calibration found."""
+def draw_found(found: Trajectory | SeverityMap | Tuned | WorkPrecision | Fit, title: str | None, path: Path) -> None:
+    """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
     _plot()
     _write(found.plot(), title, path)
 
@@ -228,11 +228,14 @@ def _position(plant: HybridSystem, speed: str) -> str | None:
     return None
 
 
-def _write(axes: Any, title: str, path: Path) -> None:
+def _write(axes: Any, title: str | None, path: Path) -> None:
+    import textwrap
+
     import matplotlib.pyplot as plt
     import numpy as np
 
     figure = np.ravel(axes)[0].figure
-    figure.suptitle(title)
+    if title is not None:
+        figure.suptitle(textwrap.fill(title, int(11 * figure.get_figwidth())))  # letters of this size that fit into an inch
     figure.savefig(path, dpi=150)
     plt.close(figure)

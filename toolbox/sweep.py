@@ -36,11 +36,13 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
-from toolbox.onset import _contact, _speed
-from toolbox.parts import Component, _fields, _nested, checked, numbers_of, rebuilt, structure_of
-from toolbox.simulate import Run, _run, checked_run, place_start
+from toolbox.onset import judged_contact, judged_speed
+from toolbox.parts import Component, checked, fields_of, is_nested, law_of, numbers_of, rebuilt, structure_of
+from toolbox.simulate import Run, carry_out, checked_run
 from toolbox.stability import Knob
 from toolbox.tally import Measure
+from toolbox.trajectory import Trajectory
+from toolbox.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -343,8 +345,8 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = _contact(closed, scene.element if scene else None)
-            value = STANDARD[value](scene.signal if scene else _speed(closed, element), element, scene.after if scene else duration / 2)
+            element = judged_contact(closed, scene.element if scene else None)
+            value = STANDARD[value](scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2)
         if isinstance(value, Measure):
             value.check(closed, duration)
         elif not callable(value):
@@ -402,7 +404,7 @@ def sweep(
         plant, law, title = scene.plant(), case.controller, case.label
     else:
         if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is {machine!r}.")
+            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
         plant, law = machine, controller
     if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
@@ -415,9 +417,9 @@ def sweep(
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else _starts(run, variations, begin)
     task = Task(run, numbers, tuple(chosen.values()), starts, held=_stand_ins(run, variations))
-    values, errors, seconds = evaluated(task, broken, executor, out, _fingerprint(task, variations, tuple(chosen)))
+    values, errors, seconds = evaluated(task, broken, executor, out, run_fingerprint(task, variations, tuple(chosen)))
     result = Sweep(
-        title=title or ", ".join(type(getattr(part, "law", part)).__name__ for part in run.system.parts),
+        title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,
         units=tuple(Knob.of(run.system, name).unit for name in variations.names),
         points=variations.points,
@@ -496,7 +498,7 @@ def _has_check(part: Any) -> bool:
         return True
     if isinstance(part, FrictionLaw) and type(part).check is not FrictionLaw.check:
         return True
-    return any(_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in _fields(type(part))))
+    return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
 def _stand_ins(run: Run, variations: Variations) -> np.ndarray | None:
@@ -626,21 +628,28 @@ def _probed(task: Task) -> tuple[str, bool, float]:
     if method == "event":
         method = "explicit"
         if not task.run.laws:
+            found: Trajectory | None
             try:
-                if _run(single(task, middle)).run.method == "stiff":
-                    method = "stiff"
-            except SimulationError:
-                pass
+                found = carry_out(single(task, middle))
+            except SimulationError as failure:
+                found = failure.run
+            if found is not None and found.run.method == "stiff":
+                method = "stiff"
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
     return method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds
 
 
-def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, lanes: bool, chunks: Sequence[tuple[int, int]]) -> None:
+def folder_of(path: Path) -> None:
+    """Make a folder with its parents; raises SceneError where that cannot be."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SceneError(f"Argument `out` must be a folder that can be written, but `{folder}` cannot: {error.strerror}.") from None
+        raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
+
+
+def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, lanes: bool, chunks: Sequence[tuple[int, int]]) -> None:
+    folder_of(folder)
     with replaced(folder / MANIFEST) as file:
         file.write(json.dumps({"arguments": dict(fingerprint), "method": method, "lanes": lanes, "chunks": chunks}).encode())
 
@@ -685,7 +694,7 @@ def _written(folder: Path, outcome: Outcome) -> None:
         np.savez(file, values=outcome.values, errors=np.array(json.dumps({str(i): text for i, text in outcome.errors.items()})))
 
 
-def _fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
+def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) -> dict[str, str]:
     """What a sweep is made of, argument by argument, as digests; functions by their names, because their text cannot be compared."""
     run = task.run
     measures = [measure if isinstance(measure, Measure) else _name(measure) for measure in task.measures]

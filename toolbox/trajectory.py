@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.parts import law_of
 
 
 class Event(NamedTuple):
@@ -41,7 +44,9 @@ class Samples:
     Taken at a single time, entries are floats (or shape (n,)).
     """
 
-    def __init__(self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool):
+    def __init__(
+        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+    ):
         self.program = program
         self.time = time
         self.states = states
@@ -131,6 +136,10 @@ class Replay:
     def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
         self.place += 1
         return self.answers[self.place - 1]
+
+
+ROUND_OFF = 1e-12
+"""A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
 
 
 class Trajectory(Samples):
@@ -227,7 +236,7 @@ class Trajectory(Samples):
         return [piece for piece in out if piece[1] > piece[0]]
 
     def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
-        """Seconds that an element spends in a mode between `after` and `until` (the end of the run)."""
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
         intervals = self.intervals(element)
         known = self.program.system.elements[self._elements.index(element)].legend.values()
         if mode not in known:
@@ -235,6 +244,8 @@ class Trajectory(Samples):
         for word, value in (("after", after), ("until", until)):
             if value is not None and not value == value:
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
+        if after > self.end:  # no stick in no time would read as cured
+            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
         last = np.inf if until is None else until
         return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 
@@ -243,7 +254,9 @@ class Trajectory(Samples):
         numbers = finite_array(time)
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}.")
+            raise SceneError(
+                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}."
+            )
         nodes = self.nodes
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         states = nodes._between(times, row)
@@ -278,12 +291,16 @@ class Trajectory(Samples):
     def error(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
+        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it.
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """
         from toolbox.simulate import UNHURRIED, again
 
-        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": self.run.longest_step / 5.3}
+        longest = self.run.longest_step / 5.3
+        if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
+            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
+        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": longest}
         return self.difference(again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:
@@ -296,10 +313,12 @@ class Trajectory(Samples):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
-        groups = self.program.groups[: size.size]  # a state far below others of its unit is round-off of theirs, as in the control of steps
+        groups = self.program.groups[: size.size]
         largest = np.zeros(self.program.group_count)
         np.maximum.at(largest, groups, size)
-        size[size > 0] = np.maximum(size, np.maximum(1e-10 * largest[groups], 1e-14))[size > 0]
+        floor = np.maximum(1e-10 * largest[groups], 1e-14)  # as in the control of steps
+        floor = np.where(size < ROUND_OFF * largest[groups], largest[groups], floor)
+        size[size > 0] = np.maximum(size, floor)[size > 0]
         difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
         return float(np.max(difference[size > 0] / size[size > 0], initial=late))
 
@@ -340,6 +359,29 @@ class Trajectory(Samples):
         columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files import replaced
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        target = Path(path)
+        with replaced(target) as file:
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            table = csv.writer(text, lineterminator="\n")
+            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
+            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
+            text.flush()
+            text.detach()
+        return target
+
     def save(self, path: str | Path) -> Path:
         """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all.
 
@@ -366,7 +408,7 @@ class Trajectory(Samples):
 
     def __str__(self) -> str:
         lines = [
-            f"{type(self).__name__} of {', '.join(type(getattr(part, 'law', part)).__name__ for part in self.run.system.parts)}",
+            f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
             f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
             f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
@@ -381,11 +423,14 @@ class Trajectory(Samples):
         if self.time.size:
             lines.append("  at the recorded times")
             memories = {name for update in self.program.system.updates for name in update.places}
-            for name in self.names:
-                values = self[name]
-                if values.ndim == 1 and name not in memories:
+            shown = {name: self[name] for name in self.names if name not in memories}
+            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
+            for name, values in shown.items():
+                if values.ndim == 1:
                     values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(f"    {name:<18} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}")
+                    lines.append(
+                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
+                    )
         return "\n".join(lines)
 
 
@@ -448,8 +493,12 @@ class Smoothed(Trajectory):
         from toolbox.simulate import again
 
         widths = {name: width / 4 for name, width in self.run.widths.items()}
-        return 5.0 / 3.0 * self.difference(
-            again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+        return (
+            5.0
+            / 3.0
+            * self.difference(
+                again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+            )
         )
 
 

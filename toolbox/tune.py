@@ -25,7 +25,7 @@ from toolbox.closed_loop import Controller, Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.journal import Journal, fingerprint
-from toolbox.parts import _fields, _nested, bounds_broken
+from toolbox.parts import bounds_broken, fields_of, is_nested
 from toolbox.scene import Case, Scene
 from toolbox.study import MEASURES
 from toolbox.tune_search import Objective, Search, Spent, smallest, spread
@@ -172,9 +172,9 @@ def _numbers(law: Any, path: str = "") -> list[tuple[str, tuple[float | None, Ma
     if law is None:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     found: list[tuple[str, tuple[float | None, Mapping[str, Any]]]] = []
-    for declared in _fields(type(law)):
+    for declared in fields_of(type(law)):
         value, name = getattr(law, declared.name), f"{path}{declared.name}"
-        if _nested(value):
+        if is_nested(value):
             found += _numbers(value, f"{name}.")
         elif declared.numeric and isinstance(value, tuple):
             found += [(f"{name}.{i}", (number, declared.spec.metadata)) for i, number in enumerate(value)]

@@ -21,11 +21,12 @@ from numba import njit
 
 from toolbox.emit import compiled, function_text
 from toolbox.errors import GrazingError
-from toolbox.kernel import _plain
+from toolbox.kernel import plain_body
 from toolbox.loop import FRICTION, RIGID, SWITCH, _call
 from toolbox.program import Program
+from toolbox.remembered import Remembered, Walk, stand_in_slopes
 from toolbox.runge_kutta import Pair
-from toolbox.trajectory import Trajectory
+from toolbox.trajectory import Samples, Trajectory
 
 GRAZING = 1e-7
 """A guard that approaches zero slower than this part of its mean rate since the last event has no usable derivative of its time."""
@@ -36,12 +37,14 @@ class Tangent:
     """Derivatives along a run.
 
     nodes: at every node, shape (nodes, n, k), where they were asked for, else empty;  end: at the end, shape (n, k);  event_times: shape (events, k);
+    n counts the states and behind them the held signals;  memory: of sampled laws, at the end, shape (memory, k);
     approach: slowest rate at which a guard reached zero, in parts of its mean rate since the event before: 0 at grazing.
     """
 
     nodes: np.ndarray
     end: np.ndarray
     event_times: np.ndarray
+    memory: np.ndarray
     approach: float
 
 
@@ -101,24 +104,36 @@ def transport(address, a, b, c, rows, columns, first_parameter, time, state, mod
 
 
 class Variation:
-    """Compiled derivatives of a program with respect to its states and to the entries `columns` of its parameter vector."""
+    """Compiled derivatives of a program with respect to its states and to the entries `columns` of its parameter vector.
+
+    What sampled laws hold counts as states that rest between samples: plant is the number of states without them, states with them.
+    """
 
     def __init__(self, program: Program, columns: tuple[int, ...]):
         self.program = program
         system, form = program.system, program.form
-        t, x, m, p = system.t, system.x, system.m, program.expressions[0]
-        self.states, self.columns = x.numel(), columns
+        t, m, (p, _, _) = system.t, system.m, program.expressions
+        held = system.held
+        x = ca.vertcat(system.x, held)
+        self.plant, self.states, self.columns = system.x.numel(), x.numel(), columns
+        self.laws = Remembered(program, columns) if system.updates else None
         n, count = self.states, len(program.system.elements)
         chosen = ca.vertcat(*[p[c] for c in columns]) if columns else ca.SX(0, 1)
         z = ca.vertcat(x, chosen)
-        whole = ca.vertcat(ca.densify(form.field[:n]), ca.densify(form.guards[: 2 * count]), ca.densify(form.projected[:n]))
+        if held.numel():  # they are read from among the states
+            first = program.held_slot
+            p = ca.vertcat(p[:first], ca.SX.sym("held before", held.numel()), p[first + held.numel() :])
+        field, projected = (
+            ca.vertcat(ca.densify(e[: self.plant]), rest) for e, rest in ((form.field, ca.SX.zeros(held.numel())), (form.projected, held))
+        )
+        whole = ca.vertcat(field, ca.densify(form.guards[: 2 * count]), projected)
         smooth, self.sides, arguments = sided(whole, ca.vertcat(t, x))
         field, guards, projected = smooth[:n], smooth[n : n + 2 * count], smooth[n + 2 * count :]
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)
         self.rows, self.entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
         function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
-        body = _plain(function, 0)
+        body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
         self.address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair
@@ -132,38 +147,67 @@ class Variation:
         self.projection = ca.Function("projection", arguments_of, [ca.densify(ca.jacobian(projected, z))])
         self.project = ca.Function("project", arguments_of, [projected])
         self.kinks = ca.Function("kinks", [t, x, p, m], [arguments])
-        self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(guards, x))
+        self.drifting = _drifting(ca.jacobian(field, x), ca.jacobian(guards, x))[: self.plant]
+        if self.laws is not None:
+            self.drifting = _drifting(
+                ca.jacobian(field, x), ca.jacobian(ca.vertcat(guards, x[np.flatnonzero(self.laws.reads).tolist()]), x)
+            )[: self.plant]
         self.forced = bool(ca.depends_on(ca.vertcat(field, guards), t))
         self.impact: Any = None
         if form.impulse is not None:
             marks, elastic, results = form.impulse
-            struck = results[:n]
+            struck = ca.vertcat(results[: self.plant], held)
             self.impact = ca.Function("impact", [t, x, p, m, ca.vertcat(marks, elastic)], [
                 struck, ca.densify(ca.jacobian(struck, t)), ca.densify(ca.jacobian(struck, z))])  # fmt: skip
 
-    def along(self, run: Trajectory, starts: np.ndarray, keep: bool = False) -> Tangent:
-        """Derivatives along `run.nodes` for start directions (n, k_s), followed by one direction per parameter."""
+    def whole(self, nodes: Samples, rows: Any = slice(None)) -> np.ndarray:
+        """States of a run, and behind them its held signals."""
+        return np.ascontiguousarray(np.hstack([nodes.states[rows], nodes.held[rows, : self.states - self.plant]]))
+
+    def along(
+        self,
+        run: Trajectory,
+        starts: np.ndarray,
+        keep: bool = False,
+        memory: np.ndarray | None = None,
+        held_first: np.ndarray | None = None,
+    ) -> Tangent:
+        """Derivatives along `run.nodes` for start directions (plant states, k_s), followed by one direction per parameter.
+
+        memory, held_first: of the same directions, shape (memory, k_s) and (held signals, k_s), zero without.
+        """
         nodes = run.nodes
         n, own = self.states, starts.shape[1]
-        time, state = nodes.time, np.ascontiguousarray(nodes.states)
+        time, state = nodes.time, self.whole(nodes)
         p = nodes.parameters.copy()
         modes = nodes.mode.astype(float)
         if self.sides.numel():
             modes = np.hstack([modes, self._sides(nodes)])
         tangent = np.zeros((n, own + len(self.columns)))
-        tangent[:, :own] = starts
+        tangent[: self.plant, :own] = starts
         held = np.ascontiguousarray(nodes.held)
         first_held = self.program.first_held
+        walk, acts = None, list[int]()
+        if self.laws is not None:
+            remembers = np.zeros((self.laws.memory, tangent.shape[1]))
+            if memory is not None:
+                remembers[:, :own] = memory
+            if held_first is not None:
+                tangent[self.plant :, :own] = held_first
+            tangent[self.plant :, own:] = stand_in_slopes(nodes.run, self.program, self.columns)
+            walk = Walk(self.laws, nodes, remembers, own)
+            walk.checked_holds(self.guards, state, modes)
+            acts = list(walk.due)
         if ((self.program.kind != SWITCH) & (nodes.mode[0] == 0)).any():
             p[first_held:] = held[0]
             tangent = self._applied(np.array(self.projection(time[0], state[0], p, modes[0])), tangent, own)
         kept = np.empty((time.size if keep else 0, n, tangent.shape[1]))
         if keep:
             kept[0] = tangent
-        pairs = np.flatnonzero(np.diff(time) <= 0.0)
+        pairs = {int(k) for k in np.flatnonzero(np.diff(time) <= 0.0)}
         place, dated = 0, []
         approach = np.inf
-        for k in [*pairs.tolist(), time.size - 1]:
+        for k in sorted({*pairs, *acts, time.size - 1}):
             transport(
                 self.address,
                 self.a,
@@ -183,34 +227,53 @@ class Variation:
                 k,
                 kept,
             )
-            if k < time.size - 1:
-                tangent, dt, slowest = self._event(nodes, k, place, tangent, own, p, modes)
+            begin, place = place, k
+            if walk is not None and k in walk.due:
+                tangent = np.ascontiguousarray(walk.act(k, p, tangent))
+                if keep:
+                    kept[k] = tangent
+            if k in pairs:
+                tangent, dt, slowest = self._event(nodes, state, k, begin, tangent, own, p, modes)
                 if keep:
                     kept[k + 1] = tangent
                 approach = min(approach, slowest)
                 if dt is not None:
                     dated.append((k, dt))
-            place = k + 1
+                place = k + 1
         event_time, *_ = nodes._event_arrays
         times = np.zeros((event_time.size, tangent.shape[1]))
         for k, dt in dated:
             times[event_time == time[k]] = dt
-        return Tangent(kept, tangent, times, approach)
+        return Tangent(kept, tangent, times, np.empty((0, tangent.shape[1])) if walk is None else walk.memory, approach)
 
     def between(self, nodes: Trajectory, kept: np.ndarray, own: int, times: np.ndarray) -> np.ndarray:
         """Derivatives at any times within the run, each by one step from the node at or before it, shape (times, n, k)."""
         modes = nodes.mode.astype(float)
         if self.sides.numel():
             modes = np.hstack([modes, self._sides(nodes)])
-        p, first_held = nodes.parameters.copy(), self.program.first_held
+        p, first_held, state = nodes.parameters.copy(), self.program.first_held, self.whole(nodes)
         places = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
         found = kept[places].copy()
         for q, (k, t) in enumerate(zip(places.tolist(), times.tolist(), strict=True)):
             if t > nodes.time[k]:
                 once = slice(k, k + 1)
-                transport(self.address, self.a, self.b, self.c, self.rows, self.entries, own, np.array([nodes.time[k], t]), nodes.states[once].copy(),
+                transport(self.address, self.a, self.b, self.c, self.rows, self.entries, own, np.array([nodes.time[k], t]), state[once].copy(),
                           modes[once].copy(), nodes.held[once].copy(), p, first_held, found[q], 0, 1, np.empty((0, 0, 0)))  # fmt: skip
         return found
+
+    def flow(self, nodes: Trajectory, t: float) -> np.ndarray:
+        """dx/dt at a time within a run, and behind it the zeros of held signals."""
+        at = nodes.at([t])
+        p = nodes.parameters.copy()
+        p[self.program.first_held :] = at.held[0]
+        return self.slope_at(t, self.whole(at)[0], p, at.mode[0])
+
+    def slope_at(self, t: float, x: np.ndarray, p: np.ndarray, mode: np.ndarray) -> np.ndarray:
+        """dx/dt at whole states, with every kink on the side where it is."""
+        sides = np.empty(0)
+        if self.sides.numel():
+            sides = np.sign(np.array(self.kinks(t, x, p, mode)).ravel())
+        return np.array(self.field(t, x, p, np.concatenate([mode, sides]))).ravel()
 
     def _sides(self, nodes: Trajectory) -> np.ndarray:
         """The side of every kink over every step, from both its ends: at a crossing one of them is zero."""
@@ -218,9 +281,11 @@ class Variation:
         p[self.program.first_held :] = nodes.held.T
         ends = p.copy()
         ends[:, 1:] = p[:, :-1]
-        modes = nodes.mode.T.astype(float)
-        begin = np.array(self.kinks(nodes.time[None], nodes.states.T, p, modes))
-        following = np.array(self.kinks(nodes.time[None, 1:], nodes.states[1:].T, ends[:, 1:], modes[:, :-1]))
+        modes, state = nodes.mode.T.astype(float), self.whole(nodes).T
+        begin = np.array(self.kinks(nodes.time[None], state, p, modes))
+        later = state[:, 1:].copy()
+        later[self.plant :] = state[self.plant :, :-1]  # what is held over the step
+        following = np.array(self.kinks(nodes.time[None, 1:], later, ends[:, 1:], modes[:, :-1]))
         total = begin.copy()
         total[:, :-1] += following
         sides = np.where(total < 0.0, -1.0, 1.0).T
@@ -238,7 +303,7 @@ class Variation:
         return result
 
     def _event(
-        self, nodes: Trajectory, k: int, begin: int, tangent: np.ndarray, own: int, p: np.ndarray, modes: np.ndarray
+        self, nodes: Trajectory, state: np.ndarray, k: int, begin: int, tangent: np.ndarray, own: int, p: np.ndarray, modes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None, float]:
         """Directions after what happens between nodes k and k + 1, the derivatives of its time, and how fast the guard was."""
         n, kind = self.states, self.program.kind
@@ -253,7 +318,7 @@ class Variation:
         struck = [i for i in sorted(here) if kind[i] == RIGID and before[i] == 1 and (changed[i] or moved.any())]
         if not changed.any() and not struck:
             return tangent, None, np.inf  # a kink
-        x, p[first_held:] = nodes.states[k], nodes.held[k]
+        x, p[first_held:] = state[k], nodes.held[k]
         flow, of_t, of_z = (np.array(v) for v in self.edge(t, x, p, modes[k]))
         flow, of_t = flow.ravel(), of_t.ravel()
         firing = []
@@ -269,7 +334,7 @@ class Variation:
         dates, slowest = [], np.inf
         for j in firing:
             rate = of_t[j] + of_z[j, :n] @ flow
-            slowest = min(slowest, self._approach(nodes, j, rate, begin, k, p, modes))
+            slowest = min(slowest, self._approach(nodes, state, j, rate, begin, k, p, modes))
             guard = of_z[j, :n] @ tangent
             guard[own:] += of_z[j, n:]
             dates.append(-guard / rate)
@@ -280,17 +345,19 @@ class Variation:
             )
         dt = dates[0]
         p[first_held:] = nodes.held[k + 1]
-        flow_after = np.array(self.field(t, nodes.states[k + 1], p, modes[k + 1])).ravel()
+        flow_after = np.array(self.field(t, state[k + 1], p, modes[k + 1])).ravel()
         if struck:
-            jump = self._struck(nodes, k, struck, p, modes)
+            jump = self._struck(nodes, state, k, struck, p, modes)
             tangent = self._applied(jump[:, 1:], tangent + np.outer(flow, dt), own) + np.outer(jump[:, 0] - flow_after, dt)
         else:
             tangent = tangent + np.outer(flow - flow_after, dt)
         return np.ascontiguousarray(tangent), dt, slowest
 
-    def _approach(self, nodes: Trajectory, j: int, rate: float, begin: int, k: int, p: np.ndarray, modes: np.ndarray) -> float:
+    def _approach(
+        self, nodes: Trajectory, state: np.ndarray, j: int, rate: float, begin: int, k: int, p: np.ndarray, modes: np.ndarray
+    ) -> float:
         rows = np.arange(begin, k + 1)[:: max(1, (k - begin) // 16)]
-        values = np.array(self.guards(nodes.time[None, rows], nodes.states[rows].T, p, modes[rows].T))[j]
+        values = np.array(self.guards(nodes.time[None, rows], state[rows].T, p, modes[rows].T))[j]
         mean = np.abs(values).max() / max(nodes.time[k] - nodes.time[begin], 1e-300)
         if not abs(rate) > GRAZING * mean:
             name = self.program.system.elements[j // 2].name
@@ -299,14 +366,14 @@ class Variation:
                 "the run grazes there and has no derivative.", nodes)  # fmt: skip
         return abs(rate) / mean if mean > 0.0 else np.inf
 
-    def _struck(self, nodes: Trajectory, k: int, struck: list[int], p: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    def _struck(self, nodes: Trajectory, state: np.ndarray, k: int, struck: list[int], p: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """Derivative (n, 1 + n + parameters) of an impact with respect to time, states and parameters.
 
         The loop does not record which friction took part in it and how; the combination that gives the recorded state is the one.
         """
         program, n = self.program, self.states
-        t, x, goal = nodes.time[k], nodes.states[k], nodes.states[k + 1]
-        scale = np.abs(nodes.states).max(axis=0) + 1e-300
+        t, x, goal = nodes.time[k], state[k], state[k + 1]
+        scale = np.abs(state).max(axis=0) + 1e-300
         partners = [i for i in range(program.kind.size) if program.attached[i] >= 0]
         closed = [i for i in range(program.kind.size) if program.kind[i] == RIGID and nodes.mode[k, i] == 0]
         best, found = np.inf, None
@@ -318,8 +385,8 @@ class Variation:
                 marks[i], m[i] = (1.0, 0.0) if way == 0 else (0.0, float(way))
             for i, way in zip(closed, choice[len(partners) :], strict=True):
                 marks[i] = way
-            state, of_t, of_z = (np.array(v) for v in self.impact(t, x, p, m, marks))
-            away = float(np.max(np.abs(state.ravel() - goal) / scale))
+            landed, of_t, of_z = (np.array(v) for v in self.impact(t, x, p, m, marks))
+            away = float(np.max(np.abs(landed.ravel() - goal) / scale))
             if away < best:
                 best, found = away, np.hstack([of_t, of_z])
         if found is None or best > 1e-5:

@@ -144,11 +144,18 @@ def work_precision(
     truth, used = _truth(first, "explicit")
     second, other = _truth(first, "stiff")
     disagreement = _difference(second, truth, signals)
-    points: list[Point] = []
-    for label, run in runs.items():
-        for method in methods:
-            for knob, setting, changes in _settings(run, method, given, lengths, shares):
-                points.append(_point(run, label, method, knob, setting, changes, truth, signals, repeats))
+    from tqdm import tqdm
+
+    settings = [
+        (run, label, method, knob, setting, changes)
+        for label, run in runs.items()
+        for method in methods
+        for knob, setting, changes in _settings(run, method, given, lengths, shares)
+    ]
+    bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
+    points = [
+        _point(run, label, method, knob, setting, changes, truth, signals, repeats) for run, label, method, knob, setting, changes in bar
+    ]
     return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
 
 

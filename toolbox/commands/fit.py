@@ -23,8 +23,9 @@ def add(commands: Any) -> None:
         description="Fit parameters to measured signals: by simulation, driven by the measured inputs, or with --contact the friction law of one contact "
         "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), a figure of model and data, and the "
         "calibrated scene: all of it, or nothing.",
-        epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --free bit.friction.static=0.6:1 "
-        "--free bit.friction.kinetic=0.3:0.6 --out fitted",
+        epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --column 'top.torque=drive torque' "
+        "--column 'bit.weight=weight on bit' --column 'top.speed=table speed' --column 'bit.speed=downhole speed' "
+        "--column 'bit.torque=downhole torque' --free bit.friction.static=0.6:1 --free bit.friction.kinetic=0.3:0.6 --out fitted",
     )
     calibration.add_argument(
         "scene", type=Path, metavar="SCENE.toml", help="the machine; its inputs and start hold where nothing is measured"

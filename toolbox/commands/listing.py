@@ -1,9 +1,13 @@
-"""stickslip list: parts, control laws and friction laws with their parameters and units."""
+"""stickslip list: wells, models, control laws, observers and friction laws with their parameters and units."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import inspect
+import types
+import typing
+from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
@@ -11,8 +15,14 @@ from toolbox.errors import SceneError
 
 def add(commands: Any) -> None:
     """Declare the arguments of `stickslip list`."""
-    listing = commands.add_parser("list", help="list parts, control laws and friction laws with their parameters and units")
-    listing.add_argument("name", nargs="?", help="show only the entries whose name contains this")
+    listing = commands.add_parser(
+        "list",
+        help="list wells, models, control laws, observers and friction laws with their parameters and units",
+        description="List what scene files can name: ready-made parts such as wells, models, control laws, observers and friction laws, each with its "
+        "parameters, their values, units and meaning; for models made from tables, what those take.",
+        epilog="example: stickslip list BitRock",
+    )
+    listing.add_argument("name", nargs="?", metavar="NAME", help="show only the entries whose name contains this")
     listing.set_defaults(action=run)
 
 
@@ -25,21 +35,55 @@ def run(given: argparse.Namespace) -> int:
         if given.name is None:
             raise SceneError("No package offers parts: install stickslip-toolbox (pip install .) to register its own.")
         catalogue.part(given.name)  # raises the error that says why
-    for kind in catalogue.KINDS:
-        if any(entry.kind == kind for entry in entries):
-            print(f"{kind.capitalize()}s")
-        for entry in entries:
-            if entry.kind == kind:
-                print(f"  {entry.name}: {entry.summary}")
-                for name, unit, value, meaning in entry.parameters:
-                    shown = "required" if value is dataclasses.MISSING else _shown(value)
-                    print(
-                        "    "
-                        + " ".join(
-                            filter(None, [f"{name:<16} {shown}", "" if unit == "1" or value is None else unit, meaning and f" {meaning}"])
-                        )
-                    )
+    groups: dict[str, list[Any]] = {}
+    for entry in entries:
+        groups.setdefault(_heading(entry), []).append(entry)
+    ready = [heading for heading in groups if heading not in HEADINGS]
+    for heading in [*sorted(ready, reverse=True), *(heading for heading in HEADINGS if heading in groups)]:
+        print(heading)
+        for entry in groups[heading]:
+            print(f"  {entry.name}: {entry.summary}")
+            for name, unit, value, meaning in entry.parameters:
+                _line(name, value, unit, meaning)
+            if isinstance(entry.item, type) and hasattr(entry.item, "from_tables"):
+                print("    or made from tables, with")
+                for name, (unit, value) in _made_of(entry.item).items():
+                    _line(name, value, unit, "path of a table" if unit is None else "")
     return 0
+
+
+HEADINGS = ("Models", "Control laws", "Observers", "Friction laws")
+"""Headings of what is a class; ready-made parts stand before them, under the name of their module."""
+
+
+def _heading(entry: Any) -> str:
+    from toolbox.observed import Observer
+
+    if not isinstance(entry.item, type):
+        return entry.name.rpartition(".")[0].capitalize() or "Ready-made parts"
+    if issubclass(entry.item, Observer):
+        return "Observers"
+    return {"part": "Models", "control law": "Control laws", "friction law": "Friction laws"}[entry.kind]
+
+
+def _line(name: str, value: Any, unit: str | None, meaning: str) -> None:
+    shown = "required" if value is dataclasses.MISSING else _shown(value)
+    known = "" if unit in (None, "", "1") or value is None else unit
+    print("    " + " ".join(filter(None, [f"{name:<16} {shown}", known, meaning and f" {meaning}"])))
+
+
+def _made_of(item: Any) -> dict[str, tuple[str | None, Any]]:
+    """{argument of `from_tables`: (unit, default)}: the unit None for the path of a table, the default MISSING where it is required."""
+    hints = typing.get_type_hints(item.from_tables, include_extras=True)
+    found: dict[str, tuple[str | None, Any]] = {}
+    for name, argument in inspect.signature(item.from_tables).parameters.items():
+        hint = hints[name]
+        unit: str | None = hint.__metadata__[0] if typing.get_origin(hint) is typing.Annotated else ""
+        if Path in (typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)):
+            unit = None
+        if name != "name":
+            found[name] = (unit, dataclasses.MISSING if argument.default is inspect.Parameter.empty else argument.default)
+    return found
 
 
 def _shown(value: Any) -> str:

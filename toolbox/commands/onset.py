@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands.terminal import file_stems, plain, progress
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
 from toolbox.files import whole_folder
 
 ONSET_FILES = ("onset.png", "onset.txt")
@@ -43,18 +43,32 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.errors import SimulationError
     from toolbox.onset import Comparison, onset
     from toolbox.scene import Scene
+    from toolbox.stability import Knob, continuous_loop
     from toolbox.units import parse
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
-    units = {label: _unit(scene, label, given.parameter) for label in labels}
-    unit = next((word for word in units.values() if word is not None), None)
-    if unit is None:
-        _unit(scene, labels[0], given.parameter, complain=True)
+    units: dict[str, str] = {}
+    reasons: dict[str, str] = {}
+    known: set[str] = set()
+    for label in labels:
+        try:
+            loop = continuous_loop(scene.plant(), scene.case(label).controller)
+            known |= {*loop.parameters, *loop.inputs}
+            units[label] = Knob.of(loop, given.parameter).unit
+        except SceneError as error:
+            reasons[label] = str(error)
+    if not units:
+        if known and given.parameter not in known:  # the law that has the nearest name need not be the first
+            raise SceneError(f"There is no parameter or input `{given.parameter}`: {suggest(given.parameter, known)}")
+        raise SceneError(reasons[labels[0]])
+    unit = next(iter(units.values()))
     number = {
-        word: None if text is None else parse(plain(text), str(unit), f"--{word}")
+        word: None if text is None else parse(plain(text), unit, f"--{word}")
         for word, text in (("from", given.low), ("to", given.high), ("at", given.at), ("tolerance", given.tolerance))
     }
+    if not number["from"] < number["to"]:  # type: ignore[operator]
+        raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     onsets, failures = {}, {}
     stems = file_stems(labels)
     names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]
@@ -62,8 +76,8 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
                 reached(i, label)
-                if units[label] is None:
-                    failures[label] = f"it has no parameter or input `{given.parameter}`."
+                if label not in units:
+                    failures[label] = reasons[label]
                     continue
                 try:
                     onsets[label] = onset(
@@ -89,18 +103,6 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
     return 0 if onsets else 1
-
-
-def _unit(scene: Any, label: str, parameter: str, complain: bool = False) -> str | None:
-    """Unit of what varies under one controller; None where it has no such parameter or law, or the error that says why."""
-    from toolbox.stability import Knob, continuous_loop
-
-    try:
-        return Knob.of(continuous_loop(scene.plant(), scene.case(label).controller), parameter).unit
-    except SceneError:
-        if complain:
-            raise
-        return None
 
 
 def _earlier_onset(path: Path) -> set[str]:

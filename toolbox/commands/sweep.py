@@ -96,7 +96,8 @@ def run_map(given: argparse.Namespace) -> int:
     shape = given.shape.split("x")
     if len(shape) != 2 or not all(word.isdigit() for word in shape):
         raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
-    failures = {}
+    failures: dict[str, str] = {}
+    unknown = []
     for label, stem in zip(labels, file_stems(labels), strict=True):
         over = {}
         for word, text in (("x", given.x), ("y", given.y)):
@@ -107,9 +108,11 @@ def run_map(given: argparse.Namespace) -> int:
             try:
                 over[name] = _ends(scene, label, name, ends)
             except SceneError as error:
-                if "There is no parameter" not in str(error) or len(labels) == 1:
+                unknown.append(error)
+                if "There is no parameter" not in str(error) or len(unknown) == len(labels):
                     raise
                 failures[label] = str(error)
+                break
         if label in failures:
             continue
         folder = given.out / stem

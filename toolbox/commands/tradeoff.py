@@ -48,7 +48,7 @@ def run(given: argparse.Namespace) -> int:
             return complaint(str(error), 1)
         if folder is not None:
             found.save(folder / "tradeoff.csv")
-            study.draw_found(found, found.title, folder / "tradeoff.png")
+            study.draw_found(found, None, folder / "tradeoff.png")
     print(found)
     if given.out:
         print(f"\nFigure and table are in {given.out}")

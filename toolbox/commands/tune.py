@@ -26,7 +26,9 @@ def add(commands: Any) -> None:
         "--objective settling --out tuned",
     )
     tuning.add_argument("scenes", type=Path, nargs="+", metavar="SCENE.toml", help="one scene, or several that the law must do well on")
-    tuning.add_argument("--law", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it")
+    tuning.add_argument(
+        "--law", "--controller", required=True, metavar="LABEL", help="label of the controller whose numbers are tuned; every scene has it"
+    )
     tuning.add_argument(
         "--free",
         action="append",

@@ -1,0 +1,37 @@
+"""Whoever waits for a compiler is told so, once."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.timeout(120)
+
+MODULE = """
+from numba import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+"""
+PROGRAM = """
+import doubling
+from toolbox.announce import announced
+
+print(announced("doubling", doubling.twice), announced("doubling", doubling.twice), doubling.twice(2.0))
+"""
+
+
+def test_a_function_is_said_to_be_compiled_once_per_machine(tmp_path):
+    (tmp_path / "doubling.py").write_text(MODULE)
+    path = os.pathsep.join([str(tmp_path), os.getcwd(), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    seen = []
+    for _ in range(2):
+        seen.append(subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True))
+    assert seen[0].stdout.split() == ["True", "False", "4.0"]
+    assert seen[0].stderr == "stickslip: compiling the doubling, once per machine (up to a minute) ...\n"
+    assert seen[1].stdout.split() == ["False", "False", "4.0"] and seen[1].stderr == ""

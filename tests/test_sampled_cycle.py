@@ -1,0 +1,143 @@
+"""Forced cycles under sampled laws: states and memory return together, and their multipliers are those that differences show."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from controllers import PI, SoftTorque, StiffPI
+from models import BitRock, BlockOnBelt, wells
+from toolbox import Controller, Sampled, SceneError, Update, compose, follow, limit_cycle, quantity, simulate, sine, square, state, triangle
+
+pytestmark = pytest.mark.timeout(90)
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+STATES = ("chain.twist.0", "chain.speed.0", "chain.speed.1", "pi.angle")
+
+
+def differences(cycle, law, sample_time, inputs, by=1e-6):
+    """Multipliers of states and memory from central differences of runs over a period, the largest first."""
+    begin = np.concatenate([cycle.start, cycle.memory])
+    columns = []
+    for i in range(begin.size):
+        ends = []
+        for sign in (1.0, -1.0):
+            x = begin.copy()
+            x[i] += sign * by * max(1.0, abs(x[i]))
+            run = simulate(
+                RIG,
+                cycle.period,
+                start=dict(zip(STATES, x, strict=True)),
+                inputs=inputs,
+                controller=law,
+                sample_time=sample_time,
+                accuracy=1e-13,
+            )
+            ends.append(np.concatenate([run.states[-1], run.memory]))
+        columns.append((ends[0] - ends[1]) / (2 * by * max(1.0, abs(begin[i]))))
+    values = np.linalg.eigvals(np.array(columns).T).astype(complex)
+    return values[np.argsort(-np.abs(values))]
+
+
+@dataclass(frozen=True)
+class Holding(Controller):
+    """A sampled PI on the position of a block: u_k = -p x_k - i z_k, z_(k+1) = z_k + h x_k."""
+
+    measures, drives = ("block.position",), ("block.force",)
+    proportional: float = quantity(0.5, "N/m", "p")
+    integral: float = quantity(0.3, "N/m s", "i")
+
+    def sampled(self, signal, period):
+        total, x = state("holding.total", "m s"), signal("block.position", "m")
+        return Update({total: total + period * x}, {"block.force": (-self.proportional * x - self.integral * total, "N")})
+
+
+def test_a_linear_block_under_a_sampled_pi_has_the_multipliers_of_its_transition_matrix():
+    # over a sample: x+ = Phi x + Gamma u, u = -p x - i z, z+ = z + h x; over the period its power
+    h, count, damping, p, i = 0.25, 16, 0.5, 0.5, 0.3
+    plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
+    cycle = limit_cycle(
+        plant, 200.0, period=count * h, inputs={"block.load": 0.0}, controller=Holding(p, i), sample_time=h, start={"block.position": 1.0}
+    )
+    whole = expm(h * np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]]))
+    matrix = np.block([[whole[:2, :2] - whole[:2, 2:] @ [[p, 0.0]], -i * whole[:2, 2:]], [np.array([[h, 0.0]]), np.ones((1, 1))]])
+    theory = np.linalg.eigvals(np.linalg.matrix_power(matrix, count))
+    for value in theory:
+        assert min(abs(value - found) for found in cycle.multipliers) < 1e-9
+    assert cycle.multipliers.size == 3 and cycle.forced and cycle.stable
+
+
+@pytest.mark.parametrize("case", ["weight", "reference"])
+def test_a_drill_string_under_a_sampled_drive_has_the_multipliers_that_differences_show(case):
+    law, period, h = StiffPI(reference=8.0), 5.4 if case == "weight" else 7.2, 0.1
+    if case == "weight":
+        inputs, given = {"bit.weight": sine(97_347.0, 20_000.0, 1 / period)}, {}
+    else:
+        inputs, given = {"top.reference": triangle(6.0, 2.0, 1 / period, 1500.0)}, {"period": period}
+    cycle = limit_cycle(RIG, 100 * period, inputs=inputs, controller=law, sample_time=h, **given)
+    assert cycle.period == pytest.approx(period, rel=1e-14) and cycle.multipliers.size == 4
+    assert cycle.stick_share("bit") > 0.1
+    np.testing.assert_allclose(np.abs(cycle.multipliers - differences(cycle, law, h, inputs)).max(), 0.0, atol=1e-5)
+    # what is left of a long run comes to it
+    run = simulate(RIG, 200 * period, inputs=inputs, controller=law, sample_time=h, accuracy=1e-9)
+    np.testing.assert_allclose(run.states[-1], cycle.start, atol=1e-5 * np.abs(cycle.start).max())
+    np.testing.assert_allclose(run.memory, cycle.memory, atol=1e-5 * np.abs(cycle.memory).max())
+
+
+def test_fast_sampling_leaves_the_multipliers_of_the_continuous_law():
+    period, law = 5.4, SoftTorque(reference=9.0)
+    inputs = {"bit.weight": sine(97_347.0, 10_000.0, 1 / period)}
+    smooth = limit_cycle(RIG, 400.0, inputs=inputs, controller=law)
+    away = []
+    for count in (540, 1080):
+        fast = limit_cycle(RIG, 400.0, inputs=inputs, controller=law, sample_time=period / count)
+        away.append(np.abs(fast.multipliers - smooth.multipliers).max())
+    assert away[0] < 0.02
+    assert away[1] == pytest.approx(away[0] / 2, rel=0.1)  # a hold is late by half a sample
+
+
+def test_a_branch_of_sampled_cycles_loses_its_stability_where_the_loop_of_its_samples_does():
+    # with the gain p as parameter: the multiplier of largest modulus of Phi(p) passes the unit circle, whatever drives the block
+    h, count, damping, i = 0.5, 8, 0.2, 0.1
+    plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
+    whole = expm(h * np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]]))
+
+    def largest(p):
+        matrix = np.block([[whole[:2, :2] - whole[:2, 2:] @ [[p, 0.0]], -i * whole[:2, 2:]], [np.array([[h, 0.0]]), np.ones((1, 1))]])
+        return np.abs(np.linalg.eigvals(matrix)).max() - 1.0
+
+    from scipy.optimize import brentq
+
+    theory = brentq(largest, 0.05, 2.0)
+    cycle = limit_cycle(
+        plant, 800.0, inputs={"block.load": sine(0.0, 0.0, 1 / (count * h))}, controller=Holding(0.05, i), sample_time=h, period=count * h
+    )
+    name = next(name for name in cycle.run.program.system.parameters if name.endswith(".proportional"))
+    branch = follow(cycle, name, (0.0, 2.0), points=60, towards=2.0)
+    torus = [point for point in branch.bifurcations if point.kind == "Neimark-Sacker"]
+    np.testing.assert_allclose(torus[0].value, theory, rtol=1e-8)
+    assert cmath.isclose(abs(torus[0].cycle.multipliers[0]), 1.0, rel_tol=1e-8)
+
+
+def test_a_sampled_cycle_that_cannot_be_is_refused_with_a_way_out():
+    law = PI(reference=8.0)
+    with pytest.raises(SceneError, match="continuously for a free cycle"):
+        limit_cycle(RIG, 60.0, controller=law, sample_time=0.1)
+    weight = {"bit.weight": sine(97_347.0, 20_000.0, 1 / 5.4)}
+    with pytest.raises(SceneError, match=r"whole multiple of the sample time 0.25 s.*`period` = 27 s"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=0.25)
+    with pytest.raises(SceneError, match="whole multiple"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=math.pi / 20)
+    with pytest.raises(SceneError, match="without delay"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, delay=0.05))
+    with pytest.raises(SceneError, match="without noise"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, noise={"top.speed": 0.1}))
+    with pytest.raises(SceneError, match="Python"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=lambda t, y: 1e4, sample_time=0.1)
+    with pytest.raises(SceneError, match="repeat itself"):
+        limit_cycle(RIG, 60.0, inputs={"top.reference": square(8.0, 1.0, 1 / 5.0, 60.0)}, controller=PI(), sample_time=0.1, period=5.4)

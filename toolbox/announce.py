@@ -1,0 +1,31 @@
+"""A word on stderr before numba compiles something for the first time on a machine, so that nobody takes the pause for a hang."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+_SAID: set[Any] = set()
+
+
+def announced(name: str, *functions: Any) -> bool:
+    """Say that `name` is being compiled, unless this machine has the machine code of all these functions; returns whether it was said.
+
+    functions: made by `numba.njit(cache=True)`. Asked once per process, because one that is loaded is there.
+    """
+    fresh = [function for function in functions if function not in _SAID]
+    _SAID.update(fresh)
+    if all(map(_known, fresh)):
+        return False
+    print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+    return True
+
+
+def _known(function: Any) -> bool:
+    try:
+        if function.signatures:
+            return True
+        target = function.targetctx.codegen().magic_tuple()
+        return any(target in key for key in function._cache._cache_file._load_index())
+    except AttributeError:  # numba is told not to compile, or another version of it keeps its index elsewhere
+        return True

@@ -1,0 +1,103 @@
+"""stickslip simulate: one controller of a scene, or all, run once, with the error that each run measures of itself."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands.terminal import file_stems, progress
+from toolbox.errors import SimulationError
+from toolbox.files import whole_folder
+from toolbox.simulate import METHODS
+
+REPORT = "simulate.txt"
+RUN_FILES = (".npz", ".csv", ".png")
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip simulate`."""
+    single = commands.add_parser(
+        "simulate",
+        help="simulate one controller of a scene, or all, by any method; report, figure and data",
+        description="Simulate one controller of a scene, or all, and print each run with its measured error. With --out, the folder gets the report and, "
+        "for each run, all signals (npz), the table of its scalar signals in SI with units in the headings (csv) and a figure with time traces: all of it, "
+        "or nothing.",
+        epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
+    )
+    single.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
+    single.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    single.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
+    single.add_argument("--method", choices=METHODS, default="event", metavar="M", help=f"{', '.join(METHODS)} (event)")
+    single.add_argument(
+        "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
+    )
+    single.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report, figures and data; those of an earlier simulation are replaced"
+    )
+    single.set_defaults(action=run)
+
+
+def run(given: argparse.Namespace) -> int:
+    """Simulate cases of a scene. Returns the exit code."""
+    from toolbox import study
+    from toolbox.scene import Scene
+    from toolbox.simulate import simulate
+
+    scene = Scene.load(given.scene)
+    changes = {name: value for name, value in (("duration", given.duration), ("accuracy", given.accuracy)) if value is not None}
+    scene = dataclasses.replace(scene, **changes)
+    labels = [scene.case(label).label for label in given.controller or scene.labels]
+    stems = file_stems(labels)
+    plant = scene.plant()
+    texts, failed = [scene.title], 0
+    with (
+        whole_folder(given.out, [REPORT, *(stem + tail for stem in stems for tail in RUN_FILES)], _earlier)
+        if given.out
+        else nullcontext() as folder
+    ):
+        with progress(len(labels)) as reached:
+            for i, (label, stem) in enumerate(zip(labels, stems, strict=True)):
+                reached(i, label)
+                complaint = ""
+                try:
+                    found = simulate(plant, scene.duration, method=given.method, **scene.arguments(scene.case(label)))
+                except SimulationError as failure:
+                    found, complaint = failure.run, f"failed: {failure}"
+                    failed += 1
+                else:
+                    try:
+                        found.error  # noqa: B018  measured here, so that the report has it
+                    except SimulationError as failure:  # the run to compare with may fail alone
+                        complaint = f"its error could not be measured: {failure}"
+                parts = [label, *([complaint] if complaint else []), *([] if found is None else [str(found)])]
+                if folder is not None and found is not None and found.time.size > 1:
+                    reached(i + 0.5, f"{label}: figure")
+                    found.save(folder / f"{stem}.npz")
+                    found.to_csv(folder / f"{stem}.csv")
+                    study.draw_found(found, label, folder / f"{stem}.png")
+                    parts.append(f"  files {stem}: npz, csv, png")
+                texts.append("\n".join(parts))
+        text = "\n\n".join(texts) + "\n"
+        if folder is not None:
+            (folder / REPORT).write_text(f"Simulation of {text}", encoding="utf-8")
+    print(text, end="")
+    if given.out:
+        print(f"\nReport, figures and data are in {given.out}")
+    return 1 if failed == len(labels) else 0
+
+
+def _earlier(path: Path) -> set[str]:
+    """Names of the files that an earlier simulation left in a folder, as its report tells."""
+    try:
+        text = (path / REPORT).read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return set()
+    if not text.startswith("Simulation of "):
+        return set()
+    stems = re.findall(r"^  files (\d\d\S*): npz, csv, png$", text, re.MULTILINE)
+    names = [REPORT, *(stem + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
+    return {name for name in names if (path / name).is_file()}

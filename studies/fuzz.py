@@ -316,10 +316,10 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
             run.computed(f"bound of {element.name}", element.static),
         )
         over = np.abs(force[stuck]) - bound[stuck]
-        if (over > 1e-5 * np.maximum(np.abs(bound[stuck]), np.abs(force).max() * 1e-3)).any():
+        if (over > 1e-5 * np.maximum(np.abs(bound[stuck]), np.abs(force).max() * 1e-3) + 1e-30).any():
             yield "bound", f"`{element.name}` holds {float(over.max()):.3g} more than its bound"
     audit = energy_audit(run)
-    if system.stored and audit.turnover > 0 and audit.relative > 1e3 * ACCURACY and run.error < 10 * ACCURACY:
+    if system.stored and 1e-30 < audit.turnover < 1e30 and audit.relative > 1e3 * ACCURACY and run.error < 10 * ACCURACY:
         yield "energy", f"audit closes to {audit.relative:.2g} of {audit.turnover:.3g} J, error {run.error:.2g}"
     other = again("stiff")
     apart = run.difference(other)

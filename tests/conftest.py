@@ -55,8 +55,10 @@ def root():
 
 @pytest.fixture(scope="session", autouse=True)
 def event_loop():
-    """The event loop, compiled once per machine outside the time of any test."""
+    """The event loop and the reader of measures, compiled once per machine outside the time of any test, and what is said of it."""
     from models import BlockOnBelt
-    from toolbox import compose, simulate
+    from toolbox import compose, severity, simulate, sweep
 
-    simulate(compose(BlockOnBelt()), 0.0)
+    plant = compose(BlockOnBelt())
+    severity(simulate(plant, 10.0), "block.speed")
+    sweep(plant, {"block.mass": [1.0, 2.0]}, duration=1.0)

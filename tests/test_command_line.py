@@ -424,7 +424,7 @@ JANSEN = "studies/scenes/jansen_2.toml"
         (["map", "--x", "bit.weight=5e4:9e4", "--y", "top.torque=9e3:1e4", "--out", "/dev/null/out"], "must be a folder"),
         (["sweep", "--vary", "bit.weight=5e4:9e4:2", "--controller", "stiff PI", "--out", "/dev/null/out"], "must be a folder"),
         (["sweep", "--vary", "bit.wight=5e4:9e4:2", "--out", "OUT"], "did you mean `bit.weight`"),
-        (["onset", "--parameter", "top.reference", "--from", "5", "--to", "3"], "`--to` must be above `--from`"),
+        (["onset", "--parameter", "top.reference", "--from", "5", "--to", "3"], "`--from` must be below `--to`"),
         (["onset", "--parameter", "top.refrence", "--from", "3", "--to", "5"], "did you mean `top.reference`"),
         (["tune", "--controller", "stif PI", "--free", "integral=1:2", "--objective", "stuck", "--out", "OUT"], "did you mean `stiff PI`"),
         (["tradeoff", "--controller", "stif PI"], "did you mean `stiff PI`"),

@@ -384,7 +384,7 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     nodes = run.nodes
     first, last = np.searchsorted(nodes.time, times, side="left"), np.searchsorted(nodes.time, times, side="right") - 1
     fall = _evaluated(energy, _rows(nodes, first)) - _evaluated(energy, _rows(nodes, last))
-    return math.fsum(fall.ravel())
+    return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps

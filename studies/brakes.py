@@ -48,10 +48,9 @@ pad, to take the force back on the way to standstill, which takes way, or to cha
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,7 +61,7 @@ from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode, NormalD
 from controllers.dither import LoadDither
 from models import DiscBrake
 from models.closed_forms import groan_growth
-from studies.drives import update_times
+from studies.drives import update_times, write_rows
 from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate, sine
 
 BRAKE = DiscBrake(force=0.0)
@@ -314,10 +313,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        with (given.out / "brakes.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+        write_rows(rows, given.out / "brakes.csv")
         picture(given.out / "brakes.png")
         print(f"Table and picture are in {given.out}")
 

@@ -30,10 +30,9 @@ Columns, over the last half of 160 natural periods:
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -43,6 +42,7 @@ import numpy as np
 from controllers import ActiveDamping, NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
 from controllers.dither import DitherMap
 from models import Absorber, BitRock, Block, DiscBrake, oscillators, tangential_dither, wells
+from studies.drives import write_rows
 from toolbox import HybridSystem, Sampled, compose, measure, simulate, sine
 
 PERIODS = 160.0
@@ -283,10 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(table(rows))
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        with (given.out / "dither.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+        write_rows(rows, given.out / "dither.csv")
         picture(given.out / "dither.png")
         print(f"Table and picture are in {given.out}")
 

@@ -302,6 +302,14 @@ def picture(rows: Sequence[Verdict], path: Path) -> None:
     pyplot.close(figure)
 
 
+def write_rows(rows: Sequence[Any], path: Path) -> None:
+    """Write rows of a verdict, dataclasses of one kind, as csv."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(asdict(rows[0])))
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the table, and with --out its csv and picture."""
     labels = [contender.label for contender in contenders()]
@@ -317,10 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(table(rows))
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        with (given.out / "drives.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(asdict(rows[0])))
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+        write_rows(rows, given.out / "drives.csv")
         picture(rows, given.out / "drives.png")
         print(f"\nTable and picture are in {given.out}")
 

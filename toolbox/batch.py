@@ -145,7 +145,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         work = work_arrays(loop, run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
-    n, held, memory = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel()), slice(0, None)
+    n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
     for i, numbers in enumerate(task.numbers):
         for array, original in fresh:
             np.copyto(array, original)
@@ -153,7 +153,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         if task.starts is not None:
             work.x[:n] = task.starts[i]
         if task.memories is not None:
-            work.memory[memory] = task.memories[i]
+            work.memory[:] = task.memories[i]
         if task.held is not None:
             work.p[held] = task.held[i]
         tally.begin()

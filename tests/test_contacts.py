@@ -25,6 +25,7 @@ from toolbox import (
     linearise,
     quantity,
     simulate,
+    sine,
     state,
 )
 
@@ -311,6 +312,26 @@ def test_a_body_leaves_a_shaking_table_where_its_acceleration_reaches_gravity_an
     assert gap.min() > -1e-12
     calm = simulate(compose(Shaken(0.999 * 10.0 / 20**2)), 2.0, start={"ball.speed": 0.999 * 10.0 / 20}, accuracy=accuracy)
     assert calm.events == []
+
+
+def test_a_body_leaves_a_wall_where_the_force_that_presses_it_ends_from_whichever_side_round_off_finds_that():
+    """x'' = f - N with f = sin(2 t + phase) from x = 0: free from 2 t + phase = pi on, x = -(sin(2 t + phase) / 4 + (t - release) / 2)."""
+
+    @dataclass(frozen=True)
+    class Pressed(Component):
+        def equations(self, signal):
+            x, v = state("body.position", "m"), state("body.speed", "m/s")
+            wall = UnilateralContact("wall", x, v, restitution=0.5)
+            return Equations(flow={x: v, v: signal("body.force", "N", default=0.0) - wall.force}, elements=[wall])
+
+    plant = compose(Pressed())
+    for phase in np.linspace(0.01, 3.1, 60):
+        run = simulate(plant, 3.0, inputs={"body.force": sine(0.0, 1.0, 1 / np.pi, phase)})
+        release = (np.pi - phase) / 2
+        (event,) = run.events
+        assert (event.before, event.after) == ("closed", "open")
+        assert event.time == pytest.approx(release, rel=1e-9)
+        assert run["body.position"][-1] == pytest.approx(-(np.sin(6.0 + phase) / 4 + (3.0 - release) / 2), rel=1e-6)
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,8 @@ def machine(
     slopes = ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))
     field = ca.Function("field", [t, x, p, m], [slopes])
     project = ca.Function("project", [t, x, p, m], [ca.densify(form.projected)])
-    pace = ca.diag(form.gain) * form.static  # the acceleration that a force at its bound makes
+    bounds = ca.vertcat(*[1 if e.unilateral else form.static[i] for i, e in enumerate(elements)])
+    pace = ca.diag(form.gain) * bounds  # the slip rate that a force at its bound makes, of a rigid contact one of 1
     probed = ca.vertcat(*map(ca.densify, (form.slip, form.slip_rate, form.force, form.static, pace)))
     probe = ca.Function("probe", [t, x, p, m], [probed])
     padded = ca.vertcat(ca.densify(form.burden), ca.SX.zeros(x.numel() - form.burden.numel()))

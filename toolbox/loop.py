@@ -317,8 +317,8 @@ def _consistent(w, t, change, one):
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
         if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
-            if force <= 1e-9 * static if w.m[i] == 0.0 else rate <= 1e-7 * abs(pace):
-                continue
+            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[NG]]:
+                continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
         elif _flies(w, i):
             if w.m[i] != 0.0:

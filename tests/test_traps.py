@@ -848,3 +848,19 @@ def test_a_rim_speed_that_is_a_parameter_times_a_state_is_exactly_zero_in_stick(
     assert stuck.any()
     assert np.all(run["rim.slip"][stuck] == 0.0)
     assert np.all(run["rim.speed"][stuck] == 0.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("load", [7.0, 9.81, 10.0])
+def test_a_force_that_reaches_the_bound_exactly_at_a_node_releases_only_if_it_goes_on_rising(load, sign):
+    """|F| <= static holds at the node itself; whether the contact lets go is decided by what the table does behind it."""
+    plant = compose(BlockOnBelt(stiffness=0.0, belt_speed=0.0, friction=Coulomb(0.5, 0.5), load=load))
+    bound = sign * 0.5 * load
+
+    def events(*forces):
+        return [(event.time, event.after) for event in simulate(plant, 5.0, inputs={"block.force": ([0.0, 2.0, 4.0], forces)}).events]
+
+    assert events(0.0, bound, bound) == []
+    assert events(0.0, bound, 0.0) == []
+    slides = "slip+" if sign > 0.0 else "slip-"
+    assert events(0.0, bound, 1.001 * bound) == [(2.0, slides)]

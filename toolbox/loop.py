@@ -1032,10 +1032,13 @@ def advance(w):
         error = _error(w, h)
         end = 2 * n
         hit, suspicious = False, False
+        node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
         # --- guards over the step; a step too long to be trusted may still show where an event cuts it short
         for j in range(ng if error < 1e4 else 0):
             a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
             if w.armed[j]:
+                if node and b >= -1e-12 * _size(w, j) and b <= 0.0 and j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION:
+                    continue  # at its bound where an input turns: what follows decides
                 if b <= 0.0:
                     hit = True
                 elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:

@@ -18,7 +18,7 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
-from toolbox import Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep, tally
+from toolbox import Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep, tally, workers
 from toolbox.inputs import sine
 from toolbox.sweep import Sweep, latin_hypercube, sobol, uniform
 
@@ -428,9 +428,8 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     inertia = (2122.0 + 374.0 / n, *(374.0 / n,) * (n - 2), 374.0 + 374.0 / n)
     pipe = TorsionalChain(inertia=inertia, stiffness=(473.0 * n,) * (n - 1), damping=(23.2 * n,) * (n - 1), top_drag=425.0, bit_drag=50.0)
     asked = []
-    file = sys.modules["toolbox.sweep"]  # the name in the package is that of the function
-    alone = file.carry_out
-    monkeypatch.setattr(file, "carry_out", lambda run: (asked.append(run), alone(run))[1])
+    alone = workers.carry_out
+    monkeypatch.setattr(workers, "carry_out", lambda run: (asked.append(run), alone(run))[1])
     axes, arguments = (
         {"bit.weight": np.array([85e3, 91e3, 97e3])},
         {"inputs": {"top.torque": 10_000.0}, "accuracy": 1e-4, "measures": ("severity",)},

@@ -17,7 +17,8 @@ from toolbox import Component, DryFriction, Equations, Sampled, batch, compose, 
 from toolbox.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.inputs import sine
 from toolbox.lanes import Lanes
-from toolbox.sweep import Sweep, uniform, varied_numbers, varied_run
+from toolbox.sweep import Sweep, uniform
+from toolbox.varied import varied_numbers, varied_run
 
 pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

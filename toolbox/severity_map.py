@@ -25,6 +25,7 @@ from toolbox import tally
 from toolbox.batch import Task
 from toolbox.borders import Edges, edges_of
 from toolbox.closed_loop import Sampled
+from toolbox.designs import Variations, grid
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
@@ -43,7 +44,8 @@ from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import Run
 from toolbox.stability import Knob, continuous_loop
-from toolbox.sweep import Variations, evaluated, folder_of, grid, run_fingerprint, varied_numbers, varied_run
+from toolbox.varied import run_fingerprint, varied_numbers, varied_run
+from toolbox.workers import evaluated, folder_of
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
 import subprocess
 import sys
@@ -18,7 +20,24 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
-from toolbox import Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep, tally, workers
+from toolbox import (
+    Budget,
+    BudgetError,
+    Component,
+    Equations,
+    Sampled,
+    Scene,
+    SceneError,
+    compose,
+    measure,
+    quantity,
+    simulate,
+    state,
+    store,
+    sweep,
+    tally,
+    workers,
+)
 from toolbox.inputs import sine
 from toolbox.sweep import Sweep, latin_hypercube, sobol, uniform
 
@@ -266,26 +285,35 @@ from models import BitRock, wells
 from toolbox import Sampled, compose, sweep
 if __name__ == "__main__":
     plant = compose(wells.JANSEN_2, BitRock())
-    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 240)}, duration=120.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
+    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=120.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
 """
 
 
-def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path):
+def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
     folder = tmp_path / "found"
     root = Path(__file__).parents[1]
     process = subprocess.Popen([sys.executable, "-c", KILLED.replace("OUT", str(folder))], cwd=root)
     deadline = time.monotonic() + 90.0
-    while len(list(folder.glob("runs_*.npz"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+    while not (folder / "status" / "c" / "0").is_file() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)
     process.kill()
     process.wait()
-    before = {path: path.stat().st_mtime_ns for path in folder.glob("runs_*.npz")}
-    assert before
-    assert not (folder / "sweep.npz").exists()
-    weights = {"bit.weight": np.linspace(50e3, 110e3, 240)}
+    with xarray.open_zarr(folder) as half:
+        done = half["status"].values == 1
+        assert 0 < done.sum() < 500
+        before = half["severity"].values
+        assert np.isfinite(half["stuck_ratio"].values[done]).all() and np.isnan(before[~done]).all()
+        assert half["severity"].dims == ("bit.weight",)
+    with pytest.raises(SceneError, match=f"{500 - done.sum()} of 500 runs wait: the same call of `sweep` goes on"):
+        Sweep.load(folder)
+    weights = {"bit.weight": np.linspace(50e3, 110e3, 500)}
     plant, law = compose(wells.JANSEN_2, BitRock()), Sampled(StiffPI(), 0.01)
+    made = counted_runs(monkeypatch)
     found = sweep(plant, weights, duration=120.0, controller=law, out=folder)
-    assert {path: path.stat().st_mtime_ns for path in before} == before  # what was there is kept
+    assert sum(made) == 500 - done.sum()  # what was there is kept
+    np.testing.assert_array_equal(found["severity"][done], before[done])
     whole = sweep(plant, weights, duration=120.0, controller=law)
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_array_equal(found[name], whole[name])
@@ -295,11 +323,151 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path):
         ("accuracy", {"accuracy": 1e-5}),
         ("measures", {"measures": "mean"}),
         ("controller", {"controller": Sampled(StiffPI(), 0.02)}),
+        ("budget", {"budget": Budget(events=1e6)}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
             sweep(plant, weights, **{"duration": 120.0, "controller": law, "out": folder, **other})
     with pytest.raises(SceneError, match="other `vary`"):
-        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 240)}, duration=120.0, controller=law, out=folder)
+        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=120.0, controller=law, out=folder)
+
+
+def counted_runs(monkeypatch):
+    """How many runs every chunk has that is done from now on."""
+    made = []
+    alone = workers.finished
+    monkeypatch.setattr(workers, "finished", lambda task: (made.append(len(task.numbers)), alone(task))[1])
+    return made
+
+
+GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": tally.final("growth.size")}}
+
+
+def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    rates = {"growth.rate": [0.25, 3.0, 0.5]}
+    found = sweep(compose(Growth()), rates, out=tmp_path / "found.zarr", **GROWING)
+    with xarray.open_zarr(tmp_path / "found.zarr") as data:
+        np.testing.assert_array_equal(data["status"], [1, 2, 1])
+        assert [bool(text) for text in data["error"].values] == [False, True, False]
+        assert str(data["error"].values[1]) == found.errors[1]
+        xarray.testing.assert_equal(data[["x"]], found.to_xarray()[["x"]])
+        assert data["error"].values.tolist() == found.to_xarray()["error"].values.tolist()
+    assert Sweep.load(tmp_path / "found.zarr").errors == found.errors
+    found.save(tmp_path / "saved.zarr")
+    assert Sweep.load(tmp_path / "saved.zarr").errors == found.errors
+    np.testing.assert_array_equal(Sweep.load(tmp_path / "saved.zarr")["x"], found["x"])
+
+
+def test_a_full_disk_loses_nothing_that_was_there(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    monkeypatch.setattr(store, "ROWS", 10)
+    monkeypatch.setattr(workers, "PAUSE", 0.0)
+    rates, plant = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth())
+    real, taken = os.fsync, []
+
+    def fsync(handle):
+        if len(taken) > 24:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken.append(handle)
+        real(handle)
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        with pytest.raises(SceneError, match=r"No space left on device. What is there is kept, .* the same call goes on from there"):
+            sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    made = counted_runs(monkeypatch)
+    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    assert 0 < sum(made) < 50
+    np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
+    assert not list((tmp_path / "found").rglob(".*"))
+
+
+def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    monkeypatch.setattr(store, "ROWS", 10)
+    rates, plant, folder = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth()), tmp_path / "found"
+    whole = sweep(plant, rates, out=folder, **GROWING)
+
+    def altered(content):
+        return content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
+
+    def cut(content):
+        return content[:-3]
+
+    for name, harm in (("x", altered), ("x", cut), ("x", None), ("status", altered)):
+        file = folder / name / "c" / "2"
+        content = file.read_bytes()
+        file.unlink() if harm is None else file.write_bytes(harm(content))
+        for look in (lambda: sweep(plant, rates, out=folder, **GROWING), lambda: Sweep.load(folder)):
+            with pytest.raises(SceneError, match="missing: delete" if harm is None else "damaged: delete") as refused:
+                look()
+            assert "status/c/2" in str(refused.value) and "the runs 20 to 29" in str(refused.value)
+        (folder / "status" / "c" / "2").unlink()  # as it says
+        with monkeypatch.context() as watched:
+            made = counted_runs(watched)
+            again = sweep(plant, rates, out=folder, **GROWING)
+        assert sum(made) == 10
+        np.testing.assert_array_equal(again["x"], whole["x"])
+    (folder / "zarr.json").write_text("nothing")
+    with pytest.raises(SceneError, match="There is no sweep in .*, or it is damaged"):
+        sweep(plant, rates, out=folder, **GROWING)
+
+
+def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    rates, plant = {"growth.rate": np.linspace(0.0, 0.9, 40)}, compose(Growth())
+    alone, made = workers.finished, []
+
+    def interrupted(task):
+        made.append(task.first)
+        if len(made) == 5:  # two look at one run first
+            raise KeyboardInterrupt
+        return alone(task)
+
+    with monkeypatch.context() as key, pytest.raises(KeyboardInterrupt) as stopped:
+        key.setattr(workers, "finished", interrupted)
+        sweep(plant, rates, executor=ThreadPoolExecutor(1), out=tmp_path / "found", **GROWING)
+    done = int(re.match(r"(\d+) of 40 runs are in `.*found`; the same call goes on from there", stopped.value.__notes__[0])[1])
+    assert 0 < done < 40
+    made = counted_runs(monkeypatch)
+    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    assert sum(made) == 40 - done
+    np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
+
+
+def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ImportError, match=r"pip install 'stickslip-toolbox\[batch\]'"):
+        sweep(compose(Growth()), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
+    assert not (tmp_path / "found").exists()
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (100,), (4, 25), (3, 1, 11), (2, 3, 4, 5), (1, 1, 9), (50, 1)])
+@pytest.mark.parametrize("rows", [1, 2, 6, 10, 30, 1000])
+def test_chunks_are_blocks_of_neighbours(shape, rows):
+    block = store.chunk_shape(shape, rows)
+    assert math.prod(block) <= rows
+    ranges = list(store.chunk_ranges(shape, block))
+    assert [first for first, _ in ranges] == [0, *(last for _, last in ranges[:-1])] and ranges[-1][1] == math.prod(shape)
+    index = np.arange(math.prod(shape)).reshape(shape)
+    for first, last in ranges:
+        corner = np.unravel_index(first, shape)
+        np.testing.assert_array_equal(
+            index[tuple(slice(i, i + n) for i, n in zip(corner, block, strict=True))].ravel(), np.arange(first, last)
+        )
+
+
+def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
+    # a block on a belt sticks and slips once a period: two events, of which the loop hands over a buffer at a time
+    plant, budget = compose(BlockOnBelt()), Budget(events=1000)
+    found = sweep(plant, {"block.mass": [0.9, 1.1]}, duration=1e5, budget=budget, measures={"events": tally.events("belt")})
+    for i, mass in enumerate((0.9, 1.1)):
+        with pytest.raises(BudgetError) as alone:
+            simulate(plant, 1e5, parameters={"block.mass": mass}, budget=budget)
+        used = int(re.match(r"The run used (\d+) events and reached", found.errors[i])[1])
+        assert used == len(alone.value.run.events) > 1000
+        assert found.errors[i] == str(alone.value)
 
 
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):

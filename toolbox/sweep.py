@@ -12,6 +12,7 @@ releases the interpreter; laws in Python run in processes.
 from __future__ import annotations
 
 import concurrent.futures
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,8 +25,10 @@ from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
+from toolbox.simulate import UNHURRIED, Budget
 from toolbox.stability import Knob
-from toolbox.swept import RESULT, Sweep
+from toolbox.store import Store
+from toolbox.swept import Sweep
 from toolbox.tally import Measure
 from toolbox.varied import run_fingerprint, stand_ins, start_states, varied_numbers, varied_run
 from toolbox.workers import evaluated
@@ -92,6 +95,7 @@ def sweep(
     measures: Any = None,
     method: str = "event",
     accuracy: float | None = None,
+    budget: Budget = UNHURRIED,
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
 ) -> Sweep:
@@ -105,12 +109,13 @@ def sweep(
     whether the stiff method pays is decided once, on the middle variation. `start` may also be a function {name: value of what is varied} -> {state: value}.
     All runs see the same measurement noise.
 
-    executor: any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`); without, one thread per core, or one process
-    per core where a law is Python and the work is worth it.  out: a folder to which finished chunks are written; the same call after an
-    interruption goes on where it was.
+    budget: what one run may spend, as in `simulate`.  executor: any `concurrent.futures.Executor`, such as that of a Dask client
+    (`client.get_executor()`); without, one thread per core, or one process per core where a law is Python and the work is worth it.  out: a folder that
+    becomes a zarr store of the results as they come (`toolbox.store`; needs the extra `batch`): the same call after an interruption goes on where it
+    was, `xarray.open_zarr` shows what is there, and `Sweep.load` brings the finished sweep back.
 
-    Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, and
-    an `out` that holds the sweep of other arguments.
+    Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, an `out`
+    that holds anything but this sweep, and a disk that is full; ImportError for `out` without the extra.
     """
     from toolbox.scene import Scene
 
@@ -134,27 +139,28 @@ def sweep(
     begin = start if callable(start) else None
     run = varied_run(
         plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
-        method=method, accuracy=1e-6 if accuracy is None else accuracy,
+        method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
     )  # fmt: skip
     chosen = named_measures(measures, run.system, run.duration, scene)
+    taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
+    if taken is not None:
+        raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else start_states(run, variations, begin)
     task = Task(run, numbers, tuple(chosen.values()), starts, held=stand_ins(run, variations))
-    values, errors, seconds = evaluated(task, broken, executor, out, run_fingerprint(task, variations, tuple(chosen)))
-    result = Sweep(
+    sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,
         units=tuple(Knob.of(run.system, name).unit for name in variations.names),
         points=variations.points,
         shape=variations.shape,
         axes=variations.axes,
-        measures={name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)},
+        measures={},
         measure_units={name: measure.unit(run.system) if isinstance(measure, Measure) else "1" for name, measure in chosen.items()},
-        errors=errors,
         duration=run.duration,
         accuracy=run.accuracy,
-        seconds=seconds,
     )
-    if out is not None:
-        result.save(Path(out) / RESULT)
-    return result
+    store = None if out is None else Store(out, sheet, run_fingerprint(task, variations, tuple(chosen)))
+    values, errors, seconds = evaluated(task, broken, executor, store)
+    found = {name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)}
+    return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)

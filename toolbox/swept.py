@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from toolbox.designs import grid
+from toolbox import store
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
-
-RESULT = "sweep.npz"
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,7 @@ class Sweep:
         return ", ".join(f"{name} {value:.5g}" for name, value in zip(self.names, self.points[index], strict=True))
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset with axes as coordinates, units as attributes; needs the extra `batch`."""
+        """An xarray Dataset with axes as coordinates, units as attributes, and why runs failed; needs the extra `batch`."""
         try:
             import xarray
         except ImportError:
@@ -100,38 +97,30 @@ class Sweep:
             dims = ("run",)
             coordinates = {n: ("run", self.points[:, k], {"units": u}) for k, (n, u) in enumerate(zip(self.names, self.units, strict=True))}
         data = {name: (dims, values, {"units": self.measure_units[name]}) for name, values in self.measures.items()}
-        return xarray.Dataset(data, coordinates, {"sweep": json.dumps(self._notes())})
-
-    def _notes(self) -> dict[str, Any]:
-        return {
-            "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
-            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
-        }  # fmt: skip
+        texts = np.full(self.runs, "", dtype=object)
+        for i, text in self.errors.items():
+            texts[i] = text
+        data["error"] = (dims, texts.reshape(self.shape), {})
+        return xarray.Dataset(data, coordinates, {"title": self.title, "duration": self.duration, "accuracy": self.accuracy})
 
     def save(self, path: str | Path) -> Path:
-        """Write to `path`, whole or not at all: a folder of zarr where it ends with .zarr (needs the extra `batch`), else npz without pickle.
+        """Write to `path`, whole or not at all: a zarr store where it ends with .zarr (see `toolbox.store`), a table for .csv, else npz without pickle.
 
-        Keys of the npz: `sweep` (JSON: names, units, errors), `points`, `axis.<name>` for a grid, and one array per measure. A path that ends with .csv
-        gets a table for other programs, one row per run in SI units with its error, which `load` does not read.
+        Keys of the npz: `sweep` (JSON: names, units, errors), `points`, `axis.<name>` for a grid, and one array per measure. A table has one row per run
+        in SI units with its error, and is for other programs: `load` does not read it.
         """
         path = Path(path)
         if path.suffix == ".csv":
             self._write_table(path)
             return path
         if path.suffix == ".zarr":
-            import shutil
-            import tempfile
-
-            shelter = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
-            try:
-                self.to_xarray().to_zarr(shelter / "new", consolidated=False)
-                if path.exists():
-                    shutil.rmtree(path)
-                os.replace(shelter / "new", path)
-            finally:
-                shutil.rmtree(shelter, ignore_errors=True)
+            store.saved(self, path)
             return path
-        arrays: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(self._notes())), "points": self.points}
+        notes = {
+            "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
+            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
+        }  # fmt: skip
+        arrays: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
         arrays |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
         arrays |= {f"measure.{name}": values for name, values in self.measures.items()}
         with replaced(path) as file:
@@ -155,26 +144,16 @@ class Sweep:
 
     @staticmethod
     def load(path: str | Path) -> Sweep:
-        """What `save` wrote, or the folder that a finished sweep left with `out=`. Raises SceneError for anything else."""
+        """What `save` wrote, or what a finished sweep left with `out=`. Raises SceneError for anything else, and for a sweep that is not finished."""
         path = Path(path)
-        if (path / RESULT).is_file():
-            path = path / RESULT
+        if path.is_dir():
+            return store.loaded(path)
         try:
-            if path.suffix == ".zarr":
-                import xarray
-
-                with xarray.open_zarr(path, consolidated=False) as data:
-                    notes = json.loads(data.attrs["sweep"])
-                    axes = tuple(data[name].values for name in notes["names"])
-                    measures = {name: data[name].values for name in notes["measure_units"]}
-                points = grid(dict(zip(notes["names"], axes, strict=True))).points if notes["grid"] else np.stack(axes, axis=1)
-                axes = axes if notes["grid"] else ()
-            else:
-                with np.load(path, allow_pickle=False) as data:
-                    notes = json.loads(str(data["sweep"]))
-                    points = data["points"]
-                    axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
-                    measures = {name: data[f"measure.{name}"] for name in notes["measure_units"]}
+            with np.load(path, allow_pickle=False) as data:
+                notes = json.loads(str(data["sweep"]))
+                points = data["points"]
+                axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
+                measures = {name: data[f"measure.{name}"] for name in notes["measure_units"]}
         except (OSError, KeyError, ValueError) as error:
             raise SceneError(f"There is no sweep in `{path}`: {error}") from None
         return Sweep(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.batch import Task, numbers_of_run, slots
+from toolbox.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.closed_loop import Held
 from toolbox.designs import Variations
 from toolbox.elements import FrictionLaw
@@ -35,8 +35,8 @@ def varied_run(plant: HybridSystem, variations: Variations, duration: float, **a
     return checked_run(plant, duration, **arguments)
 
 
-def varied_numbers(run: Run, variations: Variations) -> tuple[np.ndarray, dict[int, str]]:
-    """The numbers of every run, shape (runs, first_held), and {run: why its numbers contradict each other}.
+def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int, str]]:
+    """The numbers of every run, in the layout of a `Task`, and {run: why its numbers contradict each other}.
 
     Raises SceneError for a value out of its bounds, and for the sample time of a law.
     """
@@ -56,15 +56,19 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[np.ndarray, dict[i
         entry = system.parameters.get(knob.name) if knob.is_input else system._parameter(knob.name)
         if entry is not None:
             entry.check(np.unique(variations.axes[k] if variations.axes else column))
-    numbers = np.repeat(numbers_of_run(run)[None, :], len(variations.points), axis=0)
-    numbers[:, places] = variations.points
+    numbers = Numbers(numbers_of_run(run), places, variations.points)
     broken: dict[int, str] = {}
     for part, first in touched:
-        for i, row in enumerate(numbers):
+        own_columns = [j for j, place in enumerate(places) if first <= place < first + len(numbers_of(part))]
+        rows, which = np.unique(variations.points[:, own_columns], axis=0, return_inverse=True)
+        row = numbers.same.copy()
+        for k, values in enumerate(rows):
+            row[[places[j] for j in own_columns]] = values
             try:
                 checked(rebuilt(part, row, first))
             except SceneError as error:
-                broken.setdefault(i, str(error))
+                for i in np.flatnonzero(which.ravel() == k).tolist():
+                    broken.setdefault(i, str(error))
     return numbers, broken
 
 
@@ -131,6 +135,7 @@ def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) ->
         "duration": [run.duration],
         "accuracy": [run.accuracy],
         "method": [run.method],
+        "budget": [run.budget],
     }
     return {word: hashlib.sha256(repr(value).encode()).hexdigest()[:16] for word, value in content.items()}
 

@@ -1,25 +1,32 @@
-"""The runs of a sweep in chunks on threads, processes or any other executor, with finished chunks on disk."""
+"""The runs of a sweep in chunks on threads, processes or any other executor, with what is finished on disk.
+
+Why threads and not processes by default: the event loop runs without the lock of the interpreter, so that threads are as fast as processes, and need
+not start (2.5 s each time), nor a script guarded by `__name__ == "__main__"`, nor a copy of the machine in every process. Laws and measures
+in Python hold the lock: they run in processes.
+"""
 
 from __future__ import annotations
 
 import concurrent.futures
 import concurrent.futures.process
+import contextlib
 import dataclasses
-import json
-import math
+import itertools
 import multiprocessing
 import os
 import pickle
+import signal
 import time as clock
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from toolbox.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
 from toolbox.errors import SceneError, SimulationError
-from toolbox.files import replaced
 from toolbox.simulate import carry_out
+from toolbox.store import PAUSE, WAITING, Columns, Store
 from toolbox.trajectory import Trajectory
 
 WORK = 0.5
@@ -28,73 +35,70 @@ WORK = 0.5
 START = 5.0
 """Seconds of work below which processes for laws in Python are not worth starting."""
 
-MANIFEST = "sweep.json"
+
+@dataclass(frozen=True)
+class Manner:
+    """How the runs of a sweep are done, decided once: the method, whether in lanes, and the seconds that one of them takes alone."""
+
+    method: str
+    lanes: bool
+    cost: float
+
+    def together(self, runs: int) -> int:
+        """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
+        size = min(int(WORK / self.cost) if self.cost > 0 else runs, -(-runs // (4 * (os.cpu_count() or 1))))
+        return min(max(size, FEWEST_LANES if self.lanes else 1), runs)
 
 
 def evaluated(
     task: Task,
     broken: Mapping[int, str],
     executor: concurrent.futures.Executor | None = None,
-    out: str | Path | None = None,
-    fingerprint: Mapping[str, str] | None = None,
+    store: Store | None = None,
     label: str = "sweep",
 ) -> tuple[np.ndarray, dict[int, str], float]:
-    """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs are not tried.
+    """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs count as failed, whatever they give.
 
-    out, fingerprint: a folder for finished chunks, and what it must have been made of to be continued.
+    store: where finished runs are kept, and those of an earlier call are found. Raises SceneError for laws that cannot travel, and where the disk is full.
     """
     began = clock.perf_counter()
     total = len(task.numbers)
-    values = np.full((total, len(task.measures)), np.nan)
-    errors = dict(broken)
-    chunks: list[tuple[int, int]] | None = None
-    cost = math.inf
-    done: dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]] = {}
-    folder = Path(out) if out is not None else None
-    method, lanes = task.run.method, False
-    if folder is not None:
-        chunks, method, lanes, done = _resumed(folder, fingerprint or {}, method)
-    if chunks is None:
-        method, lanes, cost = _probed(task)
-        workers = os.cpu_count() or 1
-        size = max(1, min(int(WORK / cost) if cost > 0 else total, -(-total // (4 * workers))))
-        size = min(max(size, FEWEST_LANES), total) if lanes else size
-        chunks = [(first, min(first + size, total)) for first in range(0, total, size)]
-        if folder is not None:
-            _begun(folder, fingerprint or {}, method, lanes, chunks)
-    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method), lanes=lanes)
-    for (first, last), (rows, failed) in done.items():
-        values[first:last] = rows
-        errors |= failed
-    left = [chunk for chunk in chunks if chunk not in done]
+    columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
+    if store is not None and store.settings is not None:
+        manner = Manner(**store.settings)
+    else:
+        manner = _probed(task)
+        if store is not None:
+            store.begin(dataclasses.asdict(manner), manner.together(total))
+    left = int((columns.status == WAITING).sum())
     if not left:
-        return values, errors, 0.0
+        return columns.values, columns.errors, 0.0
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
+    chunks = list(_chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total)))
 
     def take(outcome: Outcome) -> None:
-        last = outcome.first + len(outcome.values)
-        for i in range(outcome.first, last):
-            if i in broken:
-                outcome.values[i - outcome.first] = np.nan
-                outcome.errors[i] = broken[i]
-        values[outcome.first : last] = outcome.values
-        errors.update(outcome.errors)
-        if folder is not None:
-            _written(folder, outcome)
+        first, last = outcome.first, outcome.first + len(outcome.values)
+        columns.put(first, outcome.values, {**outcome.errors, **{i: broken[i] for i in range(first, last) if i in broken}})
+        if store is not None:
+            store.changed(first, last)
 
-    own = executor is None
-    pool = executor or _pool(task, cost * total)
     from tqdm import tqdm
 
-    waiting: list[concurrent.futures.Future[Outcome]] = []
+    waiting: set[concurrent.futures.Future[Outcome]] = set()
+    pool = executor or _pool(task, manner.cost * left)
     try:
-        with tqdm(
-            total=total, initial=total - sum(b - a for a, b in left), unit="run", desc=label, delay=1.0, leave=False, disable=None
-        ) as bar:
-            waiting = [pool.submit(finished, task.part(slice(*chunk))) for chunk in left]
-            for future in concurrent.futures.as_completed(waiting):
-                outcome = future.result()
-                take(outcome)
-                bar.update(len(outcome.values))
+        try:
+            with tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
+                waiting = {pool.submit(finished, task.part(slice(*chunk))) for chunk in chunks}
+                for future in concurrent.futures.as_completed(waiting):
+                    waiting.discard(future)  # and its result with it
+                    outcome = future.result()
+                    take(outcome)
+                    if store is not None:
+                        store.flush(columns, PAUSE)
+                    bar.update(len(outcome.values))
+        finally:
+            _kept(store, columns, waiting, take, pool if executor is None else None)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         if "pickle" not in str(error):
             raise
@@ -104,12 +108,45 @@ def evaluated(
             'Laws and measures in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, because '
             "they travel to other processes; or give an `executor` of threads."
         ) from None
-    finally:
-        for future in waiting:
-            future.cancel()
-        if own:
-            pool.shutdown(wait=True, cancel_futures=True)
-    return values, dict(sorted(errors.items())), clock.perf_counter() - began
+    except KeyboardInterrupt as interrupt:
+        done = int((columns.status != WAITING).sum())
+        kept = f"are in `{store.path}`; the same call goes on from there" if store is not None else "are lost; with `out` they are kept"
+        interrupt.add_note(f"{done} of {total} runs {kept}.")
+        raise
+    if store is not None:
+        store.flush(columns)
+        store.finish(clock.perf_counter() - began)
+    return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
+
+
+def _kept(
+    store: Store | None,
+    columns: Columns,
+    waiting: set[concurrent.futures.Future[Outcome]],
+    take: Any,
+    own: concurrent.futures.Executor | None,
+) -> None:
+    """Let what runs come to an end, begin nothing more, and write what has come in."""
+    for future in waiting:
+        future.cancel()
+    if own is not None:
+        own.shutdown(wait=True, cancel_futures=True)
+    while waiting:
+        future = waiting.pop()
+        if future.done() and not future.cancelled() and future.exception() is None:
+            take(future.result())
+    if store is not None:
+        with contextlib.suppress(SceneError):  # what fails to be written has been said, or is written again
+            store.flush(columns)
+
+
+def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
+    """(first, behind the last) of runs that wait, about `size` of them each, none across the borders of the ranges."""
+    for first, last in ranges:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], status[first:last] == WAITING, [False]])))
+        for a, b in edges.reshape(-1, 2).tolist():
+            cuts = np.linspace(a, b, max(1, round((b - a) / size)) + 1).astype(int).tolist()
+            yield from ((first + low, first + high) for low, high in itertools.pairwise(cuts))
 
 
 def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
@@ -117,10 +154,15 @@ def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     workers = os.cpu_count() or 1
     if not task.run.laws or seconds < START:
         return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else workers)
-    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_deaf)
 
 
-def _probed(task: Task) -> tuple[str, bool, float]:
+def _deaf() -> None:
+    """Ctrl-C reaches every process of a terminal: the first one decides what it means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _probed(task: Task) -> Manner:
     """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone."""
     middle = len(task.numbers) // 2
     method = task.run.method
@@ -136,58 +178,4 @@ def _probed(task: Task) -> tuple[str, bool, float]:
                 method = "stiff"
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
-    return method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds
-
-
-def folder_of(path: Path) -> None:
-    """Make a folder with its parents; raises SceneError where that cannot be."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
-
-
-def _begun(folder: Path, fingerprint: Mapping[str, str], method: str, lanes: bool, chunks: Sequence[tuple[int, int]]) -> None:
-    folder_of(folder)
-    with replaced(folder / MANIFEST) as file:
-        file.write(json.dumps({"arguments": dict(fingerprint), "method": method, "lanes": lanes, "chunks": chunks}).encode())
-
-
-def _resumed(
-    folder: Path, fingerprint: Mapping[str, str], method: str
-) -> tuple[list[tuple[int, int]] | None, str, bool, dict[tuple[int, int], tuple[np.ndarray, dict[int, str]]]]:
-    """(chunks, method, whether in lanes, finished ones) of a sweep that was begun in this folder; (None, ...) where none was."""
-    if not (folder / MANIFEST).is_file():
-        if folder.exists() and (not folder.is_dir() or any(not path.name.startswith(f".{MANIFEST}.") for path in folder.iterdir())):
-            raise SceneError(f"Argument `out` must be an empty or new folder, or that of a sweep to be continued, but `{folder}` is not.")
-        return None, method, False, {}
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        before, chunks = manifest["arguments"], [(int(a), int(b)) for a, b in manifest["chunks"]]
-        method, lanes = manifest["method"], bool(manifest["lanes"])
-    except (OSError, ValueError, KeyError, TypeError):
-        raise SceneError(f"Argument `out` must be the folder of a sweep, but `{folder / MANIFEST}` is damaged.") from None
-    other = [word for word in fingerprint if before.get(word) != fingerprint[word]]
-    if other:
-        raise SceneError(
-            f"Argument `out` must be a new folder, or that of the same sweep, but `{folder}` holds one with other {', '.join(f'`{word}`' for word in other)}."
-        )
-    done = {}
-    for chunk in chunks:
-        path = _path(folder, chunk[0])
-        if path.is_file():
-            with np.load(path, allow_pickle=False) as data:
-                errors = {int(i): text for i, text in json.loads(str(data["errors"])).items()}
-                done[chunk] = (data["values"], errors)
-    for path in folder.glob(".runs_*"):  # what was being written when the sweep was killed
-        path.unlink(missing_ok=True)
-    return chunks, method, lanes, done
-
-
-def _path(folder: Path, first: int) -> Path:
-    return folder / f"runs_{first:08d}.npz"
-
-
-def _written(folder: Path, outcome: Outcome) -> None:
-    with replaced(_path(folder, outcome.first)) as file:
-        np.savez(file, values=outcome.values, errors=np.array(json.dumps({str(i): text for i, text in outcome.errors.items()})))
+    return Manner(method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds)

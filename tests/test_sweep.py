@@ -245,6 +245,24 @@ def test_designs_fill_their_bounds():
     np.testing.assert_array_equal(uniform(bounds, 5, seed=7).points, uniform(bounds, 5, seed=7).points)
 
 
+@pytest.mark.parametrize("design", [uniform, latin_hypercube, sobol])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (({}, 4), "Argument `bounds` must map at least one name"),
+        (("bit.weight", 4), "Argument `bounds` must map at least one name"),
+        (({"a": (2.0, 1.0)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
+        (({"a": (1.0, math.nan)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
+        (({"a": (1.0, 2.0)}, 0), "Argument `runs` must be an integer >= 1, but it is 0"),
+        (({"a": (1.0, 2.0)}, 4.0), "Argument `runs` must be an integer >= 1, but it is 4.0"),
+        (({"a": (1.0, 2.0)}, 4, -1), "Argument `seed` must be an integer >= 0, but it is -1"),
+    ],
+)
+def test_designs_that_make_no_sense_are_refused(design, arguments, message):
+    with pytest.raises(SceneError, match=message):
+        design(*arguments)
+
+
 def test_rows_and_grids_give_the_same_runs():
     measures = {"severity": tally.severity("bit.speed", 10.0)}
     over = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, controller=StiffPI(), measures=measures)
@@ -537,27 +555,62 @@ def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
         sweep(RIG, {"bit.weight": [1e3]}, duration=1.0, controller=StiffPI(), measures=measures)
 
 
-def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys):
+def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     from toolbox.command_line import main
 
+    pytest.importorskip("zarr")
     command = ["sweep", str(SCENES / "jansen_2.toml"), "--vary", "bit.weight=60kN:97.347kN:2", "--vary", "top.reference=80 rpm:95 rpm:2"]
     command += ["--controller", "stiff PI", "--measure", "severity", "--measure", "sticks", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     printed = capsys.readouterr().out
     assert re.search(r"bit.weight +60000 \.\. 97347 +N", printed)
-    found = Sweep.load(tmp_path / "out" / "01_stiff_pi")
+    folder = tmp_path / "out" / "01_stiff_pi"
+    found = Sweep.load(folder / "sweep.zarr")
     run = Scene.load(SCENES / "jansen_2.toml").run("stiff PI")
     assert found["severity"][1, 1] == pytest.approx(measure.severity(run, "bit.speed", 60.0), rel=1e-6)
-    assert (
-        (tmp_path / "out" / "01_stiff_pi" / "sweep.csv")
-        .read_text()
-        .startswith("bit.weight [N],top.reference [rad/s],severity [1],sticks [1],error\n")
-    )
-    assert main(command) == 0  # all of it is there already
-    assert main([*command, "--vary", "bit.radius=0.1:0.2"]) == 2
-    assert "must be NAME=LOW:HIGH:N" in capsys.readouterr().err
-    assert main(["sweep", command[1], "--vary", "bit.weight=1 m:2 m:3", "--out", str(tmp_path / "other")]) == 2
-    assert "Argument `bit.weight` must be in N" in capsys.readouterr().err
+    assert (folder / "sweep.csv").read_text().startswith("bit.weight [N],top.reference [rad/s],severity [1],sticks [1],error\n")
+    made = counted_runs(monkeypatch)
+    assert main(command) == 0
+    assert not made  # all of it is there already
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main([*command[:-1], str(tmp_path / "plain")]) == 0
+    assert "pip install 'stickslip-toolbox[batch]'" in capsys.readouterr().err
+    np.testing.assert_array_equal(Sweep.load(tmp_path / "plain" / "01_stiff_pi" / "sweep.npz")["severity"], found["severity"])
+
+
+def test_the_command_takes_designs_and_tables(tmp_path, capsys):
+    from toolbox.command_line import main
+
+    pytest.importorskip("zarr")
+    command = ["sweep", str(SCENES / "jansen_2.toml"), "--controller", "stiff PI", "--measure", "mean"]
+    (tmp_path / "rows.csv").write_text("bit.weight [kN],top.reference [rpm]\n50,80\n90,95\n")
+    bounds = {"bit.weight": (50e3, 90e3)}
+    cases = {
+        "random": uniform(bounds, 3, 7), "latin-hypercube": latin_hypercube(bounds, 3, 7), "sobol": sobol(bounds, 4, 7), "rows": None,
+    }  # fmt: skip
+    for name, design in cases.items():
+        given = ["--rows", str(tmp_path / "rows.csv")]
+        if design is not None:
+            given = ["--vary", "bit.weight=50kN:90kN", "--sampling", name, "--runs", str(len(design.points)), "--seed", "7"]
+        assert main([*command, *given, "--out", str(tmp_path / name)]) == 0
+        found = Sweep.load(tmp_path / name / "01_stiff_pi" / "sweep.zarr")
+        assert not found.errors
+        expected = design.points if design is not None else [[50e3, 80 * math.pi / 30], [90e3, 95 * math.pi / 30]]
+        np.testing.assert_allclose(found.points, expected, rtol=1e-12)
+    for given, message in (
+        (["--vary", "bit.weight=2:3"], "must be NAME=LOW:HIGH:N"),
+        (["--vary", "bit.weight=2:3:4", "--sampling", "sobol", "--runs", "4"], "must be NAME=LOW:HIGH, but"),
+        (["--vary", "bit.weight=3:2:4"], "`bit.weight` must be a range LOW:HIGH with LOW < HIGH"),
+        (["--vary", "bit.weight=1 m:2 m:3"], "Argument `bit.weight` must be in N"),
+        (["--vary", "bit.weight=1:2:3", "--vary", "bit.weight=1:2:3"], "must name every number once"),
+        (["--vary", "bit.weight=1:2:3", "--runs", "4"], "`--runs` must come with a `--sampling`"),
+        (["--vary", "bit.weight=1:2", "--sampling", "sobol"], "`--sampling` must come with `--runs`"),
+        (["--vary", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`seed` must be an integer >= 0"),
+        ([], "`--vary` must be given, or `--rows`"),
+    ):
+        assert main([*command, *given, "--out", str(tmp_path / "none")]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_runs_may_begin_each_in_its_own_state():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,39 +55,45 @@ def listed(rows: Any) -> Variations:
 
 def uniform(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """Independent uniform random numbers between the bounds of each name."""
-    return _scaled(bounds, runs, np.random.default_rng(seed).random((_count(runs), len(bounds))))
+    return _scaled(bounds, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(bounds))))
 
 
 def latin_hypercube(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """A Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range is met once."""
-    from scipy.stats import qmc
 
-    return _scaled(bounds, runs, qmc.LatinHypercube(max(len(bounds), 1), rng=seed).random(_count(runs)))
+    def unit() -> np.ndarray:
+        from scipy.stats import qmc
+
+        return qmc.LatinHypercube(len(bounds), rng=seed).random(runs)
+
+    return _scaled(bounds, runs, seed, unit)
 
 
 def sobol(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
     """A scrambled Sobol sequence (scipy.stats.qmc); its balance needs a power of two as number of runs."""
-    from scipy.stats import qmc
 
-    if _count(runs) & (runs - 1):
-        raise SceneError(f"Argument `runs` must be a power of two for a Sobol sequence, but it is {runs}.")
-    return _scaled(bounds, runs, qmc.Sobol(max(len(bounds), 1), rng=seed).random(runs))
+    def unit() -> np.ndarray:
+        from scipy.stats import qmc
 
+        if runs & (runs - 1):
+            raise SceneError(f"Argument `runs` must be a power of two for a Sobol sequence, but it is {runs}.")
+        return qmc.Sobol(len(bounds), rng=seed).random(runs)
 
-def _count(runs: int) -> int:
-    if isinstance(runs, bool) or not isinstance(runs, int) or runs < 1:
-        raise SceneError(f"Argument `runs` must be an integer >= 1, but it is {runs!r}.")
-    return runs
+    return _scaled(bounds, runs, seed, unit)
 
 
-def _scaled(bounds: Mapping[str, tuple[float, float]], runs: int, unit: np.ndarray) -> Variations:
-    if not bounds:
-        raise SceneError("Argument `bounds` must name at least one number, but it is empty.")
+def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -> Variations:
+    """Points of the unit cube between bounds, once all arguments are sound."""
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise SceneError(f"Argument `bounds` must map at least one name to (low, high), but it is {bounds!r}.")
     for name, pair in bounds.items():
         if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_finite_number, pair)) and pair[0] < pair[1]):
             raise SceneError(f"Argument `{name}` must be bounds (low, high) with low < high, but it is {pair!r}.")
+    for word, number, least in (("runs", runs, 1), ("seed", seed, 0)):
+        if isinstance(number, bool) or not isinstance(number, int) or number < least:
+            raise SceneError(f"Argument `{word}` must be an integer >= {least}, but it is {number!r}.")
     low, high = np.array(list(bounds.values()), float).T
-    return Variations(tuple(bounds), low + (high - low) * unit, (runs,))
+    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,))
 
 
 def variations_of(vary: Any) -> Variations:

@@ -29,7 +29,7 @@ from toolbox.designs import Variations, grid
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.linear import (
     closed_signal,
     equilibrium,
@@ -344,9 +344,7 @@ class _Loop:
             after = scene.after if after is None and scene.after < duration else after
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
-            if not isinstance(machine, HybridSystem):
-                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
-            plant, law = machine, controller
+            plant, law = checked_plant(machine, "machine"), controller
         duration = 120.0 if duration is None else duration
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")

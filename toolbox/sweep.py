@@ -22,7 +22,7 @@ from toolbox.batch import Call, Task
 from toolbox.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import UNHURRIED, Budget
@@ -131,9 +131,7 @@ def sweep(
         duration = scene.duration if duration is None else duration
         plant, law, title = scene.plant(), case.controller, case.label
     else:
-        if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
-        plant, law = machine, controller
+        plant, law = checked_plant(machine, "machine"), controller
     if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     begin = start if callable(start) else None

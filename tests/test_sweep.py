@@ -303,7 +303,7 @@ from models import BitRock, wells
 from toolbox import Sampled, compose, sweep
 if __name__ == "__main__":
     plant = compose(wells.JANSEN_2, BitRock())
-    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=120.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
+    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
 """
 
 
@@ -329,24 +329,24 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
     weights = {"bit.weight": np.linspace(50e3, 110e3, 500)}
     plant, law = compose(wells.JANSEN_2, BitRock()), Sampled(StiffPI(), 0.01)
     made = counted_runs(monkeypatch)
-    found = sweep(plant, weights, duration=120.0, controller=law, out=folder)
+    found = sweep(plant, weights, duration=60.0, controller=law, out=folder)
     assert sum(made) == 500 - done.sum()  # what was there is kept
     np.testing.assert_array_equal(found["severity"][done], before[done])
-    whole = sweep(plant, weights, duration=120.0, controller=law)
+    whole = sweep(plant, weights, duration=60.0, controller=law)
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(folder)[name], whole[name])
     for word, other in (
-        ("duration", {"duration": 119.0}),
+        ("duration", {"duration": 59.0}),
         ("accuracy", {"accuracy": 1e-5}),
         ("measures", {"measures": "mean"}),
         ("controller", {"controller": Sampled(StiffPI(), 0.02)}),
         ("budget", {"budget": Budget(events=1e6)}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
-            sweep(plant, weights, **{"duration": 120.0, "controller": law, "out": folder, **other})
+            sweep(plant, weights, **{"duration": 60.0, "controller": law, "out": folder, **other})
     with pytest.raises(SceneError, match="other `vary`"):
-        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=120.0, controller=law, out=folder)
+        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, controller=law, out=folder)
 
 
 def counted_runs(monkeypatch):

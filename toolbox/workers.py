@@ -87,36 +87,45 @@ def evaluated(
     waiting: set[concurrent.futures.Future[Outcome]] = set()
     pool = executor or _pool(task, manner.cost * left)
     try:
-        try:
-            with tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
-                waiting = {pool.submit(finished, task.part(slice(*chunk))) for chunk in chunks}
-                for future in concurrent.futures.as_completed(waiting):
-                    waiting.discard(future)  # and its result with it
-                    outcome = future.result()
-                    take(outcome)
-                    if store is not None:
-                        store.flush(columns, PAUSE)
-                    bar.update(len(outcome.values))
-        finally:
-            _kept(store, columns, waiting, take, pool if executor is None else None)
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        if "pickle" not in str(error):
-            raise
-        raise SceneError(f"Laws and measures that travel to other processes must be importable, but one is not: {error}") from None
-    except concurrent.futures.process.BrokenProcessPool:
-        raise SceneError(
-            'Laws and measures in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, because '
-            "they travel to other processes; or give an `executor` of threads."
-        ) from None
+        with travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
+            waiting = {pool.submit(finished, task.part(slice(*chunk))) for chunk in chunks}
+            for future in concurrent.futures.as_completed(waiting):
+                waiting.discard(future)  # and its result with it
+                outcome = future.result()
+                take(outcome)
+                if store is not None:
+                    store.flush(columns, PAUSE)
+                bar.update(len(outcome.values))
     except KeyboardInterrupt as interrupt:
+        _kept(store, columns, waiting, take, pool if executor is None else None)
         done = int((columns.status != WAITING).sum())
         kept = f"are in `{store.path}`; the same call goes on from there" if store is not None else "are lost; with `out` they are kept"
         interrupt.add_note(f"{done} of {total} runs {kept}.")
         raise
+    finally:
+        _kept(store, columns, waiting, take, pool if executor is None else None)
     if store is not None:
         store.flush(columns)
         store.finish(clock.perf_counter() - began)
     return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
+
+
+@contextlib.contextmanager
+def travelling() -> Iterator[None]:
+    """Say in words of the user what cannot travel to other processes. Raises SceneError."""
+    try:
+        yield
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        if "pickle" not in str(error):
+            raise
+        raise SceneError(
+            f"Laws, measures and objectives that travel to other processes must be importable, but one is not: {error}"
+        ) from None
+    except concurrent.futures.process.BrokenProcessPool:
+        raise SceneError(
+            'Laws, measures and objectives in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, '
+            "because they travel to other processes; or do without an `executor` of processes."
+        ) from None
 
 
 def _kept(

@@ -12,6 +12,7 @@ Needs the extra `batch`: pip install 'stickslip-toolbox[batch]'.
 from __future__ import annotations
 
 import asyncio
+import errno
 import functools
 import json
 import math
@@ -123,18 +124,18 @@ class Store:
         self._changed |= {k for k, (a, b) in enumerate(self.ranges) if a < last and first < b}
 
     def flush(self, columns: Columns, pause: float = 0.0) -> None:
-        """Write what has changed, unless the last write is less than `pause` seconds ago. Raises SceneError where the disk does not take it."""
+        """Write what has changed, unless the last write is less than `pause` seconds ago. Raises OSError where the disk does not take it."""
         if not self._changed or clock.monotonic() - self._written < pause:
             return
         try:
             for k in sorted(self._changed):
                 _write(self._group, self.ranges[k], columns, tuple(self.sheet.measure_units))
                 self._changed.discard(k)
-        except OSError as error:
-            done = int((columns.status != WAITING).sum())
-            raise SceneError(
-                f"Cannot write to `{self.path}`: {error.strerror}. What is there is kept, {done} of {self.sheet.runs} runs but for the last ones; the "
-                "same call goes on from there."
+        except (OSError, SceneError) as error:
+            words = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
+            number = (error.errno if isinstance(error, OSError) else None) or errno.EIO
+            raise OSError(
+                number, f"{words}; what was written before is kept, and the same call goes on from there", str(self.path)
             ) from None
         self._written = clock.monotonic()
 

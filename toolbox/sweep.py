@@ -115,7 +115,7 @@ def sweep(
     was, `xarray.open_zarr` shows what is there, and `Sweep.load` brings the finished sweep back.
 
     Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, an `out`
-    that holds anything but this sweep, and a disk that is full; ImportError for `out` without the extra.
+    that holds anything but this sweep; OSError where the disk is full, and ImportError for `out` without the extra.
     """
     from toolbox.scene import Scene
 

@@ -59,7 +59,8 @@ def evaluated(
 ) -> tuple[np.ndarray, dict[int, str], float]:
     """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs count as failed, whatever they give.
 
-    store: where finished runs are kept, and those of an earlier call are found. Raises SceneError for laws that cannot travel, and where the disk is full.
+    store: where finished runs are kept, and those of an earlier call are found. Raises SceneError for laws that cannot travel, OSError where the disk
+    is full.
     """
     began = clock.perf_counter()
     total = len(task.numbers)
@@ -145,7 +146,7 @@ def _kept(
         if future.done() and not future.cancelled() and future.exception() is None:
             take(future.result())
     if store is not None:
-        with contextlib.suppress(SceneError):  # what fails to be written has been said, or is written again
+        with contextlib.suppress(OSError):  # what fails to be written has been said, or is written again
             store.flush(columns)
 
 
@@ -163,10 +164,10 @@ def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     workers = os.cpu_count() or 1
     if not task.run.laws or seconds < START:
         return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else workers)
-    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_deaf)
+    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
 
 
-def _deaf() -> None:
+def deaf() -> None:
     """Ctrl-C reaches every process of a terminal: the first one decides what it means."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

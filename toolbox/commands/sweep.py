@@ -27,7 +27,7 @@ def add(commands: Any) -> None:
         help="simulate a scene over many values of its numbers, on all cores",
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
-        epilog="examples: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
+        epilog="example: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
         "--controller 'stiff PI' --measure severity --out swept;   ... --vary bit.weight=50kN:110kN --vary top.reference=3:14 --sampling sobol --runs 1024;   "
         "... --rows runs.csv, with headings such as `bit.weight [kN]`",
     )

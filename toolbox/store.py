@@ -89,8 +89,6 @@ class Store:
                 )
             folder_of(self.path.absolute().parent)
             return
-        for left in self.path.rglob(".*"):  # what was being written when the sweep was killed
-            left.unlink()
         self._group, notes = _opened(self.path, "r+")
         other = [word for word in self.arguments if notes.get("arguments", {}).get(word) != self.arguments[word]]
         if other:
@@ -140,7 +138,9 @@ class Store:
         self._written = clock.monotonic()
 
     def finish(self, seconds: float) -> None:
-        """Note the seconds that it took."""
+        """Note the seconds that it took, and clear away what was being written when earlier calls were killed."""
+        for left in self.path.rglob(".*"):
+            left.unlink(missing_ok=True)
         notes = json.loads(self._group.attrs["sweep"])
         self._group.attrs["sweep"] = json.dumps({**notes, "seconds": seconds})
 

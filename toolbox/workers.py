@@ -15,6 +15,7 @@ import itertools
 import multiprocessing
 import os
 import pickle
+import queue
 import signal
 import time as clock
 from collections.abc import Iterator, Mapping
@@ -34,6 +35,10 @@ WORK = 0.5
 
 START = 5.0
 """Seconds of work below which processes for laws in Python are not worth starting."""
+
+
+AHEAD = 4096
+"""Chunks handed to an executor before the first is done: enough for any cluster, few enough for a sweep of any length to fit in memory."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ def evaluated(
     if not left:
         return columns.values, columns.errors, 0.0
     task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
-    chunks = list(_chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total)))
+    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total))
 
     def take(outcome: Outcome) -> None:
         first, last = outcome.first, outcome.first + len(outcome.values)
@@ -86,11 +91,22 @@ def evaluated(
     from tqdm import tqdm
 
     waiting: set[concurrent.futures.Future[Outcome]] = set()
+    arrived: queue.SimpleQueue[concurrent.futures.Future[Outcome]] = queue.SimpleQueue()
     pool = executor or _pool(task, manner.cost * left)
+
+    def submit(chunk: tuple[int, int]) -> None:
+        future = pool.submit(finished, task.part(slice(*chunk)))
+        waiting.add(future)
+        future.add_done_callback(arrived.put)
+
     try:
         with travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
-            waiting = {pool.submit(finished, task.part(slice(*chunk))) for chunk in chunks}
-            for future in concurrent.futures.as_completed(waiting):
+            for chunk in itertools.islice(chunks, AHEAD):
+                submit(chunk)
+            while waiting:
+                future = arrived.get()
+                for chunk in itertools.islice(chunks, 1):
+                    submit(chunk)
                 waiting.discard(future)  # and its result with it
                 outcome = future.result()
                 take(outcome)

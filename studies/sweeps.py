@@ -90,7 +90,7 @@ def scenes() -> list[Scene]:
 
 
 def pools() -> None:
-    """The table of executors: seconds, least of three, all in turn."""
+    """The table of executors: seconds, least of five, all in turn."""
     rig, weights = compose(wells.JANSEN_2, BitRock()), {"bit.weight": np.linspace(50e3, 110e3, 400)}
     four, bounds = scenes(), {"proportional": (300.0, 20e3), "integral": (50.0, 5e3)}
     tasks = {
@@ -103,7 +103,7 @@ def pools() -> None:
         "two processes": concurrent.futures.ProcessPoolExecutor(2, mp_context=spawn),
     }  # fmt: skip
     spent: dict[tuple[str, str], list[float]] = {}
-    for _ in range(3):
+    for _ in range(5):
         for task, work in tasks.items():
             for kind, pool in kinds.items():
                 given = None if task == "tune" and "thread" in kind else pool

@@ -4,7 +4,7 @@
 
 Why no gradients: sticking ends or does not, so that objectives of stick-slip have cliffs and plateaus; a search that compares values passes them. One
 objective: differential evolution (R. Storn, K. Price, J. Global Optimization 11 (1997) 341-359, as in scipy) from a Sobol population that holds the
-given law, a generation at a time, then Nelder-Mead from the best point. Several: half of the points are a Sobol sample of the whole box; from the best
+given law, then Nelder-Mead from the best point. Several: half of the points are a Sobol sample of the whole box; from the best
 of them along each direction of weights Nelder-Mead makes max_j w_j f_j + sum_j f_j / 1000 small, the f_j counted between best and worst of the front so
 far, which also reaches fronts that are not convex; all points that no other point beats are the front. Numbers whose range is positive and spans a decade
 or more are searched by their logarithm. A run that fails, or whose objective does not exist, is infinitely bad and recorded.
@@ -58,8 +58,8 @@ def tune(
     ("gain.0").  over: what counts of the scenes' values, `max` for the worst case, `statistics.fmean` for the mean.  runs: most points tried, one
     run per scene each.  journal: file that keeps every point, so that a killed tuning called again goes on where it was and gives the same result; with
     larger `runs` a longer tuning uses the points of a shorter one.  progress: a bar on stderr where that is a terminal.  executor: any
-    `concurrent.futures.Executor` of processes, such as that of a Dask client, which simulates scenes and points side by side; here, one after the
-    other, without.
+    `concurrent.futures.Executor` of processes, such as that of a Dask client, which simulates all scenes of a point side by side, and all points that the
+    search knows in advance; one run after the other in this process without.
 
     The same arguments give the same result, whatever the executor. Raises SceneError for arguments that cannot be tuned, a law or objective that cannot
     be evaluated as given, or cannot travel to an executor, and a journal of other arguments. A later point whose law cannot be designed or whose run fails

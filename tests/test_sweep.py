@@ -28,6 +28,7 @@ from toolbox import (
     Sampled,
     Scene,
     SceneError,
+    columns,
     compose,
     measure,
     quantity,
@@ -464,9 +465,9 @@ def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatc
 @pytest.mark.parametrize("shape", [(1,), (7,), (100,), (4, 25), (3, 1, 11), (2, 3, 4, 5), (1, 1, 9), (50, 1)])
 @pytest.mark.parametrize("rows", [1, 2, 6, 10, 30, 1000])
 def test_chunks_are_blocks_of_neighbours(shape, rows):
-    block = store.chunk_shape(shape, rows)
+    block = columns.chunk_shape(shape, rows)
     assert math.prod(block) <= rows
-    ranges = list(store.chunk_ranges(shape, block))
+    ranges = list(columns.chunk_ranges(shape, block))
     assert [first for first, _ in ranges] == [0, *(last for _, last in ranges[:-1])] and ranges[-1][1] == math.prod(shape)
     index = np.arange(math.prod(shape)).reshape(shape)
     for first, last in ranges:

@@ -18,13 +18,13 @@ import json
 import math
 import time as clock
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolbox.columns import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
 from toolbox.designs import grid
 from toolbox.errors import SceneError
 from toolbox.files import replaced, replaced_folder
@@ -32,7 +32,6 @@ from toolbox.files import replaced, replaced_folder
 if TYPE_CHECKING:
     from toolbox.swept import Sweep
 
-WAITING, DONE, FAILED = 0, 1, 2
 STATUS = {"flag_values": [WAITING, DONE, FAILED], "flag_meanings": "waiting done failed"}
 """What the numbers of `status` mean, in the words of the CF conventions."""
 
@@ -44,28 +43,6 @@ PAUSE = 1.0
 
 _UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError)
 """What zarr raises for files that are missing, cut short or altered."""
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Results of all runs: values of the measures, shape (runs, measures), nan where there are none; status, shape (runs,): WAITING, DONE or FAILED; why."""
-
-    values: np.ndarray
-    status: np.ndarray
-    errors: dict[int, str]
-
-    @staticmethod
-    def empty(runs: int, measures: int) -> Columns:
-        """Of runs that all wait."""
-        return Columns(np.full((runs, measures), np.nan), np.zeros(runs, np.uint8), {})
-
-    def put(self, first: int, values: np.ndarray, errors: Mapping[int, str]) -> None:
-        """Take in finished runs from the index `first` on."""
-        self.values[first : first + len(values)] = values
-        self.status[first : first + len(values)] = DONE
-        failed = list(errors)
-        self.values[failed], self.status[failed] = np.nan, FAILED
-        self.errors.update(errors)
 
 
 class Store:
@@ -189,28 +166,6 @@ def folder_of(path: Path) -> None:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------- chunks
-def chunk_shape(shape: tuple[int, ...], rows: int) -> tuple[int, ...]:
-    """A block of at most `rows` entries that are neighbours in an array of that shape: whole trailing axes, a part of one, one of each before it."""
-    block, room = [1] * len(shape), rows
-    for k in reversed(range(len(shape))):
-        if shape[k] > room:
-            block[k] = math.ceil(shape[k] / math.ceil(shape[k] / room))  # parts of about the same length
-            break
-        block[k] = shape[k]
-        room //= shape[k]
-    return tuple(block)
-
-
-def chunk_ranges(shape: tuple[int, ...], block: tuple[int, ...]) -> Iterator[tuple[int, int]]:
-    """(first entry, behind the last one) of every block of that shape, in order."""
-    cut = max((k for k in range(len(shape)) if block[k] < shape[k]), default=0)
-    trailing = math.prod(shape[cut + 1 :])
-    for before in range(math.prod(shape[:cut])):
-        for first in range(0, shape[cut], block[cut]):
-            start = (before * shape[cut] + first) * trailing
-            yield start, start + min(block[cut], shape[cut] - first) * trailing
-
-
 def _region(group: Any, first: int) -> tuple[slice, ...]:
     """Where the block stands that begins with an entry."""
     status = group["status"]

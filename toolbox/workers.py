@@ -25,9 +25,10 @@ from typing import Any
 import numpy as np
 
 from toolbox.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
+from toolbox.columns import WAITING, Columns
 from toolbox.errors import SceneError, SimulationError
 from toolbox.simulate import carry_out
-from toolbox.store import PAUSE, WAITING, Columns, Store
+from toolbox.store import PAUSE, Store
 from toolbox.trajectory import Trajectory
 
 WORK = 0.5

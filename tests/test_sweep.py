@@ -180,6 +180,11 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
         assert found["steps"][i] == run.steps[0]
 
 
+def test_what_is_no_executor_is_refused():
+    with pytest.raises(SceneError, match="Argument `executor` must be a concurrent.futures.Executor, .* but it is 2"):
+        sweep(compose(Growth()), {"growth.rate": [0.1]}, executor=2, **GROWING)
+
+
 def test_laws_in_python_run_in_processes():
     here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -549,6 +554,8 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": tally.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
         ({"a": 3}, "must be a measure of `toolbox.tally` or a function"),
         ({}, "must hold at least one measure"),
+        ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
+        ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
     ],
 )
 def test_measures_that_make_no_sense_are_refused_by_name(measures, message):

@@ -31,6 +31,7 @@ from toolbox.scene import Case, Scene
 from toolbox.study import MEASURES
 from toolbox.tune_search import Objective, Search, Spent, smallest, spread
 from toolbox.tuned import Free, Tuned, plain_number
+from toolbox.workers import check_executor
 
 _BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
 _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
@@ -80,6 +81,7 @@ def tune(
         raise SceneError(f"Argument `runs` must be an integer >= 10, but it is {runs!r}.")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {seed!r}.")
+    check_executor(executor)
     kept = None
     if journal is not None:
         kept = Journal(

@@ -69,6 +69,7 @@ def evaluated(
     is full.
     """
     began = clock.perf_counter()
+    check_executor(executor)
     total = len(task.numbers)
     columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
     if store is not None and store.settings is not None:
@@ -126,6 +127,12 @@ def evaluated(
         store.flush(columns)
         store.finish(clock.perf_counter() - began)
     return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
+
+
+def check_executor(given: Any) -> None:
+    """Raise SceneError for what is neither None nor an executor."""
+    if given is not None and not isinstance(given, concurrent.futures.Executor):
+        raise SceneError(f"Argument `executor` must be a concurrent.futures.Executor, such as a ProcessPoolExecutor, but it is {given!r}.")
 
 
 @contextlib.contextmanager

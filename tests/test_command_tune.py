@@ -94,6 +94,7 @@ def test_an_interrupted_tuning_says_how_to_go_on_and_does(rigs, tmp_path, capsys
         (["--free", "highest_torque=2:1"], "low < high"),
         (["--objective", "severty"], "severity"),
         (["--runs", "2"], "runs"),
+        (["--processes", "0"], "processes"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2_and_leaves_no_folder(rigs, tmp_path, capsys, change, word):
@@ -101,6 +102,15 @@ def test_a_mistake_is_one_line_and_exit_code_2_and_leaves_no_folder(rigs, tmp_pa
     text = capsys.readouterr().err
     assert word in text and text.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_two_processes_find_what_one_finds(rigs, tmp_path):
+    tuned = []
+    for processes in ("1", "2"):
+        out = tmp_path / processes
+        assert main(["tune", *rigs, *FREE, "--objective", "stuck", "--runs", "10", "--processes", processes, "--out", str(out)]) == 0
+        tuned.append((out / "trials.csv").read_text())
+    assert tuned[0] == tuned[1]
 
 
 def test_where_no_point_has_an_objective_the_exit_code_is_1(rigs, tmp_path, capsys):

@@ -125,11 +125,12 @@ def test_what_is_saved_comes_back_and_prints_and_draws(found, tmp_path):
 def test_an_interrupted_map_goes_on_where_it_was(tmp_path):
     arguments = {"shape": (4, 3), "duration": 30.0, "controller": StiffPI(), "halvings": 2}
     whole = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
-    chunks = sorted((tmp_path / "map").glob("stage_*/runs_*.npz"))
-    lost = chunks[1], chunks[-1]
+    chunks = sorted((tmp_path / "map").glob("stage_*.zarr/*/c/*"))
+    lost = [path for path in chunks if path.parts[-3] == "status"][::2]
     for path in lost:
         path.unlink()
-    kept = {path: path.stat().st_mtime_ns for path in chunks if path not in lost}
+    kept = {path: path.stat().st_mtime_ns for path in chunks if not any(path.is_relative_to(each.parents[2]) for each in lost)}
+    assert lost and kept
     again = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
     np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
     np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])

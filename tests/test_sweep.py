@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import re
 import subprocess
 import sys
@@ -18,7 +20,25 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
-from toolbox import Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep, tally
+from toolbox import (
+    Budget,
+    BudgetError,
+    Component,
+    Equations,
+    Sampled,
+    Scene,
+    SceneError,
+    columns,
+    compose,
+    measure,
+    quantity,
+    simulate,
+    state,
+    store,
+    sweep,
+    tally,
+    workers,
+)
 from toolbox.inputs import sine
 from toolbox.sweep import Sweep, latin_hypercube, sobol, uniform
 
@@ -160,6 +180,11 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
         assert found["steps"][i] == run.steps[0]
 
 
+def test_what_is_no_executor_is_refused():
+    with pytest.raises(SceneError, match="Argument `executor` must be a concurrent.futures.Executor, .* but it is 2"):
+        sweep(compose(Growth()), {"growth.rate": [0.1]}, executor=2, **GROWING)
+
+
 def test_laws_in_python_run_in_processes():
     here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
@@ -226,6 +251,24 @@ def test_designs_fill_their_bounds():
     np.testing.assert_array_equal(uniform(bounds, 5, seed=7).points, uniform(bounds, 5, seed=7).points)
 
 
+@pytest.mark.parametrize("design", [uniform, latin_hypercube, sobol])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (({}, 4), "Argument `bounds` must map at least one name"),
+        (("bit.weight", 4), "Argument `bounds` must map at least one name"),
+        (({"a": (2.0, 1.0)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
+        (({"a": (1.0, math.nan)}, 4), "Argument `a` must be bounds .low, high. with low < high"),
+        (({"a": (1.0, 2.0)}, 0), "Argument `runs` must be an integer >= 1, but it is 0"),
+        (({"a": (1.0, 2.0)}, 4.0), "Argument `runs` must be an integer >= 1, but it is 4.0"),
+        (({"a": (1.0, 2.0)}, 4, -1), "Argument `seed` must be an integer >= 0, but it is -1"),
+    ],
+)
+def test_designs_that_make_no_sense_are_refused(design, arguments, message):
+    with pytest.raises(SceneError, match=message):
+        design(*arguments)
+
+
 def test_rows_and_grids_give_the_same_runs():
     measures = {"severity": tally.severity("bit.speed", 10.0)}
     over = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, controller=StiffPI(), measures=measures)
@@ -266,40 +309,189 @@ from models import BitRock, wells
 from toolbox import Sampled, compose, sweep
 if __name__ == "__main__":
     plant = compose(wells.JANSEN_2, BitRock())
-    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 240)}, duration=120.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
+    sweep(plant, {"bit.weight": np.linspace(50e3, 110e3, 500)}, duration=60.0, controller=Sampled(StiffPI(), 0.01), out="OUT")
 """
 
 
-def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path):
+def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
     folder = tmp_path / "found"
     root = Path(__file__).parents[1]
     process = subprocess.Popen([sys.executable, "-c", KILLED.replace("OUT", str(folder))], cwd=root)
     deadline = time.monotonic() + 90.0
-    while len(list(folder.glob("runs_*.npz"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+    while not (folder / "status" / "c" / "0").is_file() and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)
     process.kill()
     process.wait()
-    before = {path: path.stat().st_mtime_ns for path in folder.glob("runs_*.npz")}
-    assert before
-    assert not (folder / "sweep.npz").exists()
-    weights = {"bit.weight": np.linspace(50e3, 110e3, 240)}
+    with xarray.open_zarr(folder) as half:
+        done = half["status"].values == 1
+        assert 0 < done.sum() < 500
+        before = half["severity"].values
+        assert np.isfinite(half["stuck_ratio"].values[done]).all() and np.isnan(before[~done]).all()
+        assert half["severity"].dims == ("bit.weight",)
+    with pytest.raises(SceneError, match=f"{500 - done.sum()} of 500 runs wait: the same call of `sweep` goes on"):
+        Sweep.load(folder)
+    weights = {"bit.weight": np.linspace(50e3, 110e3, 500)}
     plant, law = compose(wells.JANSEN_2, BitRock()), Sampled(StiffPI(), 0.01)
-    found = sweep(plant, weights, duration=120.0, controller=law, out=folder)
-    assert {path: path.stat().st_mtime_ns for path in before} == before  # what was there is kept
-    whole = sweep(plant, weights, duration=120.0, controller=law)
+    made = counted_runs(monkeypatch)
+    found = sweep(plant, weights, duration=60.0, controller=law, out=folder)
+    assert sum(made) == 500 - done.sum()  # what was there is kept
+    np.testing.assert_array_equal(found["severity"][done], before[done])
+    whole = sweep(plant, weights, duration=60.0, controller=law)
     for name in ("severity", "stuck_ratio"):
         np.testing.assert_array_equal(found[name], whole[name])
         np.testing.assert_array_equal(Sweep.load(folder)[name], whole[name])
     for word, other in (
-        ("duration", {"duration": 119.0}),
+        ("duration", {"duration": 59.0}),
         ("accuracy", {"accuracy": 1e-5}),
         ("measures", {"measures": "mean"}),
         ("controller", {"controller": Sampled(StiffPI(), 0.02)}),
+        ("budget", {"budget": Budget(events=1e6)}),
     ):
         with pytest.raises(SceneError, match=f"other .*`{word}`"):
-            sweep(plant, weights, **{"duration": 120.0, "controller": law, "out": folder, **other})
+            sweep(plant, weights, **{"duration": 60.0, "controller": law, "out": folder, **other})
     with pytest.raises(SceneError, match="other `vary`"):
-        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 240)}, duration=120.0, controller=law, out=folder)
+        sweep(plant, {"bit.weight": np.linspace(50e3, 111e3, 500)}, duration=60.0, controller=law, out=folder)
+
+
+def counted_runs(monkeypatch):
+    """How many runs every chunk has that is done from now on."""
+    made = []
+    alone = workers.finished
+    monkeypatch.setattr(workers, "finished", lambda task: (made.append(len(task.numbers)), alone(task))[1])
+    return made
+
+
+GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": tally.final("growth.size")}}
+
+
+def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("zarr")
+    rates = {"growth.rate": [0.25, 3.0, 0.5]}
+    found = sweep(compose(Growth()), rates, out=tmp_path / "found.zarr", **GROWING)
+    with xarray.open_zarr(tmp_path / "found.zarr") as data:
+        np.testing.assert_array_equal(data["status"], [1, 2, 1])
+        assert [bool(text) for text in data["error"].values] == [False, True, False]
+        assert str(data["error"].values[1]) == found.errors[1]
+        xarray.testing.assert_equal(data[["x"]], found.to_xarray()[["x"]])
+        assert data["error"].values.tolist() == found.to_xarray()["error"].values.tolist()
+    assert Sweep.load(tmp_path / "found.zarr").errors == found.errors
+    found.save(tmp_path / "saved.zarr")
+    assert Sweep.load(tmp_path / "saved.zarr").errors == found.errors
+    np.testing.assert_array_equal(Sweep.load(tmp_path / "saved.zarr")["x"], found["x"])
+
+
+def test_a_full_disk_loses_nothing_that_was_there(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    monkeypatch.setattr(store, "ROWS", 10)
+    monkeypatch.setattr(workers, "PAUSE", 0.0)
+    rates, plant = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth())
+    real, taken = os.fsync, []
+
+    def fsync(handle):
+        if len(taken) > 24:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken.append(handle)
+        real(handle)
+
+    with monkeypatch.context() as full:
+        full.setattr(os, "fsync", fsync)
+        with pytest.raises(OSError, match="No space left on device; what was written before is kept, and the same call goes on from there"):
+            sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    made = counted_runs(monkeypatch)
+    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    assert 0 < sum(made) < 50
+    np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
+    assert not list((tmp_path / "found").rglob(".*"))
+
+
+def test_a_damaged_store_is_refused_and_says_how_to_mend_it(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    monkeypatch.setattr(store, "ROWS", 10)
+    rates, plant, folder = {"growth.rate": np.linspace(0.0, 0.9, 50)}, compose(Growth()), tmp_path / "found"
+    whole = sweep(plant, rates, out=folder, **GROWING)
+
+    def altered(content):
+        return content[:-5] + bytes([content[-5] ^ 1]) + content[-4:]
+
+    def cut(content):
+        return content[:-3]
+
+    for name, harm in (("x", altered), ("x", cut), ("x", None), ("status", altered)):
+        file = folder / name / "c" / "2"
+        content = file.read_bytes()
+        file.unlink() if harm is None else file.write_bytes(harm(content))
+        for look in (lambda: sweep(plant, rates, out=folder, **GROWING), lambda: Sweep.load(folder)):
+            with pytest.raises(SceneError, match="missing: delete" if harm is None else "damaged: delete") as refused:
+                look()
+            assert "status/c/2" in str(refused.value) and "the runs 20 to 29" in str(refused.value)
+        (folder / "status" / "c" / "2").unlink()  # as it says
+        with monkeypatch.context() as watched:
+            made = counted_runs(watched)
+            again = sweep(plant, rates, out=folder, **GROWING)
+        assert sum(made) == 10
+        np.testing.assert_array_equal(again["x"], whole["x"])
+    (folder / "zarr.json").write_text("nothing")
+    with pytest.raises(SceneError, match="There is no sweep in .*, or it is damaged"):
+        sweep(plant, rates, out=folder, **GROWING)
+
+
+def test_an_interrupt_keeps_what_is_done_and_says_how_to_go_on(tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    rates, plant = {"growth.rate": np.linspace(0.0, 0.9, 40)}, compose(Growth())
+    alone, made = workers.finished, []
+
+    def interrupted(task):
+        made.append(task.first)
+        if len(made) == 5:  # two look at one run first
+            raise KeyboardInterrupt
+        return alone(task)
+
+    with monkeypatch.context() as key, pytest.raises(KeyboardInterrupt) as stopped:
+        key.setattr(workers, "finished", interrupted)
+        sweep(plant, rates, executor=ThreadPoolExecutor(1), out=tmp_path / "found", **GROWING)
+    done = int(re.match(r"(\d+) of 40 runs are in `.*found`; the same call goes on from there", stopped.value.__notes__[0])[1])
+    assert 0 < done < 40
+    made = counted_runs(monkeypatch)
+    found = sweep(plant, rates, out=tmp_path / "found", **GROWING)
+    assert sum(made) == 40 - done
+    np.testing.assert_allclose(found["x"], 1.0 / (1.0 - rates["growth.rate"]), rtol=1e-6)
+
+
+def test_without_zarr_a_sweep_on_disk_names_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ImportError, match=r"pip install 'stickslip-toolbox\[batch\]'"):
+        sweep(compose(Growth()), {"growth.rate": [0.1]}, out=tmp_path / "found", **GROWING)
+    assert not (tmp_path / "found").exists()
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (100,), (4, 25), (3, 1, 11), (2, 3, 4, 5), (1, 1, 9), (50, 1)])
+@pytest.mark.parametrize("rows", [1, 2, 6, 10, 30, 1000])
+def test_chunks_are_blocks_of_neighbours(shape, rows):
+    block = columns.chunk_shape(shape, rows)
+    assert math.prod(block) <= rows
+    ranges = list(columns.chunk_ranges(shape, block))
+    assert [first for first, _ in ranges] == [0, *(last for _, last in ranges[:-1])] and ranges[-1][1] == math.prod(shape)
+    index = np.arange(math.prod(shape)).reshape(shape)
+    for first, last in ranges:
+        corner = np.unravel_index(first, shape)
+        np.testing.assert_array_equal(
+            index[tuple(slice(i, i + n) for i, n in zip(corner, block, strict=True))].ravel(), np.arange(first, last)
+        )
+
+
+def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
+    # a block on a belt sticks and slips once a period: two events, of which the loop hands over a buffer at a time
+    plant, budget = compose(BlockOnBelt()), Budget(events=1000)
+    found = sweep(plant, {"block.mass": [0.9, 1.1]}, duration=1e5, budget=budget, measures={"events": tally.events("belt")})
+    for i, mass in enumerate((0.9, 1.1)):
+        with pytest.raises(BudgetError) as alone:
+            simulate(plant, 1e5, parameters={"block.mass": mass}, budget=budget)
+        used = int(re.match(r"The run used (\d+) events and reached", found.errors[i])[1])
+        assert used == len(alone.value.run.events) > 1000
+        assert found.errors[i] == str(alone.value)
 
 
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):
@@ -362,6 +554,8 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": tally.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
         ({"a": 3}, "must be a measure of `toolbox.tally` or a function"),
         ({}, "must hold at least one measure"),
+        ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
+        ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
     ],
 )
 def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
@@ -369,27 +563,62 @@ def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
         sweep(RIG, {"bit.weight": [1e3]}, duration=1.0, controller=StiffPI(), measures=measures)
 
 
-def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys):
+def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     from toolbox.command_line import main
 
+    pytest.importorskip("zarr")
     command = ["sweep", str(SCENES / "jansen_2.toml"), "--vary", "bit.weight=60kN:97.347kN:2", "--vary", "top.reference=80 rpm:95 rpm:2"]
     command += ["--controller", "stiff PI", "--measure", "severity", "--measure", "sticks", "--out", str(tmp_path / "out")]
     assert main(command) == 0
     printed = capsys.readouterr().out
     assert re.search(r"bit.weight +60000 \.\. 97347 +N", printed)
-    found = Sweep.load(tmp_path / "out" / "01_stiff_pi")
+    folder = tmp_path / "out" / "01_stiff_pi"
+    found = Sweep.load(folder / "sweep.zarr")
     run = Scene.load(SCENES / "jansen_2.toml").run("stiff PI")
     assert found["severity"][1, 1] == pytest.approx(measure.severity(run, "bit.speed", 60.0), rel=1e-6)
-    assert (
-        (tmp_path / "out" / "01_stiff_pi" / "sweep.csv")
-        .read_text()
-        .startswith("bit.weight [N],top.reference [rad/s],severity [1],sticks [1],error\n")
-    )
-    assert main(command) == 0  # all of it is there already
-    assert main([*command, "--vary", "bit.radius=0.1:0.2"]) == 2
-    assert "must be NAME=LOW:HIGH:N" in capsys.readouterr().err
-    assert main(["sweep", command[1], "--vary", "bit.weight=1 m:2 m:3", "--out", str(tmp_path / "other")]) == 2
-    assert "Argument `bit.weight` must be in N" in capsys.readouterr().err
+    assert (folder / "sweep.csv").read_text().startswith("bit.weight [N],top.reference [rad/s],severity [1],sticks [1],error\n")
+    made = counted_runs(monkeypatch)
+    assert main(command) == 0
+    assert not made  # all of it is there already
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main([*command[:-1], str(tmp_path / "plain")]) == 0
+    assert "pip install 'stickslip-toolbox[batch]'" in capsys.readouterr().err
+    np.testing.assert_array_equal(Sweep.load(tmp_path / "plain" / "01_stiff_pi" / "sweep.npz")["severity"], found["severity"])
+
+
+def test_the_command_takes_designs_and_tables(tmp_path, capsys):
+    from toolbox.command_line import main
+
+    pytest.importorskip("zarr")
+    command = ["sweep", str(SCENES / "jansen_2.toml"), "--controller", "stiff PI", "--measure", "mean"]
+    (tmp_path / "rows.csv").write_text("bit.weight [kN],top.reference [rpm]\n50,80\n90,95\n")
+    bounds = {"bit.weight": (50e3, 90e3)}
+    cases = {
+        "random": uniform(bounds, 3, 7), "latin-hypercube": latin_hypercube(bounds, 3, 7), "sobol": sobol(bounds, 4, 7), "rows": None,
+    }  # fmt: skip
+    for name, design in cases.items():
+        given = ["--rows", str(tmp_path / "rows.csv")]
+        if design is not None:
+            given = ["--vary", "bit.weight=50kN:90kN", "--sampling", name, "--runs", str(len(design.points)), "--seed", "7"]
+        assert main([*command, *given, "--out", str(tmp_path / name)]) == 0
+        found = Sweep.load(tmp_path / name / "01_stiff_pi" / "sweep.zarr")
+        assert not found.errors
+        expected = design.points if design is not None else [[50e3, 80 * math.pi / 30], [90e3, 95 * math.pi / 30]]
+        np.testing.assert_allclose(found.points, expected, rtol=1e-12)
+    for given, message in (
+        (["--vary", "bit.weight=2:3"], "must be NAME=LOW:HIGH:N"),
+        (["--vary", "bit.weight=2:3:4", "--sampling", "sobol", "--runs", "4"], "must be NAME=LOW:HIGH, but"),
+        (["--vary", "bit.weight=3:2:4"], "`bit.weight` must be a range LOW:HIGH with LOW < HIGH"),
+        (["--vary", "bit.weight=1 m:2 m:3"], "Argument `bit.weight` must be in N"),
+        (["--vary", "bit.weight=1:2:3", "--vary", "bit.weight=1:2:3"], "must name every number once"),
+        (["--vary", "bit.weight=1:2:3", "--runs", "4"], "`--runs` must come with a `--sampling`"),
+        (["--vary", "bit.weight=1:2", "--sampling", "sobol"], "`--sampling` must come with `--runs`"),
+        (["--vary", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`seed` must be an integer >= 0"),
+        ([], "`--vary` must be given, or `--rows`"),
+    ):
+        assert main([*command, *given, "--out", str(tmp_path / "none")]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_runs_may_begin_each_in_its_own_state():
@@ -428,9 +657,8 @@ def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(mo
     inertia = (2122.0 + 374.0 / n, *(374.0 / n,) * (n - 2), 374.0 + 374.0 / n)
     pipe = TorsionalChain(inertia=inertia, stiffness=(473.0 * n,) * (n - 1), damping=(23.2 * n,) * (n - 1), top_drag=425.0, bit_drag=50.0)
     asked = []
-    file = sys.modules["toolbox.sweep"]  # the name in the package is that of the function
-    alone = file.carry_out
-    monkeypatch.setattr(file, "carry_out", lambda run: (asked.append(run), alone(run))[1])
+    alone = workers.carry_out
+    monkeypatch.setattr(workers, "carry_out", lambda run: (asked.append(run), alone(run))[1])
     axes, arguments = (
         {"bit.weight": np.array([85e3, 91e3, 97e3])},
         {"inputs": {"top.torque": 10_000.0}, "accuracy": 1e-4, "measures": ("severity",)},

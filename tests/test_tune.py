@@ -4,7 +4,9 @@ import dataclasses
 import json
 import math
 import statistics
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -381,3 +383,41 @@ def test_the_figure_shows_the_front_or_the_best_so_far(tmp_path):
     one = tune(scene(), Dials(), off_by, {"torque": (100.0, 10_000.0)}, runs=40).plot()
     line = next(line for line in one.get_lines() if line.get_label() == "best so far")
     assert (np.diff(line.get_ydata()) <= 0).all()
+
+
+# --- on several cores
+
+
+def farthest(run):
+    return off_by(run)
+
+
+def nearest(run):
+    return -abs(end(run, "top.torque") - 2500.0)
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        yield executor
+
+
+@pytest.mark.parametrize("objectives", [farthest, (farthest, nearest)])
+def test_processes_find_the_same_and_write_the_same_journal(tmp_path, objectives, pool):
+    box = {"torque": (100.0, 10_000.0)}
+    here = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "here")
+    there = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "there", executor=pool)
+    assert there == here
+    assert (tmp_path / "there").read_bytes() == (tmp_path / "here").read_bytes()
+    lines = (tmp_path / "there").read_bytes().splitlines(keepends=True)
+    (tmp_path / "cut").write_bytes(b"".join(lines[:30]) + lines[30][:9])  # as a kill leaves it
+    went_on = tune(loads(), Dials(), objectives, box, runs=60, journal=tmp_path / "cut", executor=pool)
+    assert went_on.trials == here.trials and went_on.simulated == 3 * (len(here.trials) - 29)
+
+
+def test_what_cannot_travel_to_a_process_and_what_is_wrong_there_is_said_here(pool):
+    box = {"torque": (100.0, 10_000.0)}
+    with pytest.raises(SceneError, match="objectives that travel to other processes must be importable"):
+        tune(loads(), Dials(), lambda run: 0.0, box, runs=20, executor=pool)
+    with pytest.raises(SceneError, match="must be > 0"):
+        tune(loads(), Dials(gain=-1.0), farthest, box, runs=20, executor=pool)

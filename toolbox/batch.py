@@ -24,10 +24,33 @@ from toolbox.runge_kutta import DOP853
 from toolbox.simulate import UNHURRIED, Run, carry_out, compiled_loop, pair_of
 from toolbox.tally import Measure, Tally
 from toolbox.trajectory import Trajectory
-from toolbox.work_arrays import work_arrays
+from toolbox.work_arrays import limited, work_arrays
 
 Call = Callable[[Trajectory], float]
 """A measure in Python."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of n runs that differ in a few columns, written out only where they are needed: `np.asarray(numbers)`, shape (n, columns).
+
+    same: what they share, shape (columns,);  places: which columns vary;  points: what stands there, shape (n, places).
+    """
+
+    same: np.ndarray
+    places: Sequence[int]
+    points: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: slice) -> Numbers:
+        return Numbers(self.same, self.places, self.points[rows])
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        found = np.repeat(self.same[None, :], len(self.points), axis=0)
+        found[:, self.places] = self.points
+        return found
 
 
 @dataclass(frozen=True)
@@ -41,7 +64,7 @@ class Task:
     """
 
     run: Run
-    numbers: np.ndarray
+    numbers: np.ndarray | Numbers
     measures: tuple[Measure | Call, ...]
     starts: np.ndarray | None = None
     memories: np.ndarray | None = None
@@ -94,6 +117,9 @@ FEWEST_LANES = 100
 LANES_WORK = 1.5e9
 """Instructions of runs one after the other, about a second, that the compilation of a block of lanes is worth."""
 
+ALONE = 75_000
+"""Instructions, about 50 microseconds, that a run alone costs besides its steps: arrays cleared, measures read out."""
+
 
 def pays_in_lanes(task: Task, steps: int) -> bool:
     """Whether the runs of a task, of about so many steps each, are done sooner in lanes, and can be: decided by counts, so that every machine decides alike.
@@ -111,24 +137,24 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
     machine = (program := program_of(run.system, run.kinds, pair_of(run))).machine
     if machine.states * len(DOP853.b) > UNROLLED or (machine.elements and not carries_events(program)):
         return False
-    return float(len(task.numbers)) * steps * machine.cost > LANES_WORK
+    return float(len(task.numbers)) * (steps * machine.cost + ALONE) > LANES_WORK
 
 
 def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
     """Run a task in lanes; what fails there, or is doubtful, is run again alone, which finds the words for it."""
     from toolbox.lanes import Lanes
 
-    run = task.run
+    run, numbers = task.run, np.asarray(task.numbers)
     with _PREPARING:
         lanes = Lanes(run, task.measures)  # type: ignore[arg-type]
     starts = task.starts
     if starts is None:
-        starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(task.numbers), 1))
-    batch = lanes.run(task.numbers, starts)
+        starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
+    batch = lanes.run(numbers, starts)
     values[:] = batch.values
     again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
     if again.size:
-        alone = dataclasses.replace(task, numbers=task.numbers[again], starts=starts[again], first=0)
+        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], first=0)
         rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
         _in_a_row(alone, rows, found)
         values[again] = rows
@@ -142,13 +168,13 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         program = program_of(run.system, run.kinds, pair_of(run))
         loop, advance = compiled_loop(run, program)
         tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-        work = work_arrays(loop, run, program)
+        work = whole = work_arrays(loop, run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
-    for i, numbers in enumerate(task.numbers):
+    for i, numbers in enumerate(np.asarray(task.numbers)):
         for array, original in fresh:
-            np.copyto(array, original)
+            array[...] = original
         work.p[: program.first_held] = numbers
         if task.starts is not None:
             work.x[:n] = task.starts[i]
@@ -157,18 +183,21 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         if task.held is not None:
             work.p[held] = task.held[i]
         tally.begin()
-        events = 0
+        switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what the tally has read
+        work = whole
         while True:
             work.ints[loop.BUDGET] = run.budget.steps - int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
             status = advance(work)
-            events += int(work.ints[loop.EVENTS])
-            if status == loop.PAUSED or events > run.budget.events:
-                errors[task.first + i] = str(exhausted(loop, run, program, work, clock.perf_counter(), []))
+            if status == loop.PAUSED or switches.sum() + work.ints[loop.EVENTS] > run.budget.events:
+                errors[task.first + i] = str(exhausted(loop, run, program, work, clock.perf_counter(), [], switches))
                 break
             if status not in (loop.DONE, loop.RECORDS_FULL, loop.EVENTS_FULL):
                 errors[task.first + i] = str(failure(loop, status, run, program, work, clock.perf_counter(), []))
                 break
+            if run.budget.events < np.inf:
+                switches += np.bincount(work.ev_i[: work.ints[loop.EVENTS]], minlength=switches.size)
             tally.read(work, status == loop.DONE)
+            work = limited(whole, run.budget, int(switches.sum()))
             if status == loop.DONE:
                 broken = tally.broken_bound
                 if broken is None:
@@ -183,13 +212,13 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
 def single(task: Task, i: int) -> Run:
     """Run i of a task with its own numbers."""
     base, system = task.run, copy.copy(task.run.system)
-    first = system.values.size
-    system.values = task.numbers[i, :first].copy()
+    first, numbers = system.values.size, np.asarray(task.numbers[i : i + 1])[0]
+    system.values = numbers[:first].copy()
     program = program_of(base.system, base.kinds, pair_of(base))
     inputs = dict(base.inputs)
     for name, kind in base.kinds:
         if kind == "number":
-            inputs[name] = float(task.numbers[i, program.coefficient_slot[name]])
+            inputs[name] = float(numbers[program.coefficient_slot[name]])
     start: dict[str, Any] = dict(base.start)
     if task.starts is not None:
         x = task.starts[i]

@@ -31,8 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except OSError as error:
         return complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
-    except KeyboardInterrupt:
-        return complaint(getattr(given, "interrupted", "interrupted, and nothing was written."), INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        notes = getattr(interrupt, "__notes__", [])
+        words = f"interrupted; {notes[0]}" if notes else getattr(given, "interrupted", "interrupted, and nothing was written.")
+        return complaint(words, INTERRUPTED)
 
 
 def script() -> None:

@@ -18,7 +18,7 @@ from toolbox.closed_loop import Controller, names
 from toolbox.elements import State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.linear import control_name
 from toolbox.observed import Observer
 from toolbox.parts import check_fields
@@ -64,8 +64,8 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     """A law designed on a plant (None: it is designed already), by itself. Raises SceneError where it has no equations of that kind."""
     if period is not None and (not is_finite_number(period) or period <= 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
-    if plant is not None and not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    if plant is not None:
+        checked_plant(plant)
     if not isinstance(controller, Controller):
         raise SceneError(f"Argument `controller` must be a Controller, but it is {controller!r}.")
     law = controller if plant is None else controller.design(plant)

@@ -40,16 +40,22 @@ def trajectory_so_far(loop: Any, run: Run, program: Program, work: Any, began: f
     )
 
 
-def exhausted(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> BudgetError:
-    """The error of a run that has spent its budget: what it spent and what it spent it on."""
+def exhausted(
+    loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]], switches: np.ndarray | None = None
+) -> BudgetError:
+    """The error of a run that has spent its budget: what it spent and what it spent it on.
+
+    switches: of each element, before those that `work` holds.
+    """
     so_far = trajectory_so_far(loop, run, program, work, began, answers)
     t, steps, events = progress(loop, work)
     spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
     if spent:
         cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
     else:
-        spent, names = f"{events} events", [element.name for element in program.system.elements]
-        often = np.bincount(work.ev_i[:events], minlength=len(names))
+        names = [element.name for element in program.system.elements]
+        often = np.bincount(work.ev_i[:events], minlength=len(names)) + (0 if switches is None else switches)
+        spent = f"{often.sum()} events"
         cause = f"most of them are of `{names[int(np.argmax(often))]}`"
     return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
 
@@ -67,11 +73,17 @@ def failure(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
             name = names[int(np.argmin(bounds))]
-            return SimulationError(f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far)
+            return SimulationError(
+                f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
+            )
     if status == loop.ENDLESS:
         return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
     if status == loop.INCONSISTENT:
-        inside = [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0] if t == 0.0 else []
+        inside = (
+            [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
+            if t == 0.0
+            else []
+        )
         if inside:
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
@@ -82,7 +94,8 @@ def failure(
     if not np.isfinite(work.y[: len(labels)]).all():
         name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
         return SimulationError(
-            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.", so_far
+            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.",
+            so_far,
         )
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:

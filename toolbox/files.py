@@ -16,8 +16,11 @@ from toolbox.errors import SceneError
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[IO[bytes]]:
-    """A binary file that takes the place of `path` when the block ends well, and vanishes otherwise. Raises SceneError where it cannot be written."""
+def replaced(path: Path, durable: bool = False) -> Iterator[IO[bytes]]:
+    """A binary file that takes the place of `path` when the block ends well, and vanishes otherwise. Raises SceneError where it cannot be written.
+
+    durable: force it to disk before it takes the place, and the place after.
+    """
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
@@ -25,11 +28,45 @@ def replaced(path: Path) -> Iterator[IO[bytes]]:
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         os.chmod(name, 0o644)
         os.replace(name, path)
     except BaseException:
         os.unlink(name)
         raise
+    if durable:
+        synced(path.parent)
+
+
+def synced(folder: Path) -> None:
+    """Force the names in a folder to disk, where the system can."""
+    if os.name == "posix":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def replaced_folder(path: Path) -> Iterator[Path]:
+    """A new folder that takes the place of `path`, empty or not, when the block ends well, and vanishes otherwise. Raises SceneError where it cannot be."""
+    try:
+        shelter = Path(tempfile.mkdtemp(dir=path.absolute().parent, prefix=f".{path.name}."))
+    except OSError as error:
+        raise SceneError(f"Cannot write `{path}`: {error.strerror}.") from None
+    try:
+        yield shelter / "new"
+        if path.exists():
+            os.replace(path, shelter / "old")
+        os.replace(shelter / "new", path)
+        synced(path.absolute().parent)
+    except OSError as error:
+        raise SceneError(f"Cannot write `{path}`: {error.strerror}.") from None
+    finally:
+        shutil.rmtree(shelter, ignore_errors=True)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ import numpy as np
 
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.misfit import Loop, Simulated, residuals
 from toolbox.recording import Recording
 from toolbox.simulate import checked_run
@@ -253,9 +253,7 @@ def _machine(
         given = {**machine.arguments(case)["inputs"], **(inputs or {})}
         plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
         return plant, case.controller, given, {**machine.start, **(start or {})}
-    if not isinstance(machine, HybridSystem):
-        raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
-    return machine.with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
+    return checked_plant(machine, "machine").with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
 
 
 def _declared(misfit: Any, name: str) -> tuple[float, str]:

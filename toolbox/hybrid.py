@@ -290,6 +290,14 @@ class HybridSystem:
             offset += len(numbers_of(part))
 
 
+def checked_plant(given: Any, argument: str = "plant") -> HybridSystem:
+    """What is given as a plant; raises SceneError with the name of the argument for anything else. A `machine` could have been a Scene, too."""
+    if not isinstance(given, HybridSystem):
+        wanted = "a plant made by `compose`" + (" or a Scene" if argument == "machine" else "")
+        raise SceneError(f"Argument `{argument}` must be {wanted}, but it is a {type(given).__name__}.")
+    return given
+
+
 def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
     """A plant from what `HybridSystem.__reduce__` gives."""
     from toolbox.compose import assembled

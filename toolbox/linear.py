@@ -18,7 +18,7 @@ import numpy as np
 
 from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.trajectory import Samples
 from toolbox.work_arrays import place_start
 
@@ -202,8 +202,7 @@ def linearise(
 
 # ---------------------------------------------------------------------------------------------------------------------------- points and modes
 def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
-    if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    checked_plant(plant)
     if plant.updates:
         raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
     return plant.with_parameters(parameters) if parameters else plant

@@ -26,7 +26,7 @@ import numpy as np
 from toolbox.closed_loop import Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.linear import Equilibrium, function_of, input_values, state_labels
 from toolbox.parts import law_of
 from toolbox.simulate import Run, again, checked_run
@@ -318,9 +318,7 @@ def onset(
         element, signal = element or scene.element, signal or scene.signal
         accuracy = scene.accuracy if accuracy is None else accuracy
     else:
-        if not isinstance(machine, HybridSystem):
-            raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
-        plant, law = machine, controller
+        plant, law = checked_plant(machine, "machine"), controller
         if law is not None and sample_time is not None:
             law = [
                 each if isinstance(each, Sampled) else Sampled(each, sample_time)

@@ -25,10 +25,11 @@ from toolbox import tally
 from toolbox.batch import Task
 from toolbox.borders import Edges, edges_of
 from toolbox.closed_loop import Sampled
+from toolbox.designs import Variations, grid
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.linear import (
     closed_signal,
     equilibrium,
@@ -43,7 +44,10 @@ from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import Run
 from toolbox.stability import Knob, continuous_loop
-from toolbox.sweep import Variations, evaluated, folder_of, grid, run_fingerprint, varied_numbers, varied_run
+from toolbox.store import Store, folder_of
+from toolbox.swept import Sweep
+from toolbox.varied import run_fingerprint, varied_numbers, varied_run
+from toolbox.workers import evaluated
 
 if TYPE_CHECKING:
     from toolbox.scene import Scene
@@ -264,8 +268,8 @@ def severity_map(
 
     def judged(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         nonlocal count, failures
-        folder = None if out is None else Path(out) / f"stage_{next(stages):02d}"
-        severity, ratio, verdict, failures = loop.judged(points, stopped, executor, folder)
+        path = None if out is None else Path(out) / f"stage_{next(stages):02d}.zarr"
+        severity, ratio, verdict, failures = loop.judged(points, stopped, executor, path)
         count += len(points)
         return severity, ratio, verdict
 
@@ -340,9 +344,7 @@ class _Loop:
             after = scene.after if after is None and scene.after < duration else after
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
-            if not isinstance(machine, HybridSystem):
-                raise SceneError(f"Argument `machine` must be a plant made by `compose` or a Scene, but it is a {type(machine).__name__}.")
-            plant, law = machine, controller
+            plant, law = checked_plant(machine, "machine"), controller
         duration = 120.0 if duration is None else duration
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
@@ -444,23 +446,31 @@ class _Loop:
         return np.where(found, real, np.nan)
 
     def judged(
-        self, points: np.ndarray, stopped: np.ndarray, executor: Any, folder: Path | None
+        self, points: np.ndarray, stopped: np.ndarray, executor: Any, path: Path | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[int, str]]:
         """(severity, part of the time in stick, verdict) of a run from every point, and failures; stopped: on which branch each is."""
         end = self.run.duration
         early = end / 8
-        measures = (
-            tally.severity(self.signal, self.after), tally.stuck_ratio(self.element, self.after), tally.last_stay(self.element),
-            tally.minimum(self.signal, 0.0, early), tally.maximum(self.signal, 0.0, early),
-            tally.minimum(self.signal, self.after), tally.maximum(self.signal, self.after),
-        )  # fmt: skip
+        measures = {
+            "severity": tally.severity(self.signal, self.after), "stuck_ratio": tally.stuck_ratio(self.element, self.after),
+            "last_stick": tally.last_stay(self.element), "early_minimum": tally.minimum(self.signal, 0.0, early),
+            "early_maximum": tally.maximum(self.signal, 0.0, early), "minimum": tally.minimum(self.signal, self.after),
+            "maximum": tally.maximum(self.signal, self.after),
+        }  # fmt: skip
         variations = Variations(self.names, points, (len(points),))
         numbers, broken = varied_numbers(self.run, variations)
         x, found = self.steady(points)
         values, u = self._numbers(points)
         broken = {**broken, **{int(i): "There is no steady running." for i in np.flatnonzero(~found)}}
-        task = Task(self.run, numbers, measures, *self._begins(x, u, values, stopped))
-        result, errors, _ = evaluated(task, broken, executor, folder, run_fingerprint(task, variations, [""] * len(measures)), label="map")
+        task = Task(self.run, numbers, tuple(measures.values()), *self._begins(x, u, values, stopped))
+        store = None
+        if path is not None:
+            sheet = Sweep(
+                self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit(self.run.system) for name, each in
+                measures.items()}, duration=end, accuracy=self.run.accuracy,
+            )  # fmt: skip
+            store = Store(path, sheet, run_fingerprint(task, variations, tuple(measures)))
+        result, errors, _ = evaluated(task, broken, executor, store, label="map")
         severity, ratio, last, low0, high0, low, high = result.T
         with np.errstate(invalid="ignore"):
             sticks = (last > end - 0.25 * (end - self.after)) & (ratio > max(10 * self.run.accuracy, 1e-9))

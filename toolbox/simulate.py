@@ -20,7 +20,7 @@ from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.failures import exhausted, failure, trajectory_so_far
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.inputs import Shape, Table
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
@@ -145,8 +145,7 @@ def checked_run(
     budget: Budget = UNHURRIED,
 ) -> Run:
     """The arguments of `simulate`, checked and resolved; raises SceneError as it does."""
-    if not isinstance(plant, HybridSystem):
-        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    checked_plant(plant)
     if not is_finite_number(duration) or duration < 0:
         raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
     if method not in METHODS:

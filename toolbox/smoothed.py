@@ -24,7 +24,7 @@ import numpy as np
 
 from toolbox.elements import Element, Hysteresis, is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.hybrid import HybridSystem, Parameter
+from toolbox.hybrid import HybridSystem, Parameter, checked_plant
 from toolbox.rollout import missing_peak
 
 STICKING = 3.0
@@ -69,7 +69,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     peak of the law is the static bound. Switches of elastic contacts and of laws with breaks stay. Its parameters `<element>.smoothing_width` and
     `<element>.smoothing_peak` hold w and b. Raises SceneError for a width that is not > 0, and for a rigid unilateral contact.
     """
-    if not isinstance(plant, HybridSystem) or isinstance(plant, SmoothSystem):
+    if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     widths = checked_widths(plant, width)
     key = ("smoothed", tuple(widths))

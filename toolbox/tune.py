@@ -4,16 +4,17 @@
 
 Why no gradients: sticking ends or does not, so that objectives of stick-slip have cliffs and plateaus; a search that compares values passes them. One
 objective: differential evolution (R. Storn, K. Price, J. Global Optimization 11 (1997) 341-359, as in scipy) from a Sobol population that holds the
-given law, then Nelder-Mead from the best point. Several: half of the points are a Sobol sample of the whole box; from the best of them along each
-direction of weights Nelder-Mead makes max_j w_j f_j + sum_j f_j / 1000 small, the f_j counted between best and worst of the front so far, which also
-reaches fronts that are not convex; all points that no other point beats are the front. Numbers whose range is positive and spans a decade or more are
-searched by their logarithm. A run that fails, or whose objective does not exist, is infinitely bad and recorded.
+given law, then Nelder-Mead from the best point. Several: half of the points are a Sobol sample of the whole box; from the best
+of them along each direction of weights Nelder-Mead makes max_j w_j f_j + sum_j f_j / 1000 small, the f_j counted between best and worst of the front so
+far, which also reaches fronts that are not convex; all points that no other point beats are the front. Numbers whose range is positive and spans a decade
+or more are searched by their logarithm. A run that fails, or whose objective does not exist, is infinitely bad and recorded.
 
 A law with other numbers is the same compiled machine code: one evaluation costs the runs of the scenes and nothing else.
 """
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ from toolbox.scene import Case, Scene
 from toolbox.study import MEASURES
 from toolbox.tune_search import Objective, Search, Spent, smallest, spread
 from toolbox.tuned import Free, Tuned, plain_number
+from toolbox.workers import check_executor
 
 _BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
 _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
@@ -46,6 +48,7 @@ def tune(
     seed: int = 0,
     journal: str | Path | None = None,
     progress: bool = True,
+    executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
     """The numbers of a law within `bounds` that make one objective smallest, or the front of several; the module says how it searches.
 
@@ -55,10 +58,13 @@ def tune(
     or {label: objective} for a front.  bounds: {numeric field of the law: (low, high)} in SI; a dot leads into nested laws ("law.detuning") and tuples
     ("gain.0").  over: what counts of the scenes' values, `max` for the worst case, `statistics.fmean` for the mean.  runs: most points tried, one
     run per scene each.  journal: file that keeps every point, so that a killed tuning called again goes on where it was and gives the same result; with
-    larger `runs` a longer tuning uses the points of a shorter one.  progress: a bar on stderr where that is a terminal.
+    larger `runs` a longer tuning uses the points of a shorter one.  progress: a bar on stderr where that is a terminal.  executor: any
+    `concurrent.futures.Executor` of processes, such as that of a Dask client, which simulates all scenes of a point side by side, and all points that the
+    search knows in advance; one run after the other in this process without.
 
-    The same arguments give the same result. Raises SceneError for arguments that cannot be tuned, a law or objective that cannot be evaluated as
-    given, and a journal of other arguments. A later point whose law cannot be designed or whose run fails is recorded as infinitely bad.
+    The same arguments give the same result, whatever the executor. Raises SceneError for arguments that cannot be tuned, a law or objective that cannot
+    be evaluated as given, or cannot travel to an executor, and a journal of other arguments. A later point whose law cannot be designed or whose run fails
+    is recorded as infinitely bad.
     """
     scenes = _scenes(scene)
     cases = [_case(each, controller) for each in scenes.values()]
@@ -75,6 +81,7 @@ def tune(
         raise SceneError(f"Argument `runs` must be an integer >= 10, but it is {runs!r}.")
     if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
         raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {seed!r}.")
+    check_executor(executor)
     kept = None
     if journal is not None:
         kept = Journal(
@@ -87,7 +94,7 @@ def tune(
                 "seed": str(seed),
             },
         )
-    search = Search(list(scenes.values()), cases, free, objectives, over, runs, kept)
+    search = Search(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
     with _bar(runs, progress) as search.bar:
         search.given()
         with contextlib.suppress(Spent):

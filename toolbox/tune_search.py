@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from toolbox.scene import Case, Scene
 from toolbox.study import measured
 from toolbox.trajectory import Trajectory
 from toolbox.tuned import Free, Trial, counted_over, front_of, with_numbers
+from toolbox.workers import travelling
 
 Objective = str | Callable[[Trajectory], float]
 WORST = 1e100
@@ -26,21 +28,35 @@ class Spent(Exception):
     """All points that the search may try have been tried."""
 
 
+def judged(
+    scene: Scene, case: Case, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Objective, ...], strict: bool
+) -> tuple[tuple[float, ...], str]:
+    """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
+    refused = () if strict else (SceneError, np.linalg.LinAlgError)
+    try:
+        run = scene.run(dataclasses.replace(case, law=with_numbers(case.law, free, numbers)))
+        values = [float(measured(scene, run, each) if isinstance(each, str) else each(run)) for each in objectives]
+    except (SimulationError, *refused) as error:
+        return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
+    return tuple(value if math.isfinite(value) else math.inf for value in values), ""
+
+
 class Search:
-    """Points of the unit cube as trials: simulated once, or taken from the journal."""
+    """Points of the unit cube as trials: simulated once, here or by an executor, or taken from the journal."""
 
     def __init__(
-        self, scenes: list[Scene], cases: list[Case], free: tuple[Free, ...], objectives: dict[str, Objective], over: Any, runs: int, journal: Journal | None
+        self, scenes: list[Scene], cases: list[Case], free: tuple[Free, ...], objectives: dict[str, Objective], over: Any, runs: int, journal: Journal | None,
+        executor: concurrent.futures.Executor | None = None,
     ):  # fmt: skip
         self.scenes, self.cases, self.free, self.objectives = scenes, cases, free, objectives
-        self.over, self.runs, self.journal = over, runs, journal
+        self.over, self.runs, self.journal, self.executor = over, runs, journal, executor
         self.trials: dict[tuple[float | None, ...], Trial] = {}
         self.simulated = 0
         self.bar: Any = None
 
     def given(self) -> Trial:
         """The law as it is; what is wrong with it is the user's to know."""
-        return self.trial(tuple(each.given for each in self.free), strict=True)
+        return self.tried([tuple(each.given for each in self.free)], strict=True)[0]
 
     @property
     def start(self) -> np.ndarray | None:
@@ -50,41 +66,54 @@ class Search:
         z = np.array([each.place(each.given) for each in self.free])  # type: ignore[arg-type]
         return z if (z >= 0).all() and (z <= 1).all() else None
 
-    def __call__(self, z: np.ndarray) -> np.ndarray:
-        """The objectives at a place. Raises Spent where no more may be tried."""
-        trial = self.trial(tuple(each.number(float(place)) for each, place in zip(self.free, z, strict=True)))
-        return np.minimum(counted_over(trial, self.over), WORST)
+    def __call__(self, places: np.ndarray) -> np.ndarray:
+        """The objectives at places, shape (places, objectives). Raises Spent where no more may be tried."""
+        points = [tuple(each.number(float(place)) for each, place in zip(self.free, z, strict=True)) for z in places]
+        return np.minimum([counted_over(trial, self.over) for trial in self.tried(points)], WORST)
 
-    def trial(self, numbers: tuple[float | None, ...], strict: bool = False) -> Trial:
-        known = self.trials.get(numbers)
-        if known is not None:
-            return known
-        if len(self.trials) >= self.runs:
+    def tried(self, points: Sequence[tuple[float | None, ...]], strict: bool = False) -> list[Trial]:
+        """The trials of points, in their order; all that are new at once where there is an executor. Raises Spent behind the last that may be tried."""
+        known = self.journal.known if self.journal is not None else {}
+        fresh = list(dict.fromkeys(numbers for numbers in points if numbers not in self.trials))[: self.runs - len(self.trials)]
+        found = self._evaluated([numbers for numbers in fresh if numbers not in known], strict)
+        for numbers in fresh:
+            kept = known.get(numbers)
+            if kept is not None:
+                values = tuple(tuple(math.inf if value is None else value for value in row) for row in kept["values"])
+                trial = Trial(numbers, values, tuple(kept["failures"]))
+            else:
+                each = next(found)
+                trial = Trial(numbers, tuple(values for values, _ in each), tuple(words for _, words in each))
+                self.simulated += len(each)
+                if self.journal is not None:
+                    rows = [[value if math.isfinite(value) else None for value in row] for row in trial.values]
+                    self.journal.add(numbers, {"values": rows, "failures": trial.failures})
+            self.trials[numbers] = trial
+            self.bar.update(1)
+        found.close()
+        if any(numbers not in self.trials for numbers in points):
             raise Spent
-        kept = self.journal.known.get(numbers) if self.journal is not None else None
-        if kept is not None:
-            values = tuple(tuple(math.inf if value is None else value for value in row) for row in kept["values"])
-            trial = Trial(numbers, values, tuple(kept["failures"]))
-        else:
-            found = [self.evaluated(scene, case, numbers, strict) for scene, case in zip(self.scenes, self.cases, strict=True)]
-            trial = Trial(numbers, tuple(values for values, _ in found), tuple(words for _, words in found))
-            self.simulated += len(found)
-            if self.journal is not None:
-                rows = [[value if math.isfinite(value) else None for value in row] for row in trial.values]
-                self.journal.add(numbers, {"values": rows, "failures": trial.failures})
-        self.trials[numbers] = trial
-        self.bar.update(1)
-        return trial
+        return [self.trials[numbers] for numbers in points]
 
-    def evaluated(self, scene: Scene, case: Case, numbers: tuple[float | None, ...], strict: bool) -> tuple[tuple[float, ...], str]:
-        """The objectives of one scene, and why it failed."""
-        refused = () if strict else (SceneError, np.linalg.LinAlgError)
+    def _evaluated(
+        self, points: list[tuple[float | None, ...]], strict: bool
+    ) -> Generator[list[tuple[tuple[float, ...], str]], None, None]:
+        """What `judged` says of every point in every scene, one point after the other."""
+        objectives, pairs = tuple(self.objectives.values()), list(zip(self.scenes, self.cases, strict=True))
+        if self.executor is None:
+            for numbers in points:
+                yield [judged(*pair, self.free, numbers, objectives, strict) for pair in pairs]
+            return
+        waiting: list[concurrent.futures.Future[tuple[tuple[float, ...], str]]] = []
         try:
-            run = scene.run(dataclasses.replace(case, law=with_numbers(case.law, self.free, numbers)))
-            values = [float(measured(scene, run, each) if isinstance(each, str) else each(run)) for each in self.objectives.values()]
-        except (SimulationError, *refused) as error:
-            return (math.inf,) * len(self.objectives), f"{type(error).__name__}: {error}"
-        return tuple(value if math.isfinite(value) else math.inf for value in values), ""
+            with travelling():
+                for numbers in points:
+                    waiting += [self.executor.submit(judged, *pair, self.free, numbers, objectives, strict) for pair in pairs]
+                for k in range(len(points)):
+                    yield [future.result() for future in waiting[k * len(pairs) : (k + 1) * len(pairs)]]
+        finally:
+            for future in waiting:
+                future.cancel()
 
 
 def _sample(search: Search, size: int, seed: int) -> np.ndarray:
@@ -104,8 +133,10 @@ def smallest(search: Search, seed: int) -> None:
     n = len(search.free)
     share = round(0.7 * search.runs)
     size = max(5, min(1 << (8 * n - 1).bit_length(), share // 3))
-    differential_evolution(
-        lambda z: float(search(z)[0]), [(0.0, 1.0)] * n, init=_sample(search, size, seed), maxiter=max(share // size - 1, 1), seed=seed, polish=False,
+    population = _sample(search, size, seed)
+    search((population - 0.5) + 0.5)  # all at once; rounded as scipy does before it asks for them one by one
+    differential_evolution(  # a better member counts at once: to wait for its generation would suit an executor, but finds less in as many points
+        lambda z: float(search(z[None])[0, 0]), [(0.0, 1.0)] * n, init=population, maxiter=max(share // size - 1, 1), seed=seed, polish=False,
         tol=-1.0, callback=_gathered,
     )  # fmt: skip
     _polished(search, lambda values: values[..., 0], search.runs)
@@ -120,8 +151,7 @@ def _gathered(intermediate_result: Any) -> None:
 
 def spread(search: Search, seed: int) -> None:
     """Several objectives: a sample of the whole box, then one polish for each direction of weights."""
-    for z in _sample(search, max(search.runs // 2 - 1, 5), seed):
-        search(z)
+    search(_sample(search, max(search.runs // 2 - 1, 5), seed))
     values = np.array([counted_over(trial, search.over) for trial in search.trials.values()])
     front = values[front_of(values)]
     if not front.size:
@@ -169,8 +199,9 @@ def _polished(search: Search, scalar: Callable[[np.ndarray], Any], until: int) -
     def counted(point: np.ndarray) -> float:
         if len(search.trials) >= until:
             raise StopIteration
-        return float(scalar(search(point)))
+        return float(scalar(search(point[None])[0]))
 
+    search(simplex)
     with contextlib.suppress(StopIteration):
         minimize(
             counted, z, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(z),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zlib
 from typing import TYPE_CHECKING, Any
 
@@ -161,6 +162,14 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
 def _event_room(asked: int, elements: int, budget: Budget) -> int:
     """Room for events, no more than the budget allows and one instant fills: the loop stops when it is full."""
     return int(min(asked, budget.events + 2 * elements + 1))
+
+
+def limited(work: Any, budget: Budget, spent: int) -> Any:
+    """The same arrays with no more room for events than a budget leaves of which so many are spent: the loop stops when it is full."""
+    if budget.events == np.inf:
+        return work
+    room = _event_room(work.ev_t.size, work.m.size, dataclasses.replace(budget, events=budget.events - spent))
+    return work._replace(ev_t=work.ev_t[:room], ev_i=work.ev_i[:room], ev_m=work.ev_m[:room])
 
 
 def grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
+
+if TYPE_CHECKING:
+    from toolbox.designs import Variations
+    from toolbox.hybrid import HybridSystem
+
+SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -17,19 +24,29 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip sweep` and `stickslip map`."""
     many = commands.add_parser(
         "sweep",
-        help="simulate a scene over a grid of parameters, on all cores",
-        description="Simulate every controller of a scene over a grid of inputs and parameters. The folder gets one folder per controller with the "
-        "result (sweep.npz, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
+        help="simulate a scene over many values of its numbers, on all cores",
+        description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
+        "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
         epilog="example: stickslip sweep studies/scenes/jansen_2.toml --vary bit.weight=50kN:110kN:20 --vary top.reference=3:14:50 "
-        "--controller 'stiff PI' --measure severity --out swept",
+        "--controller 'stiff PI' --measure severity --out swept;   ... --vary bit.weight=50kN:110kN --vary top.reference=3:14 --sampling sobol --runs 1024;   "
+        "... --rows runs.csv, with headings such as `bit.weight [kN]`",
     )
     many.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
     many.add_argument(
         "--vary",
         action="append",
-        required=True,
-        metavar="NAME=LOW:HIGH:N",
-        help="N values of an input or parameter; SI, or with units (50kN:110kN:20)",
+        default=[],
+        metavar="NAME=LOW:HIGH[:N]",
+        help="range of an input or parameter, for a grid with its number of values; SI, or with units (50kN:110kN:20); may be repeated",
+    )
+    many.add_argument("--sampling", choices=SAMPLINGS, default="grid", help="where in the ranges of --vary the runs lie (grid)")
+    many.add_argument("--runs", type=int, metavar="N", help="how many, where the sampling is no grid; a power of two for sobol")
+    many.add_argument("--seed", type=int, default=0, metavar="S", help="of a sampling with random numbers (0)")
+    many.add_argument(
+        "--rows",
+        type=Path,
+        metavar="FILE.csv",
+        help="a run for every row of a table whose headings are names with units, in place of --vary",
     )
     many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
     many.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
@@ -59,30 +76,88 @@ def add(commands: Any) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Sweep a scene over a grid. Returns the exit code."""
-    import numpy as np
-
+    """Sweep a scene over a grid, a design or a table. Returns the exit code."""
     from toolbox.scene import Scene
+    from toolbox.store import folder_of
     from toolbox.sweep import sweep
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
+    goes_on = _goes_on()
     failed = 0
     for label, stem in zip(labels, file_stems(labels), strict=True):
-        axes = {}
-        for text in given.vary:
-            name, _, span = text.partition("=")
-            ends = span.split(":")
-            if len(ends) != 3 or not ends[2].strip().isdigit() or int(ends[2]) < 1:
-                raise SceneError(f"Argument `--vary` must be NAME=LOW:HIGH:N, but it is `{text}`.")
-            low, high = _ends(scene, label, name, ends[:2])
-            axes[name] = np.linspace(low, high, int(ends[2]))
-        found = sweep(scene, axes, controller=label, measures=given.measure or ("severity", "stuck_ratio"), out=given.out / stem)
-        found.save(given.out / stem / "sweep.csv")
+        variations, folder = _variations(given, scene, label), given.out / stem
+        store = folder / "sweep.zarr" if goes_on else None
+        found = sweep(scene, variations, controller=label, measures=given.measure or ("severity", "stuck_ratio"), out=store)
+        if store is None:
+            folder_of(folder)
+            found.save(folder / "sweep.npz")
+        found.save(folder / "sweep.csv")
         failed += len(found.errors) == found.runs
         print(f"{found}\n")
     print(f"Results are in {given.out}")
     return 1 if failed == len(labels) else 0
+
+
+def _goes_on() -> bool:
+    """Whether results can be written as they come; says so where they cannot."""
+    from importlib.util import find_spec
+
+    found = all(find_spec(name) for name in ("zarr", "xarray"))
+    if not found:
+        print(
+            "stickslip: without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'", file=sys.stderr
+        )
+    return found
+
+
+def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations:
+    """What the arguments of `stickslip sweep` vary, under one controller; raises SceneError for arguments that make no sense."""
+    import numpy as np
+
+    from toolbox import designs
+
+    if bool(given.vary) == bool(given.rows):
+        raise SceneError(
+            "Argument `--vary` must be given, or `--rows`, but not both." if given.rows else "Argument `--vary` must be given, or `--rows`."
+        )
+    if given.sampling == "grid" and given.runs is not None:
+        raise SceneError("Argument `--runs` must come with a `--sampling` other than grid, whose ranges say how many.")
+    if given.sampling != "grid" and (given.runs is None or given.rows):
+        raise SceneError(
+            f"Argument `--sampling` must come with {'`--vary`, not `--rows`' if given.rows else '`--runs`'}, but it is {given.sampling}."
+        )
+    if given.rows:
+        return _rows(given.rows, scene, label)
+    spans: dict[str, list[str]] = {}
+    wanted = 3 if given.sampling == "grid" else 2
+    for text in given.vary:
+        name, _, span = text.partition("=")
+        ends = span.split(":")
+        if name in spans:
+            raise SceneError(f"Argument `--vary` must name every number once, but `{name}` is there twice.")
+        if len(ends) != wanted or (wanted == 3 and (not ends[2].strip().isdigit() or int(ends[2]) < 1)):
+            raise SceneError(f"Argument `--vary` must be NAME=LOW:HIGH{':N' if wanted == 3 else ''}, but it is `{text}`.")
+        spans[name] = ends
+    ranges = {name: _ends(scene, label, name, ends[:2]) for name, ends in spans.items()}
+    if given.sampling == "grid":
+        wrong = next((name for name, (low, high) in ranges.items() if not low < high and int(spans[name][2]) > 1), None)
+        if wrong is not None:
+            raise SceneError(f"Argument `{wrong}` must be a range LOW:HIGH with LOW < HIGH, but it is {':'.join(spans[wrong][:2])}.")
+        return designs.grid({name: np.linspace(*ranges[name], int(ends[2])) for name, ends in spans.items()})
+    design = {"random": designs.uniform, "latin-hypercube": designs.latin_hypercube, "sobol": designs.sobol}[given.sampling]
+    return design(ranges, given.runs, given.seed)
+
+
+def _rows(path: Path, scene: Any, label: str) -> Variations:
+    """The rows of a table of numbers that vary."""
+    from toolbox import designs
+    from toolbox.table import Column, read
+
+    closed = _closed(scene, label)
+    units = {name: entry.unit for name, entry in closed.inputs.items()}
+    units |= {name: entry.unit for name, entry in closed.parameters.items() if entry.size is None}
+    return designs.listed(read(path, [Column(name, unit, required=False) for name, unit in units.items()]))
 
 
 def run_map(given: argparse.Namespace) -> int:
@@ -90,12 +165,14 @@ def run_map(given: argparse.Namespace) -> int:
     from toolbox import study
     from toolbox.scene import Scene
     from toolbox.severity_map import severity_map
+    from toolbox.store import folder_of
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     shape = given.shape.split("x")
     if len(shape) != 2 or not all(word.isdigit() for word in shape):
         raise SceneError(f"Argument `--shape` must be two numbers such as 50x50, but it is `{given.shape}`.")
+    goes_on = _goes_on()
     failures: dict[str, str] = {}
     unknown = []
     for label, stem in zip(labels, file_stems(labels), strict=True):
@@ -117,12 +194,15 @@ def run_map(given: argparse.Namespace) -> int:
             continue
         folder = given.out / stem
         try:
-            found = severity_map(scene, over, shape=(int(shape[0]), int(shape[1])), controller=label, out=folder)
+            found = severity_map(scene, over, shape=(int(shape[0]), int(shape[1])), controller=label, out=folder if goes_on else None)
         except SceneError as error:
             if "Argument" in str(error):
                 raise
             failures[label] = str(error)
             continue
+        if not goes_on:
+            folder_of(folder)
+            found.save(folder / "map.npz")
         (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
         study.draw_found(found, found.title, folder / "map.png")
         print(f"{found}\n")
@@ -132,13 +212,17 @@ def run_map(given: argparse.Namespace) -> int:
     return 1 if len(failures) == len(labels) else 0
 
 
+def _closed(scene: Any, label: str) -> HybridSystem:
+    from toolbox.simulate import checked_run
+
+    return checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system
+
+
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
-    from toolbox.simulate import checked_run
     from toolbox.stability import Knob
     from toolbox.units import parse
 
-    closed = checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system
-    unit = Knob.of(closed, name).unit
+    unit = Knob.of(_closed(scene, label), name).unit
     low, high = (parse(plain(end.strip()), unit, name) for end in ends)
     return low, high

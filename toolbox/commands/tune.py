@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ def add(commands: Any) -> None:
     tuning.add_argument("--over", choices=("worst", "mean"), default="worst", help="what counts of several scenes (worst)")
     tuning.add_argument("--runs", type=int, default=200, metavar="N", help="most points tried, one run per scene each (200)")
     tuning.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the search; the same seed gives the same result (0)")
+    tuning.add_argument("--processes", type=int, default=1, metavar="N", help="how many simulate side by side; the result is the same (1)")
     tuning.add_argument(
         "--journal", type=Path, metavar="FILE", help="keeps every point, so that a tuning that was stopped goes on where it was"
     )
@@ -75,11 +77,14 @@ def run(given: argparse.Namespace) -> int:
         path: f"tuned_{path.name}" if len({p.name for p in scenes}) == len(scenes) else f"tuned_{i}_{path.name}"
         for i, path in enumerate(scenes, 1)
     }
+    if given.processes < 1:
+        raise SceneError(f"Argument `--processes` must be >= 1, but it is {given.processes}.")
     try:
-        with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder:
+        with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
             found = tune(
                 list(scenes.values()), given.law, list(given.objective), bounds,
                 over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
+                executor=executor,
             )  # fmt: skip
             (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
             found.save(folder / "trials.csv")
@@ -96,6 +101,18 @@ def run(given: argparse.Namespace) -> int:
         return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)
     print(f"\nReport, figure, points and tuned scenes are in {given.out}")
     return 0
+
+
+def _pool(processes: int) -> Any:
+    """An executor of so many processes, as a context; of none for one, which is this one."""
+    if processes == 1:
+        return contextlib.nullcontext()
+    import concurrent.futures
+    import multiprocessing
+
+    from toolbox.workers import deaf
+
+    return concurrent.futures.ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
 
 
 def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:

@@ -274,7 +274,7 @@ def test_a_force_of_an_element_that_was_not_handed_over_is_refused():
         pad = DryFriction("pad", x, Coulomb())
         return Equations(flow={x: pad.force})  # elements forgotten
 
-    with pytest.raises(SceneError, match="pad"):
+    with pytest.raises(SceneError, match="element `pad` must be in `elements`"):
         compose(part(equations)())
 
 
@@ -334,10 +334,38 @@ def test_a_friction_law_that_is_none_is_refused(bad):
         compose(BlockOnBelt(friction=bad))
 
 
-@pytest.mark.parametrize("bad", [[2122.0, 374.0], np.array([2122.0, 374.0]), 2122.0, "2122", (2122.0, "374"), (2122.0, True), ()], ids=repr)
+@pytest.mark.parametrize("bad", [2122.0, "2122", (2122.0, "374"), [2122.0, "374"], (2122.0, True), (), np.ones((2, 1))], ids=repr)
 def test_a_tuple_that_is_none_is_refused(bad):
     with pytest.raises(SceneError, match="inertia"):
         compose(TorsionalChain(inertia=bad))
+
+
+@pytest.mark.parametrize("row", [[2122.0, 374.0], np.array([2122.0, 374.0]), np.array([2122, 374])], ids=repr)
+def test_a_row_of_numbers_may_be_a_list_or_an_array(row):
+    chain = TorsionalChain(inertia=row)
+    assert chain == TorsionalChain(inertia=(2122.0, 374.0)) and isinstance(chain.inertia, tuple)
+    np.testing.assert_array_equal(compose(chain).parameter("chain.inertia"), [2122.0, 374.0])
+
+
+def test_what_is_no_part_is_refused_with_what_to_write_instead():
+    for bad, remedy in ((BlockOnBelt, r"`BlockOnBelt\(\)`"), ([wells.JANSEN_2, BitRock()], r"compose\(\*parts\)"), (5, "a int")):
+        with pytest.raises(SceneError, match=remedy):
+            compose(bad)
+
+
+def test_fields_that_contradict_each_other_are_refused_with_the_part_that_holds_them():
+    with pytest.raises(SceneError, match="`friction` of BitRock.*`kinetic` must be <= the static"):
+        compose(wells.JANSEN_2, BitRock(friction=Coulomb(static=0.3, kinetic=0.5)))
+
+
+def test_dry_friction_takes_a_law_and_no_number():
+    def equations(self, signal):
+        v = state("lag.x", "1")
+        pad = DryFriction("pad", v, 0.3)
+        return Equations(flow={v: pad.force}, elements=[pad])
+
+    with pytest.raises(SceneError, match="`law` of `pad` must be a friction law"):
+        compose(part(equations)())
 
 
 def test_numpy_numbers_are_numbers():

@@ -528,6 +528,54 @@ def test_a_period_without_a_controller_is_refused():
         simulate(rig, 1.0, sample_time=0.1)
 
 
+def test_a_period_that_no_controller_takes_is_refused():
+    for controller in (Sampled(PI(), 0.02), [Sampled(PI(), 0.02)]):
+        with pytest.raises(SceneError, match="sample_time"):
+            simulate(rig, 1.0, controller=controller, sample_time=0.1)
+        simulate(rig, 1.0, controller=controller, sample_time=0.02)  # the same twice contradicts nothing
+
+
+def test_laws_that_sample_at_one_instant_read_what_was_held_before_it_however_they_are_listed():
+    """A cascade v_ref = 1 - x every 0.1 s, u = 5 (v_ref - v) every 0.02 s on v' = u, stepped by hand with u constant between samples."""
+
+    @dataclass(frozen=True)
+    class Cart(Component):
+        def equations(self, signal):
+            x, v = state("cart.x", "m"), state("cart.v", "m/s")
+            return Equations(flow={x: v, v: signal("cart.push", "m/s2", default=0.0)})
+
+    @dataclass(frozen=True)
+    class Outer(Controller):
+        measures, drives = ("cart.x",), ("cart.wanted",)
+
+        def sampled(self, signal, period):
+            return Update({}, {"cart.wanted": (1.0 - signal("cart.x", "m"), "m/s")})
+
+    @dataclass(frozen=True)
+    class Inner(Controller):
+        measures, drives = ("cart.v",), ("cart.push",)
+
+        def sampled(self, signal, period):
+            return Update({}, {"cart.push": (5.0 * (signal("cart.wanted", "m/s", default=0.0) - signal("cart.v", "m/s")), "m/s2")})
+
+    laws = [Sampled(Outer(), 0.1), Sampled(Inner(), 0.02)]
+    x, v, wanted, by_hand = 0.0, 0.0, 0.0, []
+    for k in range(100):
+        push = 5.0 * (wanted - v)
+        wanted = 1.0 - x if k % 5 == 0 else wanted
+        x, v = x + 0.02 * v + 0.02**2 / 2 * push, v + 0.02 * push
+        by_hand.append(x)
+    for order in (laws, laws[::-1]):
+        run = simulate(compose(Cart()), 2.0, controller=order, output_times=0.02 * np.arange(1, 101))
+        np.testing.assert_allclose(run["cart.x"], by_hand, rtol=0, atol=1e-12)
+
+
+def test_a_callable_that_measures_a_vector_is_told_to_name_entries():
+    with pytest.raises(SceneError, match=r"`chain\.speed\.0`"):
+        simulate(rig, 1.0, controller=law(("chain.speed",), ("top.torque",))(lambda t, y: 0.0), sample_time=0.1)
+    simulate(rig, 1.0, controller=law(("chain.speed.0",), ("top.torque",))(lambda t, y: y[0]), sample_time=0.1)
+
+
 @pytest.mark.parametrize(("measures", "drives"), [(("top.sped",), ("top.torque",)), (("top.speed",), ("top.torqe",)), (("top.speed",), ("bit.torque",))])
 def test_a_callable_that_names_unknown_signals_is_refused_by_name(measures, drives):
     wrong = measures[0] if measures[0] != "top.speed" else drives[0]

@@ -59,6 +59,14 @@ def test_bad_output_times_are_refused(bad):
         simulate(BLOCK, 1.0, output_times=bad)
 
 
+@pytest.mark.parametrize(
+    ("bad", "word"), [([0.5, 0.2], "0.5 s is followed by 0.2 s"), ([-0.1, 1], "begin at -0.1 s"), ([0.4, 1.2], "end at 1.2 s"), ([], "shape")]
+)
+def test_bad_output_times_are_refused_with_what_is_wrong(bad, word):
+    with pytest.raises(SceneError, match=word):
+        simulate(BLOCK, 1.0, output_times=bad)
+
+
 @pytest.mark.parametrize("good", [[0.0], [1.0], [0.0, 1.0], (0.1, 0.2), np.linspace(0, 1, 3), range(2), [0, 1]], ids=named)
 def test_output_times_may_be_any_increasing_sequence(good):
     run = simulate(BLOCK, 1.0, output_times=good)
@@ -94,6 +102,8 @@ def test_a_start_may_name_a_state_an_entry_a_signal_or_fill_a_vector():
         ({"chain.speed": 4.0}, (4.0, 4.0)),
         ({"chain.speed.1": 2.0}, (0.0, 2.0)),
         ({"bit.speed": 2.0, "top.speed": 3.0}, (3.0, 2.0)),
+        ({"chain.speed": 4.0, "bit.speed": 0.0}, (4.0, 0.0)),
+        ({"bit.speed": 0.0, "chain.speed": 4.0}, (4.0, 0.0)),  # what is said of an entry holds, in whatever order
     ):
         np.testing.assert_array_equal(simulate(RIG, 1.0, start=start).at(0.0)["chain.speed"], expected)
 

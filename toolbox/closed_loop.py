@@ -90,7 +90,8 @@ class Sampled:
     nobody gives them, such as `top.reference`.  period, delay in s. A callable object is copied for every run, so that each starts from the
     state it was given in; a plain function is called as it is and should keep no state.  noise: {measured signal: standard deviation of
     white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
-    Laws with one seed see the same noise on the same signal at samples of the same number.
+    Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
+    before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -202,8 +203,10 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
     measures = tuple(plant.routes.get(name, name) for name in asked)
     drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))
     for name in measures:
-        if not plant.has_signal(name) or (name in plant.states and plant.states[name][1] is not None):
+        if not plant.has_signal(name):
             raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")
+        if name in plant.states and plant.states[name][1] is not None:
+            raise SceneError(f"The controller measures `{name}`, which is a vector: name its entries in `measures`, `{name}.0` and so on.")
     for name in drives:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")

@@ -33,7 +33,10 @@ def compose(*components: Component) -> HybridSystem:
         raise SceneError("A plant needs at least one part, but `compose` got none.")
     for component in components:
         if not isinstance(component, Component):
-            raise SceneError(f"Argument `components` must be Component objects, but one is {component!r}.")
+            kind = type(component).__name__
+            found = f"the class {component.__name__}: give one of it, `{component.__name__}()`" if isinstance(component, type) else f"a {kind}"
+            found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
+            raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
         plant = [component for component in components if not hasattr(component, "design")]
         if not plant:
@@ -348,7 +351,9 @@ class _Composer:
         known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
-            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; a state must be a key of `flow`.")
+            unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
+            remedy = f"element `{unlisted[0]}` must be in `elements`" if unlisted else "a state must be a key of `flow`"
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; {remedy}.")
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")

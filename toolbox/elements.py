@@ -151,6 +151,8 @@ class DryFriction(Element):
         force_unit: str = "N",
     ):
         super().__init__(name, slip, slip_unit, force_unit)
+        if not isinstance(law, FrictionLaw):
+            raise SceneError(f"Argument `law` of `{name}` must be a friction law such as Coulomb(), but it is {law!r}.")
         self.law = law
         self.load = ca.SX(load)
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead

@@ -294,7 +294,10 @@ def checked_plant(given: Any, argument: str = "plant") -> HybridSystem:
     """What is given as a plant; raises SceneError with the name of the argument for anything else. A `machine` could have been a Scene, too."""
     if not isinstance(given, HybridSystem):
         wanted = "a plant made by `compose`" + (" or a Scene" if argument == "machine" else "")
-        raise SceneError(f"Argument `{argument}` must be {wanted}, but it is a {type(given).__name__}.")
+        kind = type(given).__name__
+        hint = f": `compose({kind}(...))`" if isinstance(given, Component) else ""
+        hint = ", which runs its cases itself: `scene.run(label)`" if hasattr(given, "cases") else hint
+        raise SceneError(f"Argument `{argument}` must be {wanted}, but it is a {kind}{hint}.")
     return given
 
 

@@ -20,7 +20,7 @@ from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.trajectory import Samples
-from toolbox.work_arrays import place_start
+from toolbox.work_arrays import place_start, place_starts
 
 if TYPE_CHECKING:
     import control
@@ -85,8 +85,7 @@ def equilibrium(
     plant = _checked(plant, parameters)
     u = input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
-    for name, value in (start or {}).items():
-        place_start(plant, given, name, value)
+    place_starts(plant, given, start or {})
     free = _free(plant)
     guesses = [given] if start else [_frictionless(plant, free, u), given]
     residual, jacobian = residual_functions(plant)
@@ -337,14 +336,11 @@ def _point(
         own = {e.name: e.legend[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
         given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given
     elif isinstance(at, Mapping):
-        for name, value in at.items():
-            if name in plant.inputs:
-                given.setdefault(name, value)
-                continue
-            mark = np.full(x.size, np.nan)
-            place_start(plant, x, name, value)
-            place_start(plant, mark, name, value)
-            placed |= ~np.isnan(mark)
+        mark = np.full(x.size, np.nan)
+        place_starts(plant, mark, {name: value for name, value in at.items() if name not in plant.inputs})
+        placed = ~np.isnan(mark)
+        x[placed] = mark[placed]
+        given = {name: value for name, value in at.items() if name in plant.inputs} | given
     elif at is not None:
         raise SceneError(f"Argument `at` must be a mapping, an equilibrium or one instant of a run, but it is {at!r}.")
     u = input_values(plant, given)

@@ -60,6 +60,12 @@ class Component:
 
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
+    def __post_init__(self) -> None:
+        for field in fields_of(type(self)):
+            value = getattr(self, field.name)
+            if field.tuples and isinstance(value, (list, np.ndarray)):  # parts are compared and kept, so rows of numbers are tuples
+                object.__setattr__(self, field.name, tuple(value.tolist() if isinstance(value, np.ndarray) else value))
+
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""
         raise NotImplementedError
@@ -125,7 +131,10 @@ def checked(part: Any) -> None:
     for field in fields_of(type(part)):
         value = getattr(part, field.name)
         if is_nested(value):
-            checked(value)
+            try:
+                checked(value)
+            except SceneError as error:
+                raise SceneError(f"Field `{field.name}` of {type(part).__name__}: {error}") from None
         elif field.numeric and value is not None:
             numbers = value if isinstance(value, tuple) else (value,)
             sound = sound and not any(bounds_broken(number, field.spec.metadata) for number in numbers)

@@ -174,7 +174,7 @@ def checked_run(
     if output_times is not None:
         grid = finite_array(output_times)
         if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
-            raise SceneError(f"Argument `output_times` must be increasing times between 0 and {duration:g} s.")
+            raise SceneError(f"Argument `output_times` must be increasing times between 0 and {duration:g} s, but {_wrong_with(grid, duration)}.")
     declared = plant
     if parameters:
         own = {name: value for name, value in parameters.items() if not (inputs and name in inputs)}
@@ -208,6 +208,17 @@ def checked_run(
     )  # fmt: skip
 
 
+def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
+    """What is wrong with output times."""
+    if grid is None or grid.ndim != 1 or not grid.size:
+        return "they are " + ("no finite numbers" if grid is None else f"an array of shape {grid.shape}")
+    late = np.flatnonzero(np.diff(grid) <= 0)
+    if late.size:
+        before, after = grid[late[0] : late[0] + 2].tolist()
+        return f"{before!r} s is followed by {after!r} s"
+    return f"they begin at {grid[0]:g} s" if grid[0] < 0 else f"they end at {float(grid[-1])!r} s"
+
+
 def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
     """The states of a plant at one instant of a run of it; raises SceneError where the run has none of that name."""
     if instant.time.size != 1:
@@ -228,7 +239,12 @@ def _closed(
     clocks: list[tuple[float, float]] = []
     laws: list[Any] = []
     seeds: list[int] = []
-    for given in controller if isinstance(controller, (list, tuple)) else (controller,):
+    everything = controller if isinstance(controller, (list, tuple)) else (controller,)
+    if sample_time is not None and everything and all(isinstance(given, Sampled) and given.period != sample_time for given in everything):
+        raise SceneError(
+            f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {sample_time!r}."
+        )
+    for given in everything:
         sampled = given
         if not isinstance(given, Sampled):
             sampled = Sampled(given, sample_time) if sample_time is not None else None

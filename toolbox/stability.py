@@ -41,7 +41,7 @@ from toolbox.linear import (
     residual_functions,
 )
 from toolbox.simulate import checked_run
-from toolbox.work_arrays import place_start
+from toolbox.work_arrays import place_starts
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
@@ -369,8 +369,7 @@ class Followed:
         self.guess: np.ndarray | None = None
         if guess:
             self.guess = np.zeros(closed.x.numel())
-            for name, number in guess.items():
-                place_start(closed, self.guess, name, number)
+            place_starts(closed, self.guess, guess)
         self.known: dict[float, Equilibrium | None] = {}
         self.alone: set[float] = set()
         self.reason = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -85,9 +86,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
     if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
-    for name, value in run.start.items():
-        if not any(name in update.places for update in system.updates):
-            place_start(system, x, name, value)
+    place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 2 * ne, ne, run.budget)
     work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
@@ -133,6 +132,12 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
     if array is None or (array.ndim and array.shape != (size or 1,)):
         raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
     memory[first : first + (size or 1)] = array
+
+
+def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) -> None:
+    """Write start values; an entry that is named beside its vector wins, in whatever order they are given."""
+    for name in sorted(start, key=lambda name: (system.rows(name) or (0, None))[1] is None):
+        place_start(system, x, name, start[name])
 
 
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:

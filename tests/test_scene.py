@@ -399,8 +399,8 @@ def test_a_scene_prints_its_plant_and_its_cases():
     assert max(map(len, text.splitlines())) < 120
 
 
-def test_a_scene_or_a_part_where_a_plant_belongs_is_refused_in_one_short_line():
-    path = Path(__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml"
-    for wrong, name in ((Scene.load(path), "Scene"), (Scene.load(path).parts[0], "TorsionalChain")):
-        with pytest.raises(SceneError, match=f"made by `compose`, but it is a {name}.$"):
+def test_a_scene_or_a_part_where_a_plant_belongs_is_refused_in_one_short_line_that_says_what_to_write():
+    scene = Scene.load(Path(__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
+    for wrong, words in ((scene, "a Scene, which runs its cases itself: `scene.run"), (scene.parts[0], r"a TorsionalChain: `compose\(TorsionalChain")):
+        with pytest.raises(SceneError, match=f"made by `compose`, but it is {words}.{{,16}}$"):
             simulate(wrong, 1.0)

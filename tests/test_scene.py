@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers import SlidingMode, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, Exponential, wells
-from toolbox import SceneError, compose, simulate, sine
+from controllers import SlidingMode, SoftTorque, StiffPI
+from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
+from toolbox import Sampled, SceneError, compose, simulate, sine
 from toolbox.scene import Case, Scene, Waveform
 
 SCENES = Path(__file__).parents[1] / "studies" / "scenes"
@@ -389,6 +389,51 @@ def test_wrong_sensors_are_one_clear_error(tmp_path, old, new, message):
     path.write_text(RIG.replace(old, new))
     with pytest.raises(SceneError, match=message.replace(".", r"\.")):
         Scene.load(path)
+
+
+def test_a_scene_made_of_a_plant_and_laws_is_that_of_a_file_that_does_not_say_how_to_judge(tmp_path):
+    text = """
+        title = "Two inertias"
+        duration = 120.0
+        reference = 9.9
+        plant = [{ part = "wells.JANSEN_2" }, { part = "BitRock", weight = 97_347.0 }]
+        [[controllers]]
+        label = "soft torque"
+        law = "SoftTorque"
+        sample_time = 0.01
+        delay = 0.02
+        noise = { "top.speed" = 0.01 }
+        [[controllers]]
+        label = "stiff"
+        law = "StiffPI"
+    """
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    soft = Sampled(SoftTorque(reference=9.9), 0.01, delay=0.02, noise={"top.speed": 0.01})
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+    made = Scene.of(rig, 120.0, {"soft torque": soft, "stiff": StiffPI(reference=9.9)}, title="Two inertias")
+    assert made == Scene.load(path)
+    assert made.run("stiff").time_in("bit", "stick", after=60.0) > 10.0
+    belt = Scene.of(compose(BlockOnBelt()), 30.0)
+    assert (belt.element, belt.signal, belt.effort, belt.labels, belt.reference) == ("belt", "belt.slip", "block.force", ["no controller"], None)
+    two = Scene.of(rig, 120.0, {"slow": StiffPI(reference=3.0), "fast": StiffPI(reference=9.0)})
+    assert two.reference is None  # laws that want different speeds
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((BlockOnBelt(), 30.0), "`plant` must be a plant"),
+        ((compose(BlockOnBelt()), "30 s"), "`duration` must be"),
+        ((compose(BlockOnBelt()), 30.0, {"mine": lambda t, y: 0.0}), "`controller` must be"),
+        ((compose(Block()), 30.0), "must have a contact"),
+    ],
+)
+def test_a_scene_is_not_made_of_what_it_cannot_hold(arguments, words):
+    with pytest.raises(SceneError, match=words):
+        Scene.of(*arguments)
+    with pytest.raises(SceneError, match="did you mean `belt`"):
+        Scene.of(compose(BlockOnBelt()), 30.0, element="bely")
 
 
 def test_a_scene_prints_its_plant_and_its_cases():

@@ -13,7 +13,7 @@ import pytest
 
 from controllers import LQG, PI, ActiveDamping, StiffPI
 from models import BitRock, TorsionalChain, wells
-from toolbox import Controller, Equations, Sampled, SceneError, SimulationError, linearise, measure, quantity, state, tune
+from toolbox import Controller, Equations, Sampled, SceneError, SimulationError, compose, linearise, measure, quantity, state, tune
 from toolbox.scene import Case, Scene
 
 
@@ -47,6 +47,7 @@ def squared(run):
     return off_by(run) ** 2
 
 
+RIG = compose(wells.JANSEN_2, BitRock())
 LOADS = (1000.0, 2000.0, 6000.0)
 
 
@@ -144,6 +145,19 @@ def test_tuning_frees_the_bit_that_the_stiff_drive_leaves_in_stick_slip_on_every
     report = str(found)
     for word in ("StiffPI `stiff, 100 Hz`", "proportional [N m s/rad]", "worst of 2 scenes", "90 kN", "severity", "given", "tuned", "log"):
         assert word in report
+
+
+def test_plants_stand_for_scenes_that_are_judged_as_a_scene_file_is():
+    """On the free string |torque - weight| is smallest at the weight; on two weights in the middle."""
+    box = {"torque": (100.0, 10_000.0)}
+    plants = {f"{load:g} N": RIG.with_parameters({"bit.weight": load}) for load in LOADS}
+    worst = tune(plants, Dials(), off_by, box, duration=0.1, runs=120)
+    assert worst.law.torque == tune(loads(), Dials(), off_by, box, runs=120).law.torque
+    alone = tune(plants["2000 N"], Dials(), off_by, box, duration=0.1, runs=60)
+    assert alone.law.torque == pytest.approx(2000.0, rel=1e-3)
+    drive = PI(reference=9.95, proportional=20e3, integral=2e3)
+    found = tune(RIG, Sampled(drive, 0.01), ["settling", "stuck"], {"proportional": (300.0, 20e3)}, duration=60.0, runs=12)
+    assert isinstance(found.controller, Sampled) and found.before.values[0][1] > 1.0  # sticks as given; the law's own reference is the set-point
 
 
 def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_functions():
@@ -330,7 +344,10 @@ def test_the_same_seed_gives_the_same_search_and_another_one_another():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scene": 3}, "`scene` must be a Scene"),
+        ({"scene": 3}, "`scene` must be a Scene, a plant"),
+        ({"scene": RIG}, "`controller` must be a law"),
+        ({"scene": RIG, "controller": Dials()}, "`duration` must be"),
+        ({"duration": 5.0}, "`duration` must be left out"),
         ({"scene": []}, "at least one Scene"),
         ({"controller": "dial"}, "did you mean `dials`"),
         ({"controller": lambda t, y: 0.0}, "`controller` must be"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from toolbox import inputs as shapes
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.compose import compose
+from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
@@ -23,6 +24,22 @@ if TYPE_CHECKING:
     from toolbox.needs import Needs
 
 Number = float | tuple[float, ...]
+
+
+def judged_signal(plant: HybridSystem, element: str) -> str:
+    """The signal whose severity is judged where nobody names one: the speed of what rubs, else its slip."""
+    return f"{element}.speed" if f"{element}.speed" in plant.signals else f"{element}.slip"
+
+
+def _reference(law: Controller | None, unit: str) -> float | None:
+    """The set-point that a law declares in this unit; None without one."""
+    declared = {each.name: each.metadata.get("unit") for each in fields(law)} if law is not None else {}
+    return getattr(law, "reference", None) if declared.get("reference") == unit else None
+
+
+def judged_effort(plant: HybridSystem, signal: str) -> str:
+    """The input whose peak is reported where nobody names one: the torque of a top drive, else the first input, else the judged signal."""
+    return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
 
 
 @dataclass(frozen=True)
@@ -62,6 +79,16 @@ class Case:
             return self.law
         return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
 
+    @staticmethod
+    def of(label: str, controller: Controller | Sampled | None) -> Case:
+        """The case of a continuous law, of a sampled one, or of none. Raises SceneError for anything else, a Python function too."""
+        if controller is None or isinstance(controller, Controller):
+            return Case(label, controller)
+        if isinstance(controller, Sampled) and isinstance(controller.law, Controller):
+            c = controller
+            return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
+        raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -87,6 +114,47 @@ class Scene:
     start: Mapping[str, Number] = field(default_factory=dict)
     inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
     parameters: Mapping[str, Number] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        plant: HybridSystem,
+        duration: float,
+        controllers: Mapping[str, Controller | Sampled | None] | None = None,
+        *,
+        title: str = "",
+        element: str | None = None,
+        signal: str | None = None,
+        effort: str | None = None,
+        after: float | None = None,
+        reference: float | None = None,
+        **others: Any,
+    ) -> Scene:
+        """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
+
+        element: without, the first contact;  signal: `<element>.speed` where the plant has it, else its slip;  effort: `top.torque`, else the first input;
+        after: half of the duration;  reference: that of the laws, where all have one and the same;  others: accuracy, standstill, start, inputs,
+        parameters. Raises SceneError as `check` does, and for a plant without contact.
+        """
+        if not isinstance(plant, HybridSystem):
+            raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+        if not is_finite_number(duration) or not duration > 0:
+            raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
+        contacts = [each.name for each in plant.elements]
+        if not contacts:
+            raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+        if element is not None and element not in contacts:
+            raise SceneError(f"There is no element `{element}` to be judged: {suggest(element, contacts)}")
+        element = element or contacts[0]
+        cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
+        signal = signal or judged_signal(plant, element)
+        wished = {_reference(case.law, plant.unit(signal)) for case in cases}
+        reference = wished.pop() if reference is None and len(wished) == 1 else reference
+        scene = Scene(
+            title or ", ".join(type(part).__name__ for part in plant.parts), plant.parts, cases, float(duration), element, signal,
+            effort or judged_effort(plant, signal), duration / 2 if after is None else after, reference=reference, **others,
+        )  # fmt: skip
+        scene.check()
+        return scene
 
     @staticmethod
     def load(path: str | Path) -> Scene:

@@ -38,7 +38,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.parts import Component
-from toolbox.scene import Case, Number, Scene, Waveform
+from toolbox.scene import Case, Number, Scene, Waveform, judged_effort, judged_signal
 from toolbox.simulate import checked_run
 from toolbox.units import parse
 
@@ -108,9 +108,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         )
     element = _text(verdict.get("element", contacts[0]), "verdict.element")
     _known(element, contacts, "verdict.element")
-    speed = f"{element}.speed"
-    signal = _text(verdict.get("signal", speed if speed in plant.signals else f"{element}.slip"), "verdict.signal")
-    drive = "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
+    signal = _text(verdict.get("signal", judged_signal(plant, element)), "verdict.signal")
     reference = data.get("reference")
     if reference is not None:
         reference = parse(reference, plant.unit(signal), "reference")
@@ -122,7 +120,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         duration=duration,
         element=element,
         signal=signal,
-        effort=_text(verdict.get("effort", drive), "verdict.effort"),
+        effort=_text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
         after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
         standstill=parse(verdict["standstill"], plant.unit(signal), "verdict.standstill") if "standstill" in verdict else None,
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),

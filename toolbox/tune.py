@@ -25,6 +25,7 @@ from toolbox import measure
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.hybrid import HybridSystem
 from toolbox.journal import Journal, fingerprint
 from toolbox.parts import bounds_broken, fields_of, is_nested
 from toolbox.scene import Case, Scene
@@ -38,11 +39,12 @@ _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
 
 
 def tune(
-    scene: Scene | Sequence[Scene] | Mapping[str, Scene],
+    scene: Scene | HybridSystem | Sequence[Scene | HybridSystem] | Mapping[str, Scene | HybridSystem],
     controller: str | Controller | Sampled,
     objective: Objective | Sequence[Objective] | Mapping[str, Objective],
     bounds: Mapping[str, tuple[float, float]],
     *,
+    duration: float | None = None,
     over: Callable[[Sequence[float]], float] = max,
     runs: int = 200,
     seed: int = 0,
@@ -52,7 +54,8 @@ def tune(
 ) -> Tuned:
     """The numbers of a law within `bounds` that make one objective smallest, or the front of several; the module says how it searches.
 
-    scene: one, several, or {label: scene}: the law must do well on all of them.  controller: label of a case that every scene has (each keeps its own
+    scene: one, several, or {label: scene}: the law must do well on all of them; plants may stand for scenes, which are then `Scene.of(plant, duration)`: from
+    rest, judged in the second half.  duration: of those runs [s].  controller: label of a case that every scene has (each keeps its own
     set-point, period and sensors), a Controller (continuous) or Sampled.  objective: a column of the verdict ("stuck" [s], "severity", "settling" [s],
     "overshoot", "peak"; `measure.severity` is the same as "severity"), judged as the scene says, or a function run -> float to be made small; a sequence
     or {label: objective} for a front.  bounds: {numeric field of the law: (low, high)} in SI; a dot leads into nested laws ("law.detuning") and tuples
@@ -66,7 +69,7 @@ def tune(
     be evaluated as given, or cannot travel to an executor, and a journal of other arguments. A later point whose law cannot be designed or whose run fails
     is recorded as infinitely bad.
     """
-    scenes = _scenes(scene)
+    scenes = _scenes(scene, controller, duration)
     cases = [_case(each, controller) for each in scenes.values()]
     free = _free(cases[0], bounds)
     for label, case in zip(scenes, cases, strict=True):
@@ -117,12 +120,20 @@ def tune(
     )
 
 
-def _scenes(given: Any) -> dict[str, Scene]:
-    if isinstance(given, Scene):
+def _scenes(given: Any, controller: Any, duration: float | None) -> dict[str, Scene]:
+    if isinstance(given, (Scene, HybridSystem)):
         given = [given]
+    several = list(given.values()) if isinstance(given, Mapping) else list(given) if isinstance(given, Sequence) else [given]
+    if any(isinstance(each, HybridSystem) for each in several):
+        if isinstance(controller, str):
+            raise SceneError(f"Argument `controller` must be a law where a plant is tuned for, not the label of a case, but it is {controller!r}.")
+        several = [Scene.of(each, duration, {"tuned": controller}) if isinstance(each, HybridSystem) else each for each in several]  # type: ignore[arg-type]
+        given = dict(zip(given, several, strict=True)) if isinstance(given, Mapping) else several
+    elif duration is not None:
+        raise SceneError(f"Argument `duration` must be left out for scenes, which have their own, but it is {duration!r}.")
     if not isinstance(given, Mapping):
         if not isinstance(given, Sequence) or not all(isinstance(each, Scene) for each in given):
-            raise SceneError(f"Argument `scene` must be a Scene or several, but it is {given!r}.")
+            raise SceneError(f"Argument `scene` must be a Scene, a plant made by `compose`, or several, but it is {given!r}.")
         titles = [each.title for each in given]
         given = {
             title if titles.count(title) == 1 else f"{title} ({i})": each
@@ -136,11 +147,8 @@ def _scenes(given: Any) -> dict[str, Scene]:
 def _case(scene: Scene, controller: Any) -> Case:
     if isinstance(controller, str):
         case = scene.case(controller)
-    elif isinstance(controller, Sampled) and isinstance(controller.law, Controller):
-        c = controller
-        case = Case("tuned", c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
-    elif isinstance(controller, Controller):
-        case = Case("tuned", controller)
+    elif isinstance(controller, (Controller, Sampled)):
+        case = Case.of("tuned", controller)
     else:
         raise SceneError(f"Argument `controller` must be the label of a case, a Controller, or Sampled with one, but it is {controller!r}.")
     dataclasses.replace(scene, cases=(case,)).check()

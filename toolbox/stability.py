@@ -263,7 +263,7 @@ def hopf_points(
     their continuous form.  mode: modes of the steady state, as in `equilibrium`.  guess: {state: value} of one steady state in the range, where
     none is found without, as under a drive whose limits hide it.  values: how many values of the parameter are looked at; two crossings
     between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
-    passed over. Raises SceneError for unknown names, a range that is none, and a plant without any steady state in the range.
+    passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range that is none, and a plant without any steady state in the range.
     """
     low, high = checked_range(between)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
@@ -277,7 +277,13 @@ def hopf_points(
     found = []
     for a, b in itertools.pairwise(map(float, grid)):
         left, right = followed.growths(a), followed.growths(b)
-        if left is None or right is None:
+        if left is None and right is not None:  # stability may be lost just before steady running ends
+            a = followed.edge(b, a)
+            left = followed.growths(a)
+        elif right is None and left is not None:
+            b = followed.edge(a, b)
+            right = followed.growths(b)
+        if left is None or right is None or not a < b:
             continue
         counts = [int((growths > 0).sum()) for growths in (left, right)]
         for k in range(min(counts), max(counts)):
@@ -427,6 +433,20 @@ class Followed:
             x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
             step *= 1.08
         return np.nan_to_num(x)
+
+    def edge(self, there: float, gone: float) -> float:
+        """The last value on the way from one with a steady state to one without at which a steady state is found, to a part in 1e7 of the way."""
+        point = self(there)
+        assert point is not None
+        for _ in range(24):
+            middle = 0.5 * (there + gone)
+            found = self._found(middle, point.states)
+            if found is None:
+                gone = middle
+            else:
+                there, point = middle, found
+                self.known[middle] = found
+        return there
 
     def growths(self, value: float) -> np.ndarray | None:
         """Real parts of all pairs of poles at a value [1/s], largest first; None without a steady state."""

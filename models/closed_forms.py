@@ -106,8 +106,9 @@ def den_hartog_amplitude(block: BlockOnBelt, force: float, frequency: float) -> 
 
         x_0 = (P / k) sqrt(V^2 - (F / P)^2 U^2),   V = 1 / (1 - r^2),   U = sin(pi / r) / (r (1 + cos(pi / r))),   r = w / w_n
 
-    force: P [N];  frequency: w [rad/s]. Range: undamped, one law for rest and motion, and F / P below `den_hartog_bound`. Raises SceneError outside of it
-    and at resonance. Source: J. P. Den Hartog (1931).
+    force: P [N];  frequency: w [rad/s]. Range: undamped, one law for rest and motion, and F / P below `den_hartog_bound`. At r = 1/2, 1/4, ... friction
+    does not damp the free swing of twice, four times the frequency, and motions that are not symmetric go on beside this one. Raises SceneError outside
+    of the range and at resonance. Source: J. P. Den Hartog (1931).
     """
     law = block.friction
     if not isinstance(law, Coulomb) or law.static != law.kinetic:

@@ -123,6 +123,32 @@ def test_contact_lost_by_a_pull_returns_when_the_pull_ends(law):
     assert energy_audit(run).relative < 1e-8
 
 
+def test_a_body_between_two_rigid_stops_crosses_its_gap_slower_by_the_restitution_every_time():
+    """Free flight over a gap of 2 w: impact n at w / v + sum_(k=1)^(n-1) 2 w / (e^k v), speed e^n v behind it."""
+
+    @dataclass(frozen=True)
+    class Rattle(Component):
+        gap: float = quantity(0.25, "m", "half of the gap w")
+        restitution: float = quantity(0.8, "1")
+
+        def equations(self, signal):
+            x, v = state("body.position", "m"), state("body.speed", "m/s")
+            left = UnilateralContact("left", -x - self.gap, -v, restitution=self.restitution)
+            right = UnilateralContact("right", x - self.gap, v, restitution=self.restitution)
+            return Equations(flow={x: v, v: left.force - right.force + signal("body.force", "N", default=0.0)}, elements=[left, right])
+
+    plant = compose(Rattle())
+    run = simulate(plant, 10.0, start={"body.speed": 1.0})
+    times = 0.25 + 0.5 * np.concatenate([[0.0], np.cumsum(0.8 ** -np.arange(1.0, 20.0))])
+    times = times[times < 10.0]
+    np.testing.assert_allclose([event.time for event in run.events], times, rtol=1e-9)
+    assert [event.element for event in run.events] == (["right", "left"] * 10)[: len(times)]
+    assert abs(run["body.speed"][-1]) == pytest.approx(0.8 ** len(times), rel=1e-9)
+    pressed = simulate(plant, 10.0, start={"body.speed": 1.0}, inputs={"body.force": ([0.0, 5.0, 5.0], [1.0, 1.0, -1.0])})
+    assert pressed.time_in("right", "closed") > 1.0 and pressed.time_in("left", "closed") > 1.0
+    assert np.abs(pressed["body.position"]).max() < 0.25 + 1e-12
+
+
 def test_a_slow_pull_opens_a_rigid_contact_where_it_equals_the_weight():
     run = simulate(compose(Ball(restitution=0.0)), 3.0, inputs={"ball.force": ([0.0, 3.0], [0.0, 30.0])})
     (event,) = run.events

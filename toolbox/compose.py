@@ -408,7 +408,14 @@ def _check_gain(system: HybridSystem) -> None:
     if gain.sparsity().is_diag() or not held:
         return
     size = np.sqrt(np.diag(matrix))
-    values, vectors = np.linalg.eig(matrix / np.outer(size, size))
+    matrix = matrix / np.outer(size, size)
+    # two stops of one body are never closed together: only one of them counts
+    opposed = [
+        j for j, b in enumerate(holding) if b.unilateral and any(a.unilateral and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
+    ]
+    kept = [i for i in range(len(holding)) if i not in opposed]
+    matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
+    values, vectors = np.linalg.eig(matrix)
     weakest = np.argmin(np.abs(values))
     if abs(values[weakest]) < 1e-12:
         share = np.abs(vectors[:, weakest])

@@ -263,7 +263,8 @@ def hopf_points(
     their continuous form.  mode: modes of the steady state, as in `equilibrium`.  guess: {state: value} of one steady state in the range, where
     none is found without, as under a drive whose limits hide it.  values: how many values of the parameter are looked at; two crossings
     between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
-    passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range that is none, and a plant without any steady state in the range.
+    passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range
+    that is none, and a plant without any steady state in the range.
     """
     low, high = checked_range(between)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)

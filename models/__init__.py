@@ -16,7 +16,7 @@ from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
-from models.friction import Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition
+from models.friction import Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition
 from models.gears import GearNetwork
 from models.hand_arm import HandArm
 from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
@@ -52,6 +52,7 @@ __all__ = [
     "Exponential",
     "FlowLine",
     "FrictionDamper",
+    "GaussianStribeck",
     "GearNetwork",
     "HandArm",
     "Hyperbolic",
@@ -62,12 +63,14 @@ __all__ = [
     "OutletRCR",
     "PlateContact",
     "PressedDisks",
+    "RationalStribeck",
     "Section",
     "Slider",
     "SmoothBitRock",
     "SmoothHystereticBitRock",
     "SquealingPad",
     "Survey",
+    "Tabulated",
     "TopDrive",
     "TorsionalChain",
     "TorsionalPendulum",

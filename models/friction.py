@@ -7,6 +7,7 @@ is a force itself) belongs to the contact. `decay` has the inverse unit of the s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 
@@ -101,6 +102,82 @@ class Drop(FrictionLaw):
 
     def check(self):
         _static_first(self.static, self.kinetic)
+
+
+@dataclass(frozen=True)
+class GaussianStribeck(FrictionLaw):
+    """Stribeck friction as controls know it: mu(v) = kinetic + (static - kinetic) exp(-(v / speed)^2).
+
+    Its slope is zero at rest and steepest at speed / sqrt(2), where mu' = -sqrt(2 / e) (static - kinetic) / speed. Viscous friction belongs to the part that
+    moves (`drag` of a `BlockOnBelt`). Range: any speed. Source: B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138.
+    """
+
+    static: float = quantity(1.5, "1", "static coefficient", at_least=0)
+    kinetic: float = quantity(1.0, "1", "kinetic coefficient at high speed", at_least=0)
+    speed: float = quantity(0.1, "m/s", "Stribeck speed v_s (rad/s for rotation)", above=0)
+
+    def sliding(self, speed):
+        return self.kinetic + (self.static - self.kinetic) * ca.exp(-((speed / self.speed) ** 2))
+
+    def breakaway(self):
+        return self.static
+
+    def check(self):
+        _static_first(self.static, self.kinetic)
+
+
+@dataclass(frozen=True)
+class RationalStribeck(FrictionLaw):
+    """Friction that falls as a hyperbola to a level and rises again: mu(v) = kinetic + (static - kinetic) / (1 + decay |v|) + rise v^2.
+
+    The law of the blocks of K. Popp, P. Stelter, Phil. Trans. R. Soc. Lond. A 332 (1990) 89-105, and of U. Galvanetto, S. R. Bishop, who write it as
+    (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is this with kinetic = rise = 0. Range: any speed.
+    """
+
+    static: float = quantity(0.4, "1", "static coefficient", at_least=0)
+    kinetic: float = quantity(0.1, "1", "level to which the hyperbola falls", at_least=0)
+    decay: float = quantity(3.0, "s/m", "decay with slip speed (s/rad for rotation)", at_least=0)
+    rise: float = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
+
+    def sliding(self, speed):
+        return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.rise * speed**2
+
+    def breakaway(self):
+        return self.static
+
+    def check(self):
+        _static_first(self.static, self.kinetic)
+
+
+@dataclass(frozen=True)
+class Tabulated(FrictionLaw):
+    """Measured friction: coefficients at slip speeds, linear between them, constant beyond the last one.
+
+    The first speed is 0: its coefficient is that of beginning slip, at most `static`, the bound at rest. Every speed within is a kink, located as an event is,
+    so that the accuracy of a run does not suffer from it. Range: rows of a few to some dozens; the numbers are an example.
+    """
+
+    speeds: tuple[float, ...] = quantity((0.0, 0.1, 0.5, 2.0), "m/s", "slip speeds, from 0 upwards (rad/s for rotation)", at_least=0)
+    coefficients: tuple[float, ...] = quantity((0.4, 0.3, 0.2, 0.25), "1", "kinetic coefficients at these speeds", at_least=0)
+    static: float = quantity(0.4, "1", "static coefficient", at_least=0)
+
+    def sliding(self, speed):
+        v, mu = self.speeds, self.coefficients
+        slopes = [(b - a) / (w - u) for (u, w), (a, b) in zip(pairwise(v), pairwise(mu), strict=True)]
+        turns = [(after - before) * ca.fmax(0, speed - u) for u, (before, after) in zip(v[1:], pairwise([*slopes, 0]), strict=True)]
+        return mu[0] + slopes[0] * speed + sum(turns)
+
+    def breakaway(self):
+        return self.static
+
+    def check(self):
+        if len(self.speeds) < 2 or len(self.speeds) != len(self.coefficients):
+            raise SceneError(
+                f"Argument `speeds` must have as many entries as `coefficients`, 2 or more, but they have {len(self.speeds)} and {len(self.coefficients)}."
+            )
+        if self.speeds[0] != 0.0 or any(not u < w for u, w in pairwise(self.speeds)):
+            raise SceneError(f"Argument `speeds` must begin at 0 and increase, but it is {self.speeds!r}.")
+        _static_first(self.static, self.coefficients[0])
 
 
 @dataclass(frozen=True)

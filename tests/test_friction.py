@@ -8,9 +8,25 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Drop, Exponential, Hyperbolic, Transition, TwoDisks, wells
-from toolbox import SceneError, compose, simulate
+from models import (
+    BitRock,
+    BlockOnBelt,
+    Coulomb,
+    CubicStribeck,
+    Drop,
+    Exponential,
+    GaussianStribeck,
+    Hyperbolic,
+    RationalStribeck,
+    Tabulated,
+    Transition,
+    TwoDisks,
+    oscillators,
+    wells,
+)
+from toolbox import SceneError, compose, hopf_points, limit_cycle, simulate
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -20,6 +36,9 @@ LAWS = [
     Hyperbolic(static=1.0, decay=3.0),
     CubicStribeck(static=0.4, minimum=0.25, minimum_speed=0.5),
     Transition(static=0.3, kinetic=0.195, speed=1.5),
+    GaussianStribeck(static=1.5, kinetic=1.0, speed=0.1),
+    RationalStribeck(static=0.4, kinetic=0.1, decay=3.0, rise=0.2),
+    Tabulated(speeds=(0.0, 0.1, 0.5), coefficients=(0.4, 0.3, 0.2), static=0.4),
 ]
 each_law = pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
 
@@ -71,6 +90,85 @@ def test_cubic_friction_has_its_minimum_where_it_is_declared():
     assert float(slope(0.5)) == pytest.approx(0.0, abs=1e-15)
     assert float(slope(0.49)) < 0 < float(slope(0.51))
     assert coefficient(law, 1.0) == pytest.approx(0.55, rel=1e-15)
+
+
+def test_gaussian_friction_falls_steepest_at_its_speed_by_root_two():
+    law = GaussianStribeck(static=1.5, kinetic=1.0, speed=0.1)
+    assert coefficient(law, 0.1) == pytest.approx(1.0 + 0.5 / math.e, rel=1e-15)
+    v = ca.SX.sym("v")
+    slope = ca.Function("slope", [v], [ca.jacobian(law.sliding(v), v), ca.hessian(law.sliding(v), v)[0]])
+    steepest, turn = slope(0.1 / math.sqrt(2))
+    assert float(steepest) == pytest.approx(-math.sqrt(2 / math.e) * 0.5 / 0.1, rel=1e-14) and float(turn) == pytest.approx(0.0, abs=1e-10)
+    assert float(slope(0.0)[0]) == 0.0  # sliding may be stable at creeping speeds, where an exponential law is worst
+
+
+def test_under_gaussian_friction_sliding_is_unstable_between_two_hopf_speeds():
+    law = GaussianStribeck(static=1.5, kinetic=1.0, speed=0.1)
+    plant = compose(BlockOnBelt(damping=2.0, friction=law))
+    low, high = hopf_points(plant, "block.belt_speed", (0.005, 0.5))
+    for point, stable in ((low, "below"), (high, "above")):
+        assert point.stable == stable  # c = 2 (mu_s - mu_k) v / v_s^2 exp(-(v / v_s)^2)
+        assert pytest.approx(2 * 0.5 * point.value / 0.01 * math.exp(-((point.value / 0.1) ** 2)), rel=1e-9) == 2.0
+
+
+def test_rational_friction_holds_the_laws_of_leine_and_of_galvanetto_and_bishop():
+    for v in (0.0, 0.2, 1.0, 5.0):
+        assert coefficient(RationalStribeck(static=1.0, kinetic=0.0, decay=3.0), v) == coefficient(Hyperbolic(static=1.0, decay=3.0), v)
+        law = RationalStribeck(static=1.0, kinetic=0.3, decay=3.0, rise=1e-3)
+        assert coefficient(law, v) == pytest.approx((1 - 0.3) / (1 + 3.0 * v) + 0.3 + 1e-3 * v * v, rel=1e-15)
+    leine = simulate(compose(oscillators.LEINE), 40.0)
+    same = simulate(compose(BlockOnBelt(friction=RationalStribeck(static=1.0, kinetic=0.0, decay=3.0))), 40.0)
+    assert [event.time for event in same.events] == pytest.approx([event.time for event in leine.events], rel=1e-12)
+    assert compose(wells.JANSEN_2, BitRock(friction=RationalStribeck())).parameters["bit.friction.rise"].unit == "s2/rad2"
+
+
+def test_tabulated_friction_goes_through_its_table_and_stays_at_its_end():
+    speeds, coefficients = [0.0, 0.1, 0.5, 2.0], np.array([0.4, 0.3, 0.2, 0.25])
+    law = Tabulated(speeds=speeds, coefficients=coefficients, static=0.5)
+    for v in (0.0, 0.05, 0.1, 0.3, 1.0, 2.0, 50.0):
+        assert coefficient(law, v) == pytest.approx(np.interp(v, speeds, coefficients), rel=1e-14)
+    assert law.breakaway() == 0.5
+
+
+def test_a_table_of_one_level_is_coulomb_friction():
+    """Period of the belt cycle (2 / w_n)(pi - arctan z) + 2 z / w_n with z = N (mu_s - mu_k) w_n / (k v), exact."""
+    level = Tabulated(speeds=(0.0, 0.1, 0.4), coefficients=(0.6, 0.6, 0.6), static=1.0)
+    z = 0.4 / 0.2
+    cycle = limit_cycle(compose(BlockOnBelt(belt_speed=0.2, friction=level)), 60.0)
+    assert cycle.period == pytest.approx(2 * (math.pi - math.atan(z)) + 2 * z, rel=1e-11)
+
+
+def test_a_run_over_the_kinks_of_a_table_keeps_its_accuracy():
+    """v' = -x + mu(0.2 - v) from v = -1.5 to where the slip ends, over all three kinks, against scipy in tiny steps."""
+    speeds, coefficients = (0.0, 0.1, 0.5, 1.0), (1.0, 0.7, 0.5, 0.6)
+    plant = compose(BlockOnBelt(belt_speed=0.2, friction=Tabulated(speeds, coefficients, static=1.0)))
+    run = simulate(plant, 10.0, start={"block.speed": -1.5}, accuracy=1e-9)
+
+    def flow(t, y):
+        return [y[1], -y[0] + np.interp(0.2 - y[1], speeds, coefficients)]
+
+    def slip(t, y):
+        return 0.2 - y[1]
+
+    slip.terminal = True
+    found = solve_ivp(flow, (0.0, 10.0), [0.0, -1.5], method="DOP853", rtol=1e-12, atol=1e-13, events=slip, max_step=1e-3)
+    assert run.events[0].time == pytest.approx(found.t[-1], rel=1e-8)
+    assert run.at(found.t[-1])["block.position"] == pytest.approx(found.y[0, -1], rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({"speeds": (0.1, 0.2), "coefficients": (0.4, 0.3)}, "begin at 0"),
+        ({"speeds": (0.0, 0.2, 0.2), "coefficients": (0.4, 0.3, 0.2)}, "increase"),
+        ({"speeds": (0.0, 0.2), "coefficients": (0.4, 0.3, 0.2)}, "as many entries"),
+        ({"speeds": (0.0,), "coefficients": (0.4,)}, "2 or more"),
+        ({"static": 0.3}, "static coefficient"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(fields, word):
+    with pytest.raises(SceneError, match=word):
+        compose(BlockOnBelt(friction=dataclasses.replace(Tabulated(), **fields)))
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if not isinstance(law, Coulomb)], ids=lambda law: type(law).__name__)
@@ -131,8 +229,10 @@ def test_an_override_that_lifts_kinetic_friction_above_the_static_bound_is_refus
 @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf, "0.5", True])
 def test_every_number_of_a_law_is_checked(law, bad):
     for spec in dataclasses.fields(law):
-        with pytest.raises(SceneError, match=spec.name):
-            compose(BlockOnBelt(friction=dataclasses.replace(law, **{spec.name: bad})))
+        row = getattr(law, spec.name)
+        for wrong in (bad,) if not isinstance(row, tuple) else (bad, (*row[:-1], bad)):
+            with pytest.raises(SceneError, match=spec.name):
+                compose(BlockOnBelt(friction=dataclasses.replace(law, **{spec.name: wrong})))
 
 
 def test_the_parameters_of_a_law_are_named_after_its_contact():

@@ -369,6 +369,8 @@ def _unit_at(element: Element, unit: str) -> str:
         return element.slip_unit
     if unit in ("s/m", "s/rad"):
         return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
+    if unit == "s2/m2" and element.slip_unit == "rad/s":
+        return "s2/rad2"
     return element.force_unit if unit in ("N", "N m") else unit
 
 

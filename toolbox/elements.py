@@ -61,13 +61,24 @@ def quantity(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def rows_as_tuples(part: Any) -> None:
+    """Turn lists and arrays in the tuple fields of a part or law into tuples: parts are compared and kept."""
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        if isinstance(value, (list, np.ndarray)) and str(field.type).startswith("tuple"):
+            object.__setattr__(part, field.name, tuple(value.tolist() if isinstance(value, np.ndarray) else value))
+
+
 @dataclass(frozen=True)
 class FrictionLaw:
     """Coefficient of dry friction per unit of load, as a function of the slip speed.
 
     A law is a frozen dataclass whose numeric fields are declared with `quantity`. It must be smooth for positive slip speeds, except at the
-    speeds that it declares as `breaks`.
+    speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
     """
+
+    def __post_init__(self) -> None:
+        rows_as_tuples(self)
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
         """Kinetic friction per unit of load at slip speed `speed` >= 0.

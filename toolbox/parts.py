@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.elements import Element, FrictionLaw, State, is_finite_number
+from toolbox.elements import Element, FrictionLaw, State, is_finite_number, rows_as_tuples
 from toolbox.errors import SceneError
 
 
@@ -61,10 +61,7 @@ class Component:
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        for field in fields_of(type(self)):
-            value = getattr(self, field.name)
-            if field.tuples and isinstance(value, (list, np.ndarray)):  # parts are compared and kept, so rows of numbers are tuples
-                object.__setattr__(self, field.name, tuple(value.tolist() if isinstance(value, np.ndarray) else value))
+        rows_as_tuples(self)
 
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, wells
+from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, Tabulated, wells
 from toolbox import SceneError, compose, simulate
 from toolbox.rollout import Rollout, lacking, regularised
 
@@ -33,6 +33,20 @@ def test_a_rollout_with_exact_modes_is_the_motion_that_simulate_finds_through_re
         errors.append(np.abs((X - run.states) / sizes).max())
     assert errors[0] < 1e-4
     assert errors[1] < errors[0] / 8  # order four over forty seconds, events included: 16 but for round-off
+
+
+@pytest.mark.parametrize("regularisation", [None, regularised(0.05)], ids=["exact", "smooth"])
+def test_a_law_with_kinks_is_rolled_out_over_them(regularisation):
+    """Kinks of fmax are guards of the event loop, and none of a prediction: its numbers are those of modes alone."""
+    table = Tabulated(speeds=(0.0, 1.0, 3.0, 8.0), coefficients=(0.8, 0.6, 0.52, 0.5), static=0.8)
+    rig = compose(wells.JANSEN_2, BitRock(friction=table))
+    times = np.arange(TORQUES.size + 1) * 0.1
+    run = simulate(rig, times[-1], inputs={"top.torque": as_input(TORQUES, 0.1)}, output_times=times, accuracy=1e-10)
+    steps = 8 if regularisation is None else 400
+    X, A, B, _ = Rollout(rig, ["top.torque"], 0.1, steps, regularisation).advance(np.zeros(3), TORQUES)
+    sizes = np.abs(run.states).max(axis=0)
+    assert np.abs((X - run.states) / sizes).max() < (1e-4 if regularisation is None else 0.2)
+    assert np.isfinite(A).all() and np.isfinite(B).all()
 
 
 def test_derivatives_across_a_switch_are_those_of_the_hybrid_flow():

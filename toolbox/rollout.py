@@ -195,7 +195,7 @@ class Rollout:
         p = ca.vertcat(plant.p, scale)
         at = [x, u, p, m]
         field = ca.Function("field", at, [ca.substitute(form.field, plant.t, 0)])
-        guard = ca.densify(ca.substitute(form.guards, plant.t, 0))
+        guard = ca.densify(ca.substitute(form.guards[: 2 * len(twins)], plant.t, 0))  # behind them come kinks, over which a plan steps
         guards = ca.Function("guards", at, [guard])
         a = field(*at)
         b = field(x + h / 2 * a, u, p, m)

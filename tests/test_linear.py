@@ -11,7 +11,7 @@ import control
 import numpy as np
 import pytest
 
-from controllers import SoftTorque, StiffPI
+from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Relay, SceneError, compose, quantity, simulate, state
 from toolbox.linear import equilibrium, linearise
@@ -358,3 +358,28 @@ def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where
         states.append(equilibrium(continuous_loop(rig, law(reference=reference, **limits))).states)
     np.testing.assert_allclose(states[1], states[0], rtol=1e-9)
     assert states[1][1] == pytest.approx(reference, rel=1e-12)
+
+
+def test_a_law_closes_the_loop_of_a_steady_state_and_of_its_linear_system(rig):
+    """Poles of [twist, top speed, bit speed, angle of the PI] from the matrix written by hand; a run that begins there stays there."""
+    law, w = PI(reference=8.0, proportional=2000.0, integral=700.0), 8.0
+    rest = equilibrium(rig, controller=law, inputs={"top.reference": w})
+    assert rest["bit.speed"] == pytest.approx(w, rel=1e-9)
+    load = TORQUE * (0.5 + 0.3 * math.exp(-0.9 * w)) + CB * w
+    assert rest["pi.angle"] * 700.0 == pytest.approx(CR * w + load, rel=1e-9)
+    fall = TORQUE * 0.3 * 0.9 * math.exp(-0.9 * w)
+    matrix = [
+        [0, 1, -1, 0],
+        [-K / J1, -(C12 + CR + 2000.0) / J1, C12 / J1, 700.0 / J1],
+        [K / J2, C12 / J2, -(C12 + CB - fall) / J2, 0],
+        [0, -1, 0, 0],
+    ]
+    by_hand = np.sort_complex(np.linalg.eigvals(matrix))
+    for at in (rest, {"chain.speed": w}):
+        closed = linearise(rig, at=at, mode={"bit": "slip+"}, controller=law)
+        np.testing.assert_allclose(np.sort_complex(closed.poles()), by_hand, rtol=1e-7)
+        assert closed.input_labels == ["bit_weight", "top_reference"]
+    run = simulate(rig, 20.0, start=rest, controller=law)
+    assert np.abs(run["bit.speed"] - w).max() < 1e-6 and run.events == []
+    with pytest.raises(SceneError, match="continuous form"):
+        linearise(rig, controller=lambda t, y: 0.0)

@@ -70,19 +70,21 @@ def equilibrium(
     start: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
 ) -> Equilibrium:
     """The steady state dx/dt = 0 for constant inputs, in given modes, with every sliding element sliding the way its mode says.
 
     inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
     search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
     characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, contacts slide the way they do at the start ("slip+" at
-    zero slip) and relays are on their surface.  parameters: {name: value}. Time, where the plant depends on it, is 0.
+    zero slip) and relays are on their surface.  parameters: {name: value}.  controller: laws in their continuous form, as parts of the plant. Time,
+    where the plant depends on it, is 0.
 
     Raises SceneError where no steady state is found, where the one found contradicts its modes, and for arguments as `simulate` does.
     """
     from scipy.optimize import root
 
-    plant = _checked(plant, parameters)
+    plant = _checked(_closed(plant, controller), parameters)
     u = input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
     place_starts(plant, given, start or {})
@@ -130,6 +132,15 @@ def equilibrium(
     raise SceneError(f"There is no steady state for {given_inputs}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
 
 
+def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
+    """The plant with its controllers as parts, each in its continuous form."""
+    if controller is None:
+        return plant
+    from toolbox.stability import continuous_loop
+
+    return continuous_loop(plant, controller)
+
+
 def linearise(
     plant: HybridSystem,
     at: Mapping[str, Any] | Equilibrium | Samples | None = None,
@@ -137,13 +148,14 @@ def linearise(
     inputs: str | Sequence[str] | Mapping[str, float] | None = None,
     outputs: str | Sequence[str] | None = None,
     parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
 ) -> control.StateSpace:
     """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
 
     at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
     inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
     contacts slide forwards and relays are on their surface.  inputs, outputs: names to keep; without, all inputs and all scalar signals. A
-    mapping {name: value} for inputs keeps all and gives their values at the point.
+    mapping {name: value} for inputs keeps all and gives their values at the point.  controller: laws in their continuous form, which close the loop.
 
     Names have "_" for ".", which python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`. A point
     that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per
@@ -154,6 +166,7 @@ def linearise(
     """
     import control
 
+    plant = _closed(plant, controller)
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
         if plant.kernels is not at.plant.kernels:
             raise SceneError("Argument `at` must be a steady state of `plant`, but it belongs to another plant.")

@@ -22,6 +22,7 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.failures import exhausted, failure, trajectory_so_far
 from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.inputs import Shape, Table
+from toolbox.linear import Equilibrium
 from toolbox.parts import Component, checked, numbers_of, structure_of
 from toolbox.program import ExpressionKey, Program, program_of
 from toolbox.rosenbrock import RODAS5P, Rosenbrock
@@ -91,7 +92,7 @@ def simulate(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | Samples | None = None,
+    start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -105,7 +106,7 @@ def simulate(
 ) -> Trajectory:
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
-    start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), whose states are taken.  inputs:
+    start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`) or an `equilibrium`, whose states are taken.  inputs:
     {signal, or parameter of the plant that changes in time: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of
     `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared values.  controller: a Controller, a
     callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.
@@ -132,7 +133,7 @@ def checked_run(
     plant: HybridSystem,
     duration: float,
     *,
-    start: Mapping[str, Any] | Samples | None = None,
+    start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -167,6 +168,8 @@ def checked_run(
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     if isinstance(start, Samples):
         start = _states_of(plant, start)
+    elif isinstance(start, Equilibrium):
+        start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
         if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
             raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")

@@ -20,7 +20,8 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     slip becomes a drag: Coulomb's law gives mu_k (2 / pi) arcsin(v / B) for |v| < B and mu_k beyond, the bound at rest plays no part.
     Range: dither so fast that v hardly changes in a period, and the contact does not rest when the slip turns. By Gauss-Legendre
     quadrature between the turns of the slip; exact to round-off for constant friction, relative error below 1e-8 for decays up to
-    about 30 / B, and below 1e-4 across the kinks of a table. Raises SceneError for numbers that are not finite and B < 0. Source: textbook; J. J. Thomsen, A. Fidlin (2003).
+    about 30 / B, and below 1e-4 across the kinks of a table. Raises SceneError for numbers that are not finite and B < 0. Source: textbook; J. J.
+    Thomsen, A. Fidlin (2003).
     """
     if not math.isfinite(speed):
         raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")

@@ -14,7 +14,7 @@ from toolbox.closed_loop import Controller, Sampled
 from toolbox.compose import compose
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.hybrid import HybridSystem
+from toolbox.hybrid import HybridSystem, checked_plant
 from toolbox.parts import Component
 from toolbox.simulate import checked_run, simulate
 from toolbox.trajectory import Trajectory
@@ -135,8 +135,7 @@ class Scene:
         after: half of the duration;  reference: that of the laws, where all have one and the same;  others: accuracy, standstill, start, inputs,
         parameters. Raises SceneError as `check` does, and for a plant without contact.
         """
-        if not isinstance(plant, HybridSystem):
-            raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+        checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
         contacts = [each.name for each in plant.elements]

@@ -19,7 +19,7 @@ from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, 
 from toolbox.simulate import Run, checked_run
 from toolbox.stability import Knob
 from toolbox.tally import Measure
-from toolbox.work_arrays import place_start
+from toolbox.work_arrays import place_starts
 
 
 def varied_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:
@@ -76,8 +76,7 @@ def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str,
     """Start states of every run, shape (runs, states), from a function of what is varied."""
     starts = np.zeros((len(variations.points), run.system.x.numel()))
     for x, point in zip(starts, variations.points.tolist(), strict=True):
-        for name, value in begin(dict(zip(variations.names, point, strict=True))).items():
-            place_start(run.system, x, name, value)
+        place_starts(run.system, x, begin(dict(zip(variations.names, point, strict=True))))
     return starts
 
 

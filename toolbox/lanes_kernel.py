@@ -31,6 +31,11 @@ SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searc
 LARGE = 200_000
 """Instructions above which a block is compiled in a hurry: many runs are worth seconds of it."""
 
+PROBING, CLEARED = 1.0, 2.0
+"""What the row `dip` begins with where a step goes to the minimum of a guard, and where that has shown that the guard stays positive; behind that stand the
+guard, the minimum expected, and value and slope at the end of the step.
+"""
+
 MOST_TRIES = 30
 """Steps of a search after which the scalar loop takes over."""
 
@@ -80,7 +85,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     rows: dict[str, int] = {}
     size = 0
     vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n, "group_scale": groups,
-               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne,
+               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne, "dip": 5,
                "edges": 2 * windows, "measured": 3 * count * windows, "doubt": 1}  # fmt: skip
     for name, length in [*((name, 1) for name in SCALARS), *vectors.items()]:
         rows[name], size = size, size + length
@@ -100,10 +105,11 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
 
     # --- one step from where the lane stands
     t, searching, stop = was["time"], was["searching"].differs(0.0), was["stop"]
+    probing, cleared = (~was["dip"][0].differs(value) for value in (PROBING, CLEARED))
     wanted = smallest(was["wanted"], was["longest"])
     to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
-    h = searching.choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
-    unresolved = ~searching & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
+    h = (searching | probing).choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
+    unresolved = ~searching & ~probing & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
     names = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
     slopes, ends, end_field = stages(body, pair, rhs, field, (t.name, h.name), names)
     x_new = [Value(body, name) for name in ends]
@@ -148,24 +154,49 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         below |= wrong | (armed[j] & (b < 0.0) & ~this)
         located = this.choose(float(j), located)
 
-    # a guard may dip below zero inside a step, or before an event that cuts a step short
-    fresh, searching = runs & ~searching, runs & searching
+    # a guard may dip below zero inside a step, which a step to its minimum shows, or before an event that cuts a step short
+    fresh, searching, probing = runs & ~searching & ~probing, runs & searching, runs & probing
     event = searching & near & ~below
-
-    def low_dips() -> Truth:
-        found = nothing
-        for turns, a, da, b, db in dips:
-            found |= turns & (_lowest(a, da * h, b, db * h) <= 0.5 * largest(a, b))
-        return found & (fresh | event)
-
-    dipped = where_any(maybe & (fresh | event), low_dips)
     seen = error < 1e4
-    hit, odd = fresh & seen & hit, (fresh & ((seen & odd) | unresolved)) | dipped
+    hit, odd = (fresh | probing) & seen & hit, (fresh & ((seen & odd) | unresolved)) | (probing & odd)
+
+    def low_dips() -> tuple[Truth, Truth]:
+        low, several, one = nothing, nothing, [h * 0.0] * 5
+        for j, (turns, a, da, b, db) in enumerate(dips):
+            place, value = _lowest(a, da * h, b, db * h)
+            this = turns & (value <= 0.5 * largest(a, b))
+            several |= low & this
+            low |= this
+            one = [this.choose(new, old) for new, old in zip((float(ng - 1 - j), value, b, db, place), one, strict=True)]
+        low &= (fresh & ~cleared) | event
+        asks = low & fresh & ~several & ~hit & ~odd
+        was = Rows(body, rows, lengths)
+        store({"dip": [h * 0.0, *one[:4]], "fraction": [asks.choose(one[4], was["fraction"])], "whole": [asks.choose(h, was["whole"])]})
+        return asks, low & ~asks
+
+    def sound() -> tuple[Truth, ...]:
+        was = Rows(body, rows, lengths)
+        _, guard, expected, b, db = was["dip"]
+        a, da, value, slope = h * 0.0, h * 0.0, h * 0.0, h * 0.0
+        for j in range(ng):
+            this = ~guard.differs(float(j))
+            now = signed(was["g"], j), signed(was["g"], ng + j), signed(g_new, j), signed(g_new, ng + j)
+            a, da, value, slope = (this.choose(new, old) for new, old in zip(now, (a, da, value, slope), strict=True))
+        falls = slope < 0.0
+        a, da, b, db = falls.choose(value, a), falls.choose(slope, da), falls.choose(b, value), falls.choose(db, slope)
+        width = falls.choose(was["whole"] - h, h)
+        return (~((da < 0.0) & (db > 0.0)) | (_lowest(a, da * width, b, db * width)[1] > abs(value - expected)),)
+
+    (clear,) = where_any(probing, sound)
+    doubtful = probing & ~hit & ~clear
+    asks, dipped = where_any(maybe & ((fresh & ~cleared) | event), low_dips)
+    odd |= dipped | doubtful
     event &= ~dipped
+    more["dip"] = [asks.choose(PROBING, (probing & clear).choose(CLEARED, 0.0))]
     begins = hit & ~odd
     goes_on = searching & ~event & ~dipped
     good = error <= 1.0
-    steps = fresh & ~hit & ~odd
+    steps = fresh & ~hit & ~odd & ~asks
     accepted, arrives = steps & good, event & good
     moves = accepted | arrives
     refused = (steps | event) & ~good
@@ -173,7 +204,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     # --- the bracket of the search, and where to look next
     searches = begins | goes_on
 
-    def search() -> Truth:
+    def search() -> tuple[Truth]:
         was = Rows(body, rows, lengths)
         rises, falls = goes_on & ~below, goes_on & below
         low = begins.choose(0.0, rises.choose(was["fraction"], was["low"]))
@@ -192,10 +223,20 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         part = (tries > 8.0).choose(0.5, part)
         inside = low + part * (high - low)
         inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
-        store({"whole": [whole], "low": [low], "high": [high], "fraction": [inside], "tries": [tries], "g_low": g_low, "g_high": g_high})
-        return lost
+        store(
+            {
+                "whole": [whole],
+                "low": [low],
+                "high": [high],
+                "fraction": [searches.choose(inside, was["fraction"])],
+                "tries": [tries],
+                "g_low": g_low,
+                "g_high": g_high,
+            }
+        )
+        return (lost,)
 
-    lost = where_any(searches, search)
+    (lost,) = where_any(searches, search)
     continues = searches & ~lost
 
     # --- acceptance and the next step size
@@ -304,15 +345,15 @@ def _error(program: Program, was: Rows, h: Value, x_new: list[Value], estimates:
     return error
 
 
-def _lowest(a: Value, da: Value, b: Value, db: Value) -> Value:
-    """Minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.loop._lowest`."""
+def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
+    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.loop._lowest`."""
     body = a.body
     c2 = 3.0 * (b - a) - 2.0 * da - db
     c3 = 2.0 * (a - b) + da + db
     root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
     s = -da / (c2 + root)
     s = ((s > 0.0) & (s < 1.0)).choose(s, 0.5)
-    return a + s * (da + s * (c2 + s * c3))
+    return s, a + s * (da + s * (c2 + s * c3))
 
 
 def _earlier(part: Value, a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:

@@ -133,16 +133,12 @@ def smallest(a: Value, b: Any) -> Value:
     return (a < b).choose(a, b)
 
 
-def where_any(condition: Truth, compute: Callable[[], Truth]) -> Truth:
+def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tuple[Truth, ...]:
     """`compute()` where the condition holds in any lane, else false, which it must be where the condition is false."""
     body = condition.body
-    found = Truth(body, "")
-
-    def inner() -> None:
-        found.name = compute().name
-
-    here, there = when_any(condition, inner)
-    return Truth(body, body.value(f"phi {body.truths} [ {found.name}, %{there} ], [ zeroinitializer, %{here} ]"))
+    found: list[Truth] = []
+    here, there = when_any(condition, lambda: found.extend(compute()))
+    return tuple(Truth(body, body.value(f"phi {body.truths} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found)
 
 
 def changed_where(condition: Truth, compute: Callable[[], Value], usual: Value) -> Value:

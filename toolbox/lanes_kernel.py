@@ -36,6 +36,9 @@ PROBING, CLEARED = 1.0, 2.0
 guard, the minimum expected, and value and slope at the end of the step.
 """
 
+MANY_GUARDS = 8
+"""Guards above which it pays to look whether any lane searches before its bracket is updated: instructions in between are reordered less freely."""
+
 MOST_TRIES = 30
 """Steps of a search after which the scalar loop takes over."""
 
@@ -85,7 +88,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     rows: dict[str, int] = {}
     size = 0
     vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n, "group_scale": groups,
-               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne, "dip": 5,
+               "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne, "dip": 7,
                "edges": 2 * windows, "measured": 3 * count * windows, "doubt": 1}  # fmt: skip
     for name, length in [*((name, 1) for name in SCALARS), *vectors.items()]:
         rows[name], size = size, size + length
@@ -105,10 +108,13 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
 
     # --- one step from where the lane stands
     t, searching, stop = was["time"], was["searching"].differs(0.0), was["stop"]
-    probing, cleared = (~was["dip"][0].differs(value) for value in (PROBING, CLEARED))
+    never = Truth(body, "zeroinitializer")
+    probes = count > 0  # where nothing is measured, a step of the scalar loop costs less than what this adds to every pass
+    probing, cleared = (~was["dip"][0].differs(value) if probes else never for value in (PROBING, CLEARED))
     wanted = smallest(was["wanted"], was["longest"])
     to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
-    h = (searching | probing).choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
+    h = searching.choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
+    h = probing.choose(was["dip"][5], h)
     unresolved = ~searching & ~probing & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
     names = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
     slopes, ends, end_field = stages(body, pair, rhs, field, (t.name, h.name), names)
@@ -160,39 +166,44 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     seen = error < 1e4
     hit, odd = (fresh | probing) & seen & hit, (fresh & ((seen & odd) | unresolved)) | (probing & odd)
 
-    def low_dips() -> tuple[Truth, Truth]:
-        low, several, one = nothing, nothing, [h * 0.0] * 5
-        for j, (turns, a, da, b, db) in enumerate(dips):
-            place, value = _lowest(a, da * h, b, db * h)
-            this = turns & (value <= 0.5 * largest(a, b))
-            several |= low & this
-            low |= this
-            one = [this.choose(new, old) for new, old in zip((float(ng - 1 - j), value, b, db, place), one, strict=True)]
-        low &= (fresh & ~cleared) | event
+    known = was["dip"][:]
+
+    def low_dips() -> tuple[Truth]:
+        low = nothing
+        for turns, a, da, b, db in dips:
+            low |= turns & (_lowest(a, da * h, b, db * h)[1] <= 0.5 * largest(a, b))
+        return (low & ((fresh & ~cleared) | event),)
+
+    def look() -> tuple[Truth, ...]:
+        _, guard, expected, late, late_rate, _, rest = known
+        some, several, one = nothing, nothing, [h * 0.0] * 6
+        start, start_rate, value, rate = h * 0.0, h * 0.0, h * 0.0, h * 0.0
+        for i, (turns, a, da, b, db) in enumerate(dips):
+            j = float(ng - 1 - i)
+            place, lowest = _lowest(a, da * h, b, db * h)
+            this = turns & (lowest <= 0.5 * largest(a, b))
+            several |= some & this
+            some |= this
+            one = [this.choose(new, old) for new, old in zip((j, lowest, b, db, place * h, h - place * h), one, strict=True)]
+            this = ~guard.differs(j)
+            found = start, start_rate, value, rate
+            start, start_rate, value, rate = (this.choose(new, old) for new, old in zip((a, da, b, db), found, strict=True))
         asks = low & fresh & ~several & ~hit & ~odd
-        was = Rows(body, rows, lengths)
-        store({"dip": [h * 0.0, *one[:4]], "fraction": [asks.choose(one[4], was["fraction"])], "whole": [asks.choose(h, was["whole"])]})
-        return asks, low & ~asks
+        # the part of the step in which the minimum lies, now that a point near it is known
+        falls = rate < 0.0
+        a, da, b, db = falls.choose(value, start), falls.choose(rate, start_rate), falls.choose(late, value), falls.choose(late_rate, rate)
+        width = falls.choose(rest, h)
+        clear = ~((da < 0.0) & (db > 0.0)) | (_lowest(a, da * width, b, db * width)[1] > abs(value - expected))
+        store({"dip": [asks.choose(PROBING, (probing & clear).choose(CLEARED, 0.0)), *one]})
+        return asks, low & ~asks, probing & ~hit & ~clear
 
-    def sound() -> tuple[Truth, ...]:
-        was = Rows(body, rows, lengths)
-        _, guard, expected, b, db = was["dip"]
-        a, da, value, slope = h * 0.0, h * 0.0, h * 0.0, h * 0.0
-        for j in range(ng):
-            this = ~guard.differs(float(j))
-            now = signed(was["g"], j), signed(was["g"], ng + j), signed(g_new, j), signed(g_new, ng + j)
-            a, da, value, slope = (this.choose(new, old) for new, old in zip(now, (a, da, value, slope), strict=True))
-        falls = slope < 0.0
-        a, da, b, db = falls.choose(value, a), falls.choose(slope, da), falls.choose(b, value), falls.choose(db, slope)
-        width = falls.choose(was["whole"] - h, h)
-        return (~((da < 0.0) & (db > 0.0)) | (_lowest(a, da * width, b, db * width)[1] > abs(value - expected)),)
-
-    (clear,) = where_any(probing, sound)
-    doubtful = probing & ~hit & ~clear
-    asks, dipped = where_any(maybe & ((fresh & ~cleared) | event), low_dips)
+    (low,) = where_any(maybe & ((fresh & ~cleared) | event), low_dips)
+    asks, dipped, doubtful = never, low, never
+    if probes:
+        store({"dip": [h * 0.0]})
+        asks, dipped, doubtful = where_any(low | probing, look)
     odd |= dipped | doubtful
     event &= ~dipped
-    more["dip"] = [asks.choose(PROBING, (probing & clear).choose(CLEARED, 0.0))]
     begins = hit & ~odd
     goes_on = searching & ~event & ~dipped
     good = error <= 1.0
@@ -217,7 +228,8 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         for j in range(ng):
             a, b, da, db = (signed(values, i) for i in (j, ng + j) for values in (g_low, g_high))
             crosses = searches & armed[j] & (b <= 0.0)
-            part = changed_where(crosses, partial(_earlier, part, a, b, da, db, width), part)
+            earlier = partial(_earlier, part, a, b, da, db, width)
+            part = changed_where(crosses, earlier, part) if skips else crosses.choose(earlier(), part)
         tries = begins.choose(0.0, was["tries"] + 1.0)
         lost = searches & ((tries > float(MOST_TRIES)) | (part > 1.5))
         part = (tries > 8.0).choose(0.5, part)
@@ -236,7 +248,8 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         )
         return (lost,)
 
-    (lost,) = where_any(searches, search)
+    skips = ng > MANY_GUARDS
+    (lost,) = where_any(searches, search) if skips else search()
     continues = searches & ~lost
 
     # --- acceptance and the next step size

@@ -85,15 +85,21 @@ class Row:
         return len(self.places)
 
 
+MANY_ROWS = 250
+"""Rows of a block above which most of what is loaded early would wait on the stack."""
+
+
 class Rows:
     """All rows of a block by name: a vector for a number of the lane, a `Row` for several (`lengths`).
 
-    What is loaded is kept until its last use, on the stack where there is too much of it; from other `Rows` of the same block it is loaded anew.
+    What is loaded is kept until its last use, on the stack where there is too much of it; from other `Rows` of a large block it is loaded anew.
     """
 
     def __init__(self, body: VectorBody, first: dict[str, int], lengths: dict[str, int | None]) -> None:
         self.body, self.first, self.lengths = body, first, lengths
-        self.pointer = body.value('call ptr asm "", "=r,0"(ptr %lanes)')
+        self.pointer = (
+            body.value('call ptr asm "", "=r,0"(ptr %lanes)') if sum(length or 1 for length in lengths.values()) > MANY_ROWS else "%lanes"
+        )
 
     def __getitem__(self, name: str) -> Any:
         length = self.lengths[name]

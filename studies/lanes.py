@@ -1,6 +1,6 @@
 """How many scenarios a second does one core run, in lanes and one by one?
 
-A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then four other plants.
+A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then seven other plants.
 One by one is the scalar loop, called from machine code for one scenario after another, with nothing recorded and no `Trajectory` made: what the
 run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`. Swept is what a run of a sweep costs that asks for the extrema and the mean of one
 signal, one by one and in lanes. All are timed in turns, as processor time of
@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from models import BitRock, DiscBrake, wells
+from controllers import IdealSlidingMode
+from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.cases import DRIVE, cases
 from toolbox import compose, loop, tally
 from toolbox.batch import Task, finished, numbers_of_run
@@ -78,7 +79,8 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     scalar = scalar_address(work)
     one_by_one(scalar, work, parameters[:1], starts[:1], statuses, switches, states, times)
     found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
-    signal = "bit.speed" if "bit.speed" in run.system.signals else next(iter(run.system.states))
+    state, (_, size, _) = next(iter(run.system.states.items()))
+    signal = "bit.speed" if "bit.speed" in run.system.signals else state if size is None else f"{state}.0"
     alone, together, swept, measured = [], [], [], []
     measures = (tally.minimum(signal), tally.maximum(signal), tally.mean(signal))
     numbers = np.tile(numbers_of_run(run), (min(SWEPT, count), 1))
@@ -117,9 +119,13 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
 
     rig = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
     brake = dataclasses.replace(DiscBrake(), force=1000.0)
+    blocks = BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)
     return {
         "JANSEN_2 with PI, 60 s": (checked_run(rig, 60.0, controller=DRIVE), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
         "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
+        "five tied blocks on belt": (checked_run(compose(blocks), 60.0), {"blocks.mass": (0.8, 1.2)}, 10),
+        "ideal sliding mode": (checked_run(rig, 60.0, controller=IdealSlidingMode(reference=12.0)), {"bit.weight": (0.5, 1.0)}, 2),
+        "squealing pad": (checked_run(compose(SquealingPad()), 60.0), {"pad.disc_speed": (0.5, 1.5)}, 2),
         "disc brake": (checked_run(compose(brake), 2.0, start={"disc.speed": 2.0}), {"disc.force": (0.8, 1.2)}, 4),
         "ten inertias, bit": (case("bit"), {"bit.weight": (0.8, 1.2)}, 4),
         "ten inertias, friction on all": (case("all"), {"chain.friction_load": (0.8, 1.2)}, 10),

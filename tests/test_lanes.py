@@ -80,6 +80,18 @@ PLANTS = {
     "block on belt": (compose(BlockOnBelt()), 60.0, {"block.mass": (0.5, 2.0), "block.belt_speed": (0.05, 0.4)}, {}),
     "law that drops": (compose(BlockOnBelt(friction=Drop(speed=0.1))), 30.0, {"block.mass": (0.5, 2.0)}, {}),
     "two blocks": (compose(BlocksOnBelt()), 30.0, {}, {"start": {"blocks.position": (0.5, 0.1)}}),
+    "five equal blocks, which stick and slip at one instant": (
+        compose(BlocksOnBelt(mass=(1.0,) * 5, stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
+    "five blocks": (
+        compose(BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
     "drill string with a drive": (RIG, 60.0, {"bit.weight": (5e4, 1.5e5), "pi.reference": (4.0, 16.0)}, {"controller": PI()}),
     "drive with torque limits": (RIG, 40.0, {"bit.weight": (5e4, 1e5)}, {"controller": PI(lowest_torque=0.0, highest_torque=12_000.0)}),
     "sliding mode": (RIG, 20.0, {"bit.weight": (5e4, 1e5)}, {"controller": IdealSlidingMode(reference=12.0)}),
@@ -134,6 +146,19 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
         np.testing.assert_allclose(found.states[s], run.at(duration).states[0], atol=1e-5 * size.max())
         for i, element in enumerate(sticks):
             assert found.values[s, i] == pytest.approx(run.time_in(element, "stick"), abs=1e-5 * duration)
+
+
+def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_where_signals_are_measured():
+    plant, duration, ranges, arguments = PLANTS["disc brake"]
+    forces = {name: np.linspace(*bounds, 20) for name, bounds in ranges.items()}
+    measures = (tally.minimum("pad.speed"), tally.maximum("pad.speed"))
+    usual = batch(plant, duration, forces, 20, most_events=500, **arguments)
+    found = batch(plant, duration, forces, 20, measures=measures, most_events=500, **arguments)
+    assert usual.alone.mean() > 2.0
+    assert found.alone.mean() < 0.1
+    np.testing.assert_array_equal(found.event_elements, usual.event_elements)
+    np.testing.assert_array_equal(found.event_modes, usual.event_modes)
+    np.testing.assert_allclose(found.event_times, usual.event_times, atol=1e-9)
 
 
 @pytest.mark.parametrize("width", [4, 8, 16])

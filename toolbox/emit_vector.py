@@ -16,6 +16,9 @@ from toolbox.emit import FLAGS, Body, literal
 LARGEST_ANGLE = 1e6
 """Arguments of sin and cos beyond which libm reduces them."""
 
+SELDOM = '!0 = !{!"branch_weights", i32 1, i32 10000}'
+"""What the metadata !0 of a branch says: that it is hardly ever taken, so that nothing is moved out of registers on its account."""
+
 
 class VectorBody(Body):
     """Text of one LLVM function on vectors of `width` doubles, a power of two; arrays are [item][width]."""
@@ -58,12 +61,17 @@ class VectorBody(Body):
         return self.lane_by_lane(name, *args)
 
     def lane_by_lane(self, name: str, *args: str) -> str:
-        """Call a scalar function of libm for every lane."""
+        """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""
+        given = [f"%x{i}" for i in range(len(args))]
+        each = VectorBody(self.width)
         result = "poison"
         for lane in range(self.width):
-            numbers = [self.value(f"extractelement {self.type} {a}, i64 {lane}") for a in args]
-            result = self.value(f"insertelement {self.type} {result}, double {super().call(name, *numbers)}, i64 {lane}")
-        return result
+            numbers = [each.value(f"extractelement {self.type} {a}, i64 {lane}") for a in given]
+            result = each.value(f"insertelement {self.type} {result}, double {super(VectorBody, each).call(name, *numbers)}, i64 {lane}")
+        head = f"define internal {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in given)}) noinline nounwind readnone willreturn {{"
+        self.functions[f"each {name}"] = "\n".join([head, "entry:", *each.lines, f"  ret {self.type} {result}", "}"])
+        self.intrinsics |= each.intrinsics
+        return self.value(f"call {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in args)})")
 
     # --- words for what casadi has no instruction for
     def sub(self, a: str, b: str) -> str:
@@ -139,7 +147,7 @@ def _function(name: str, width: int) -> tuple[dict[str, str], frozenset[str]]:
     """Texts of a vector function and those it calls, and what they declare."""
     body = VectorBody(width)
     value = FUNCTIONS[name](body, "%x")
-    head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind {'alwaysinline' if name in ('exp', 'log') else ''} {{"
+    head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind readnone willreturn {'alwaysinline' if name in ('exp', 'log') else ''} {{"
     text = "\n".join([head, "entry:", *body.lines, f"  ret {body.type} {value}", "}"])
     return {**body.functions, name: text}, frozenset(body.intrinsics)
 
@@ -227,7 +235,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
         odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
         any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {odd})")
         body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
-        body.lines += [f"  br i1 {any_odd}, label %odd, label %usual", "odd:"]
+        body.intrinsics.add(SELDOM)
+        body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
         slow = body.lane_by_lane(which, x)
         body.lines += [f"  ret {body.type} {slow}", "usual:"]
         n, bits = _nearest(body, body.mul(x, body.number(2 / np.pi)))

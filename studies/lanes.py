@@ -41,10 +41,10 @@ ROOM = 2000
 @njit(nogil=True, error_model="numpy")
 def one_by_one(scalar, w, parameters, starts, statuses, switches, states, ev_t):
     """Run every scenario by the scalar loop."""
-    rest = w.p.copy()
+    rest, memory, held = w.p.copy(), w.memory.copy(), w.p[:0]
     for s in range(len(parameters)):
         w.ints[loop.EVENTS] = 0
-        statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], 10_000_000)
+        statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
         switches[s] = w.ints[loop.EVENTS]
         states[s] = w.x[: states.shape[1]]
         for e in range(min(switches[s], ev_t.shape[1])):

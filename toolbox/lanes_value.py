@@ -102,17 +102,18 @@ def where_any(condition: Truth, compute: Callable[[], Truth]) -> Truth:
     def inner() -> None:
         found.name = compute().name
 
-    here, there = when_any(condition, inner)
-    return Truth(body, body.value(f"phi {body.truths} [ {found.name}, %{there} ], [ zeroinitializer, %{here} ]"))
+    here, last = when_any(condition, inner)
+    return Truth(body, body.value(f"phi {body.truths} [ {found.name}, %{last} ], [ zeroinitializer, %{here} ]"))
 
 
 def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
-    """Write instructions that are skipped where the condition holds in no lane; returns the labels before them and of them."""
+    """Write instructions that are skipped where the condition holds in no lane; returns the labels before them and of their end."""
     body = condition.body
     here, there, label = f"b{body.count}", f"c{body.count}", f"d{body.count}"
     body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
     anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
     body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
     write()
+    last = next(line[:-1] for line in reversed(body.lines) if line.endswith(":"))
     body.lines += [f"  br label %{label}", f"{label}:"]
-    return here, there
+    return here, last

@@ -74,14 +74,14 @@ class VectorBody(Body):
     # --- memory that every lane reads at a place of its own
     def gather(self, pointer: str, places: str, flag: str) -> str:
         """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
-        self.intrinsics.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(1)}")
+        self.intrinsics.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
         target = self._pointed(pointer, places)
         last = f"<{self.width} x ptr> {target}, i32 8, {self.truths} {flag}, {self.type} zeroinitializer"
         return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
 
     def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
         """Write to `places` (integers) of an array from the lanes where it is true."""
-        self.intrinsics.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(0)}")
+        self.intrinsics.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
         target = self._pointed(pointer, places)
         given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.truths} {flag}"
         self.lines.append(f"  call void @llvm.masked.scatter.{self.suffix}.v{self.width}p0({given})")

@@ -271,7 +271,8 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     names_of = [*bodies, *(["observe"] if count else [])]
     count_of = sum(text.count for text in bodies.values())
     found = compiled("\n".join([*texts, *scalar_texts, *functions.values(), *sorted(declared)]), names_of, count_of)
-    return Block(found["advance"], *(found.get(name, 0) for name in ("settle", "observe", "sample")), width, rows, size)
+    settle, observing, sample = (found.get(name, 0) for name in ("settle", "observe", "sample"))
+    return Block(found["advance"], settle, observing, sample, width, rows, size)
 
 
 def _error(

@@ -74,7 +74,9 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
 
     (t,), (stop,), (calendar,), (flag,), (steps,) = map(loaded, ("time", "stop", "calendar", "flag", "accepted"))
     x, k, p, m, g = loaded("x", n), loaded("k", n), loaded("p", p_size), loaded("m", ne), loaded("g", 2 * ng)
-    side, armed, sizes, others = (loaded(name, count) for name, count in (("side", ng), ("armed", ng), ("guard_scale", ng), ("other_scale", 2 * ne)))
+    side, armed, sizes, others = (
+        loaded(name, count) for name, count in (("side", ng), ("armed", ng), ("guard_scale", ng), ("other_scale", 2 * ne))
+    )
     waits = ~flag.differs(float(SAMPLE))
     acts = waits & (t < calendar)
     given = [[t.name], *([value.name for value in column] for column in (x, p, m))]
@@ -131,7 +133,11 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
     # --- slopes and guards with what is held now; a contact that would not hold is left to the scalar loop
     (found,) = inline(body, refreshed, [given[0], given[1], [value.name for value in held], given[3]])
     new = [Value(body, name) for name in found]
-    k_new, g_new, (slip, force, static) = new[:n], new[n : n + 2 * ng], (new[n + 2 * ng + q * ne : n + 2 * ng + (q + 1) * ne] for q in range(3))
+    k_new, g_new, (slip, force, static) = (
+        new[:n],
+        new[n : n + 2 * ng],
+        (new[n + 2 * ng + q * ne : n + 2 * ng + (q + 1) * ne] for q in range(3)),
+    )
     wrong = acts & (t < t)
     for i in range(ne):
         sticks = ~m[i].differs(0.0)

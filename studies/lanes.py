@@ -12,6 +12,7 @@ and the least of five counts. Switches of the first scenarios are compared one b
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 import time
 from typing import Any
@@ -22,7 +23,8 @@ from numba import njit
 from controllers import SlidingMode, SoftTorque
 from models import BitRock, DiscBrake, wells
 from studies.cases import DRIVE, cases
-from toolbox import Controller, Sampled, compose, loop, tally
+from studies.maps import string_map
+from toolbox import Controller, Sampled, batch, compose, loop, tally
 from toolbox.batch import Task, finished, numbers_of_run
 from toolbox.lanes import run_lanes
 from toolbox.lanes_loop import _begin, scalar_address
@@ -136,6 +138,24 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
     }
 
 
+def map_row(shape: tuple[int, int] = (50, 50)) -> str:
+    """What the severity map of `studies.maps`, its drive sampled at 100 Hz, costs as a whole, one run after the other and in lanes."""
+    found, seconds, usual = {}, {}, batch.LANES_WORK
+    try:
+        for work in (math.inf, usual, math.inf, usual):  # where lanes never pay, and where they do
+            batch.LANES_WORK = work
+            began = time.process_time()
+            found[work] = string_map(shape)
+            seconds[work] = min(time.process_time() - began, seconds.get(work, math.inf))
+    finally:
+        batch.LANES_WORK = usual
+    differ = sum(int((getattr(found[math.inf], name).verdict != getattr(found[usual], name).verdict).sum()) for name in ("smooth", "sticking"))
+    return (
+        f"severity map, {shape[0]} x {shape[1]} points twice and its borders, {found[usual].runs} runs of 120 s at 100 Hz: {seconds[math.inf]:.1f} s of the "
+        f"processors one by one, {seconds[usual]:.1f} s in lanes, ratio {seconds[math.inf] / seconds[usual]:.2f}; verdicts that differ: {differ}"
+    )
+
+
 def main() -> None:
     """Print the table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
@@ -145,6 +165,7 @@ def main() -> None:
     print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}{'[us]':>9}")
     for title, (run, spread, part) in plants().items():
         print(row(title, run, spread, count // part), flush=True)
+    print(map_row())
 
 
 if __name__ == "__main__":

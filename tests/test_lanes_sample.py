@@ -353,6 +353,27 @@ def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     assert plain.steps.max() < found.steps.min()
 
 
+def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_there():
+    # 111 periods of 0.1 s end one unit in the last place behind 11.1 s
+    assert 0.0 < 111 * 0.1 - 11.1 < 1e-14
+    variations = uniform(WEIGHT, 17)
+    run = varied_run(RIG, variations, 20.0, method="explicit", controller=PI(), sample_time=0.1)
+    asked = (tally.minimum("bit.speed", 11.1), tally.maximum("top.torque", 11.1), tally.mean("top.torque", 0.0, 11.1), tally.minimum("top.torque", 2.0, 11.1))
+    task = Task(run, varied_numbers(run, variations)[0], asked)
+    found = lanes_of(task)
+    assert found.alone.sum() == 0
+    np.testing.assert_allclose(found.values, finished(task).values, rtol=1e-6, atol=1e-9)
+
+
+def test_what_is_held_from_the_end_on_counts_as_the_last_value():
+    # u_k = k arrives two periods late, at the end as well
+    run = checked_run(compose(Tank()), 10.0, controller=Sampled(Counter(), 0.25, delay=0.5), method="explicit")
+    asked = (tally.final("tank.inflow"), tally.maximum("tank.inflow", 5.0), tally.maximum("tank.inflow", 5.0, 9.0))
+    task = Task(run, run.system.values[None], asked)
+    np.testing.assert_array_equal(lanes_of(task).values, [[38.0, 38.0, 33.0]])
+    np.testing.assert_array_equal(finished(task).values, [[38.0, 38.0, 33.0]])
+
+
 def test_memories_and_held_signals_that_differ_by_run_are_begun_with():
     # one period of 1 s in which the held value alone acts, then u = -gain x
     run = checked_run(compose(Tank()), 2.0, controller=Sampled(Proportional(gain=0.5), 4.0, delay=1.0), method="explicit")

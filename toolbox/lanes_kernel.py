@@ -144,7 +144,8 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         located = this.choose(float(j), located)
 
     # a guard may dip below zero inside a step, or before an event that cuts a step short
-    fresh, searching = runs & ~searching, runs & searching
+    meets = runs & unresolved & to_stop if program.updates else nothing  # a sample nearer than can be resolved: its time is this one
+    fresh, searching = runs & ~searching & ~meets, runs & searching
     event = searching & near & ~below
 
     def low_dips() -> Truth:
@@ -219,7 +220,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     new["accepted"] = taken
     new["refused"] = old["refused"] + refused.choose(1.0, 0.0)
     t_new = to_stop.choose(accepted.choose(stop, t + h), t + h)
-    new["time"] = moves.choose(t_new, t)
+    new["time"] = moves.choose(t_new, meets.choose(stop, t))
     straight = inline(body, projected, [[t_new.name], ends, names[2], names[3]])[0] if ne else ends[:own]
     final = [accepted.choose(Value(body, straight[i]), x_new[i]) if i < own else x_new[i] for i in range(n)]
     more["x"] = [moves.choose(value, o) for value, o in zip(final, state["x"], strict=True)]
@@ -240,7 +241,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     every = Value(body, body.intrinsic("floor", (taken * (1 / 128)).name)) * 128.0
     stale = (refused & rejected) | (moves & ~every.differs(taken))
     flag = stale.choose(float(ROUND_OFF), old["flag"])
-    flag = (accepted & to_stop).choose(float(SAMPLE if program.updates else STOP), flag)
+    flag = ((accepted & to_stop) | meets).choose(float(SAMPLE if program.updates else STOP), flag)
     flag = arrives.choose(float(EVENT), flag)
     flag = (odd | lost).choose(float(ALONE), flag)
     new["flag"] = flag

@@ -522,6 +522,8 @@ def _made(stamp: int) -> Any:
                             for v in range(views):
                                 place = rows[MEASURED] + 3 * (q * views + v)
                                 lowest[s, q, v], highest[s, q, v], integral[s, q, v] = block[place, lane], block[place + 1, lane], block[place + 2, lane]
+                                if windows[v, 1] >= w.reals[TIME]:  # the far side of a jump there
+                                    lowest[s, q, v], highest[s, q, v] = min(lowest[s, q, v], values[0, q]), max(highest[s, q, v], values[0, q])
                         statuses[s] = status
                         counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
                         running -= 1

@@ -95,8 +95,8 @@ class VectorBody(Body):
         given = [*given, self.type] if gathers else [self.type, *given]
         return f"v{self.width}p0({', '.join(given)})"
 
-    def nearest_below(self, a: str) -> str:
-        """A number that is whole as an integer."""
+    def as_integers(self, a: str) -> str:
+        """Whole numbers as integers."""
         return self.value(f"fptosi {self.type} {a} to {self.integers}")
 
     # --- words for what casadi has no instruction for

@@ -10,6 +10,7 @@ bit with the scalar loop.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -34,14 +35,22 @@ def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> n
 
 def noise_table(loop: Any, work: Any, duration: float) -> np.ndarray:
     """The standard normal numbers of all samples of a run, shape (places in the memory of laws, samples); rows that hold no noise are zero."""
-    samplers = work.samplers
-    noisy = [(c, row[loop.FIRST_STATE] + row[loop.STATES] + i) for c, row in enumerate(samplers) for i in range(row[loop.NOISES])]
-    most = max((int(duration / work.clocks[c, 0]) + 2 for c, _ in noisy), default=0)
-    table = np.zeros((work.memory.size if noisy else 0, most))
-    for c, place in noisy:
-        count = min(int(duration / work.clocks[c, 0]) + 2, most)
-        table[place, :count] = [loop.normal(work.keys[place], k) for k in range(count)]
+    counts = [int(duration / period) + 2 if row[loop.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)]
+    most = max(counts, default=0)
+    table = np.zeros((work.memory.size if most else 0, most))
+    for row, count in zip(work.samplers, counts, strict=True):
+        first = row[loop.FIRST_STATE] + row[loop.STATES]
+        for place in range(first, first + row[loop.NOISES]):
+            table[place, :count] = _channel(work.keys[place], count)
     return table
+
+
+@lru_cache(maxsize=4)
+def _channel(key: np.uint64, count: int) -> np.ndarray:
+    """The first numbers of a channel of noise."""
+    from toolbox.loop import normal
+
+    return np.array([normal(key, k) for k in range(count)])
 
 
 def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> VectorBody:
@@ -98,7 +107,7 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
         memory = loaded("memory", states, place)
         noise = []
         for i in range(states, z.numel()):
-            at = body.nearest_below((taken + float(place + i) * length).name)
+            at = body.as_integers((taken + float(place + i) * length).name)
             noise.append(body.gather("%noise", at, takes.name))
         function = ca.Function("update", [*arguments, z], [ca.densify(ca.vertcat(update, outputs))])
         values = [Value(body, name) for name in inline(body, function, [*given, [*(v.name for v in memory), *noise]])[0]]
@@ -116,7 +125,7 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
             def places(count: Value, i: int, c: int = c, lane: Value = lane) -> str:
                 slot = count - depth * Value(body, body.intrinsic("floor", ((count + 0.5) * inverse).name))
                 row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(width)
-                return body.nearest_below((row + lane).name)
+                return body.as_integers((row + lane).name)
 
             for i, value in enumerate(computed):
                 body.scatter(value.name, "%queue", places(taken, i), takes.name)

@@ -311,7 +311,7 @@ def test_a_stuck_sled_is_released_at_the_instant_its_pull_passes_the_bound():
 
 
 def varied_rises(task):
-    return task.numbers[:, task.run.system._parameter("stairs.rise").offset]
+    return np.asarray(task.numbers)[:, task.run.system._parameter("stairs.rise").offset]
 
 
 def test_laws_with_different_periods_and_delays_share_a_lane():

@@ -210,6 +210,17 @@ def test_a_scenario_without_an_answer_leaves_its_neighbours_alone():
     np.testing.assert_array_equal(found.states[others], sound.states[others])
 
 
+def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_only_what_it_releases_alone():
+    plant = compose(BlockOnBelt(stiffness=0.0, belt_speed=0.0, friction=Coulomb(0.5, 0.5), load=10.0))
+    loads = np.tile([10.0, 10.1, 9.9], 6)
+    for last, released in ((5.0, 9.9), (0.0, 9.9), (5.01, 10.0)):
+        table = ([0.0, 2.0, 4.0], [0.0, 5.0, last])
+        found = batch(plant, 5.0, {"block.load": loads}, len(loads), inputs={"block.force": table}, most_events=4)
+        assert np.array_equal(np.isfinite(found.event_times[:, 0]), loads <= released)
+        for load, first in zip(loads, found.event_times[:, 0], strict=True):
+            assert load > released or first == pytest.approx(load / 5.0, rel=1e-12)
+
+
 def test_stick_is_measured_in_the_window_asked():
     run = simulate(RIG, 60.0, controller=PI(), method="explicit")
     measures = (tally.time_in("bit", "stick", 21.5), tally.last_stay("bit"))
@@ -277,8 +288,8 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
 
 
 def test_what_lanes_do_not_carry_is_refused_by_name():
-    with pytest.raises(SceneError, match="sampled"):
-        batch(RIG, 1.0, controller=PI(), sample_time=0.01)
+    with pytest.raises(SceneError, match="Python"):
+        batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
     run = checked_run(RIG, 1.0)
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))

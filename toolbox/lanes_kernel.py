@@ -16,13 +16,15 @@ from toolbox.emit import compiled, inline
 from toolbox.emit import function_text as scalar_text
 from toolbox.emit_vector import VectorBody, function_text
 from toolbox.kernel import plain_body, stages
-from toolbox.lanes_loop import ALONE, EVENT, GOES_ON, ROUND_OFF, STOP
+from toolbox.lanes_loop import ALONE, EVENT, GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes_observe import Path, measure_step
+from toolbox.lanes_quintic import measure_quintics
+from toolbox.lanes_sample import POINTERS, sampling
 from toolbox.lanes_settle import carries_events, settling
 from toolbox.lanes_value import Row, Rows, Truth, Value, changed_where, largest, smallest, where_any
 from toolbox.program import Program
 from toolbox.runge_kutta import Pair
-from toolbox.tally import observed
+from toolbox.tally import observed, with_derivatives
 
 SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "whole", "low", "high", "fraction", "tries",
            "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
@@ -45,7 +47,7 @@ MOST_TRIES = 30
 
 @dataclass(frozen=True)
 class Block:
-    """A compiled pass, the settling of events and the signals measured (0 where there are none), for blocks of shape (size, width).
+    """A compiled pass, the settling of events, the signals measured and the samples (0 where there are none), for blocks of shape (size, width).
 
     rows: the first row of every item.
     """
@@ -53,24 +55,26 @@ class Block:
     address: int
     settle: int
     observe: int
+    sample: int
     width: int
     rows: dict[str, int]
     size: int
 
 
-def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: int = 0) -> Block:
+def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: int = 0, late: tuple[bool, ...] = ()) -> Block:
     """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program's structure.
 
-    signals: measured in so many windows, and with them the bounds of friction that vary in time, which takes the dense output of DOP853.
+    signals: measured in so many windows, and with them the bounds of friction that vary in time, which takes the dense output of DOP853 unless laws are
+    sampled;  late: which of these have a delay.
     """
-    key = ("lanes", id(program), width, signals, windows)
+    key = ("lanes", id(program), width, signals, windows, late)
     found = program.system.kernels.get(key)
     if found is None:
-        found = program.system.kernels[key] = _compiled(program, width, signals, windows)
+        found = program.system.kernels[key] = _compiled(program, width, signals, windows, late)
     return found
 
 
-def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: int) -> Block:
+def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: int, late: tuple[bool, ...]) -> Block:
     pair, form, system = program.pair, program.form, program.system
     assert isinstance(pair, Pair)
     n, ne, ng = program.machine.states, program.machine.elements, program.machine.guards
@@ -89,10 +93,11 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     size = 0
     vectors = {"x": n, "k": n, "p": p.numel(), "m": ne, "g": 2 * ng, "side": ng, "armed": ng, "guard_scale": ng, "scale": n, "group_scale": groups,
                "noise": n, "g_low": 2 * ng, "g_high": 2 * ng, "other_scale": 2 * ne, "dip": 7,
-               "edges": 2 * windows, "measured": 3 * count * windows, "doubt": 1}  # fmt: skip
+               "edges": 2 * windows, "measured": 3 * count * windows, "doubt": 1,
+               "calendar": 1, "due": 1, "samples": 2 * len(program.updates), "memory": sum(z.numel() for z, _, _ in program.updates)}  # fmt: skip
     for name, length in [*((name, 1) for name in SCALARS), *vectors.items()]:
         rows[name], size = size, size + length
-    for name in ("measured", "doubt"):  # which only steps inside a window touch
+    for name in ("measured", "doubt", "calendar", "due", "samples", "memory"):  # which only steps inside a window, and samples, touch
         del vectors[name]
 
     body = VectorBody(width)
@@ -155,13 +160,16 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
         dips.append((turns, a, da, b, db))
         if j < 2 * ne and system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
             odd |= armed[j] & (b <= 0.0)
+        elif j < 2 * ne and program.table_slot:  # at its bound where an input turns: what follows decides
+            odd |= to_stop & armed[j] & (b <= 0.0) & (b >= -1e-12 * guard_scale)
         this = armed[j] & (abs(b) <= close) & (db < 0.0)
         near |= this
         below |= wrong | (armed[j] & (b < 0.0) & ~this)
         located = this.choose(float(j), located)
 
     # a guard may dip below zero inside a step, which a step to its minimum shows, or before an event that cuts a step short
-    fresh, searching, probing = runs & ~searching & ~probing, runs & searching, runs & probing
+    meets = runs & unresolved & to_stop if program.updates else never  # a sample nearer than can be resolved: its time is this one
+    fresh, searching, probing = runs & ~searching & ~probing & ~meets, runs & searching, runs & probing
     event = searching & near & ~below
     seen = error < 1e4
     hit, odd = (fresh | probing) & seen & hit, (fresh & ((seen & odd) | unresolved)) | (probing & odd)
@@ -208,6 +216,13 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     goes_on = searching & ~event & ~dipped
     good = error <= 1.0
     steps = fresh & ~hit & ~odd & ~asks
+    too_long = never
+    if count and program.updates:
+        derived = with_derivatives(program, signals, program.varying)
+        edges = list(zip(was["edges"][::2], was["edges"][1::2], strict=True))
+        others, numbers = [list(was["p"]), list(was["m"])], {"rtol": was["rtol"], "longest": was["longest"]}
+        too_long = measure_quintics(derived, ((t, list(was["x"])), (t + h, x_new)), others, (steps | event) & good, edges, rows, numbers)
+        good &= ~too_long
     accepted, arrives = steps & good, event & good
     moves = accepted | arrives
     refused = (steps | event) & ~good
@@ -264,7 +279,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     rejected = was["rejected"].differs(0.0)
     grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, 10.0))
     grown = (h < wanted).choose(largest(grown, wanted), grown)
-    shrunk = h * (error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
+    shrunk = h * too_long.choose(0.5, (error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1))
     new["wanted"] = accepted.choose(grown, refused.choose(shrunk, was["wanted"]))
     new["error_old"] = accepted.choose(largest(logarithm, -13.3), was["error_old"])
     new["step_old"] = accepted.choose(h, was["step_old"])
@@ -275,7 +290,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     new["accepted"] = taken
     new["refused"] = was["refused"] + refused.choose(1.0, 0.0)
     t_new = to_stop.choose(accepted.choose(stop, t + h), t + h)
-    new["time"] = moves.choose(t_new, t)
+    new["time"] = moves.choose(t_new, meets.choose(stop, t))
     straight = inline(body, projected, [[t_new.name], ends, names[2], names[3]])[0] if ne else ends[:own]
     final = [accepted.choose(Value(body, straight[i]), x_new[i]) if i < own else x_new[i] for i in range(n)]
     more["x"] = [moves.choose(value, o) for value, o in zip(final, was["x"], strict=True)]
@@ -288,7 +303,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     more["guard_scale"] = [(moves & (abs(g_new[j]) > o)).choose(abs(g_new[j]), o) for j, o in enumerate(was["guard_scale"])]
     more["armed"] = [(armed[j] | (moves & (signed(g_new, j) > 1e-13 * more["guard_scale"][j]))).choose(1.0, 0.0) for j in range(ng)]
 
-    if count:
+    if count and not program.updates:
         path = Path(pair, rhs, t, h, was, slopes, x_new, k_new)
         edges = list(zip(was["edges"][::2], was["edges"][1::2], strict=True))
         measure_step(observe, path, moves, edges, rows, was["rtol"])
@@ -297,19 +312,20 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     every = Value(body, body.intrinsic("floor", (taken * (1 / 128)).name)) * 128.0
     stale = (refused & rejected) | (moves & ~every.differs(taken))
     flag = stale.choose(float(ROUND_OFF), was["flag"])
-    flag = (accepted & to_stop).choose(float(STOP), flag)
+    flag = ((accepted & to_stop) | meets).choose(float(SAMPLE if program.updates else STOP), flag)
     flag = arrives.choose(float(EVENT), flag)
     flag = (odd | lost).choose(float(ALONE), flag)
     new["flag"] = flag
 
     store({name: [value] for name, value in new.items()} | more)
-    waiting = body.value(f"bitcast {body.truths} {flag.differs(0.0).name} to i{width}")
-    waiting = body.value(f"zext i{width} {waiting} to i64") if width < 64 else waiting
-    target = body.value(f"getelementptr double, ptr %lanes, i64 {rows['waiting'] * width}")
-    body.lines.append(f"  store i64 {waiting}, ptr {target}")
+    body.store_bits(flag.differs(0.0).name, "%lanes", rows["waiting"])
+    if program.updates:
+        body.store_bits((~flag.differs(float(SAMPLE))).name, "%lanes", rows["due"])
     bodies = {"advance": body}
     if carries_events(program):
         bodies["settle"] = settling(program, width, rows, lengths, (rhs, field, projected))
+    if program.updates:
+        bodies["sample"] = sampling(program, width, rows, late)
     scalar_texts: list[str] = []
     functions, declared = dict(body.functions), set(body.intrinsics)
     if count:
@@ -319,11 +335,12 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     for other in bodies.values():
         functions |= other.functions
         declared |= other.intrinsics
-    texts = [function_text(name, text) for name, text in bodies.items()]
+    texts = [function_text(name, text, POINTERS if name == "sample" else ()) for name, text in bodies.items()]
     names_of = [*bodies, *(["observe"] if count else [])]
     count_of = sum(text.count for text in bodies.values())
     found = compiled("\n".join([*texts, *scalar_texts, *functions.values(), *sorted(declared)]), names_of, count_of, LARGE)
-    return Block(found["advance"], found.get("settle", 0), found.get("observe", 0), width, rows, size)
+    settle, observing, sample = (found.get(name, 0) for name in ("settle", "observe", "sample"))
+    return Block(found["advance"], settle, observing, sample, width, rows, size)
 
 
 def _error(program: Program, was: Rows, h: Value, x_new: list[Value], estimates: list[list[Value]]) -> Value:

@@ -4,7 +4,7 @@
     found["severity"]          array of shape (len(weights), len(speeds))
 
 Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.tally`), so that no
-trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs without sampled laws step side by side in the
+trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs of laws in machine code step side by side in the
 lanes of a vector (`toolbox.batch.pays_in_lanes`), several times as many in a second. Laws in machine code run in threads, for the event loop
 releases the interpreter; laws in Python run in processes.
 """

@@ -17,11 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from toolbox.elements import is_finite_number, quantity, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.parts import Component, Equations, Signal, Update
+from toolbox.parts import Component, Equations, Signal, Update, check_fields
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,23 @@ class Controller(Component):
 
     def equations(self, signal: Signal) -> Equations:
         return self.continuous(signal)
+
+
+def designed(law: Any, plant: HybridSystem) -> Any:
+    """What `design(plant)` of a law returns.
+
+    Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
+    """
+    if type(law).design is Controller.design:
+        return law
+    check_fields(law)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
+            return law.design(plant)
+    except (SceneError, NotImplementedError):
+        raise
+    except (ArithmeticError, ValueError) as error:  # of numpy and scipy
+        raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -241,7 +259,7 @@ class Takeover(Controller):
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""
-        return dataclasses.replace(self, before=self.before.design(plant), after=self.after.design(plant))
+        return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         if set(self.before.drives) != set(self.after.drives):

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.closed_loop import designed
 from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
@@ -39,7 +40,7 @@ def compose(*components: Component) -> HybridSystem:
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
         declared = compose(*plant)
-        components = tuple(c.design(declared) if hasattr(c, "design") else c for c in components)
+        components = tuple(designed(c, declared) if hasattr(c, "design") else c for c in components)
     return assembled(components)
 
 

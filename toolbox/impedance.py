@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.closed_loop import Controller, Sampled
+from toolbox.closed_loop import Controller, Sampled, designed
 from toolbox.compose import compose
 from toolbox.elements import finite_array, is_finite_number, quantity, state
 from toolbox.errors import SceneError
@@ -75,7 +75,7 @@ def impedance(
         if not isinstance(law, Component):
             raise SceneError(f"Argument `parts` must be control laws and parts of a drive, but one is {law!r}.")
         if isinstance(law, Controller) and plant is not None:
-            law = law.design(plant)
+            law = designed(law, plant)
         own.append(law)
     from toolbox.compose import assembled
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.announce import announced
-from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
+from toolbox.closed_loop import Controller, External, Sampled, callable_law, designed, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -237,7 +237,7 @@ def _closed(
         if sampled is not None:
             sampled.check()
         if isinstance(law, Controller):
-            law = law.design(declared)
+            law = designed(law, declared)
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)

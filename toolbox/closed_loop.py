@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -58,6 +58,8 @@ def designed(law: Any, plant: HybridSystem) -> Any:
 
     Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
     """
+    if not hasattr(law, "design"):
+        raise SceneError(f"A control law must be a Controller, but it is {law!r}.")
     if type(law).design is Controller.design:
         return law
     check_fields(law)
@@ -203,8 +205,11 @@ def held(sampled: Sampled, law: Controller) -> Held:
 
 
 def names(value: str | Sequence[str]) -> tuple[str, ...]:
-    """A tuple of names from one name or several."""
-    return (value,) if isinstance(value, str) else tuple(value)
+    """A tuple of names from one name or several. Raises SceneError for anything else."""
+    listed = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(name, str) for name in listed):
+        raise SceneError(f"A name, or several, must be given as strings, but it is {value!r}.")
+    return listed
 
 
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:

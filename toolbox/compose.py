@@ -228,7 +228,7 @@ class _Composer:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
         for expression in expressions:
             expression = ca.SX(expression)
-            function = ca.Function("scan", ca.symvar(expression), [expression])
+            function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
             for k in range(function.n_instructions()):
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                     raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")

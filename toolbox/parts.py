@@ -220,6 +220,8 @@ def _check_kind(part: Any, field: _Field, value: Any) -> None:
         return
     if field.tuples and not isinstance(value, tuple):
         raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+    if isinstance(value, tuple) and not field.tuples:
+        raise SceneError(f"{where} must be one number in {field.spec.metadata.get('unit', '1')}, but it is {value!r}.")
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
             raise SceneError(f"{where} must be a number in {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.announce import announced
+from toolbox.arguments import mapping
 from toolbox.closed_loop import Controller, External, Sampled, callable_law, designed, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
@@ -169,8 +170,7 @@ def checked_run(
     if isinstance(start, Samples):
         start = _states_of(plant, start)
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
-        if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
-            raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
+        mapping(word, given)
     grid = None
     if output_times is not None:
         grid = finite_array(output_times)

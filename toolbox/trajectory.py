@@ -109,7 +109,7 @@ class Samples:
 def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
     system = program.system
-    found = program.outputs.get(name)
+    found = program.outputs.get(name) if isinstance(name, str) else None
     if found is not None:
         return found
     p, u, force = program.expressions
@@ -242,7 +242,7 @@ class Trajectory(Samples):
         if mode not in known:
             raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
         for word, value in (("after", after), ("until", until)):
-            if value is not None and not value == value:
+            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
         if after > self.end:  # no stick in no time would read as cured
             raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")

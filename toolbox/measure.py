@@ -393,6 +393,8 @@ def window(run: Trajectory, after: float, until: float | None) -> tuple[float, f
     """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
     _check_run(run)
     last = float(run.nodes.time[-1])
+    if last == 0.0:
+        raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
     if not is_finite_number(after) or not 0 <= after < last:
         raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
     if until is None:

@@ -244,8 +244,8 @@ def test_a_chain_that_hundreds_of_contacts_hold_rests_and_lets_go_where_its_push
     held = simulate(plant, 1.0, inputs={"top.torque": 0.999})
     assert not held.states.any()
     pushed = simulate(plant, 0.05, inputs={"top.torque": 2.0})
-    assert pushed.events[0][:3] == (0.0, "chain.0", "stick") or pushed.modes["chain.0"][0] == "slip+"
-    assert not pushed["chain.speed"][:, -1].any()  # the wave, 100 contacts a second, is not there yet
+    assert pushed.modes["chain.0"][0] == "slip+"
+    assert not pushed["chain.speed"][:, -1].any()  # a wave passes 100 contacts a second
 
 
 # --- laws: their clocks
@@ -342,7 +342,9 @@ def test_numbers_that_no_law_can_be_designed_with_are_refused(law, words):
 
 def test_a_machine_that_the_drive_cannot_steer_is_refused_by_the_law():
     # at a steady speed the rock holds the bit: nothing moves it, and the Riccati equation has no stabilising solution
-    held = compose(TorsionalChain(inertia=(2000.0, 400.0), stiffness=(800.0,), damping=(100.0,), top_drag=425.0), HystereticBitRock(weight=97_347.0))
+    held = compose(
+        TorsionalChain(inertia=(2000.0, 400.0), stiffness=(800.0,), damping=(100.0,), top_drag=425.0), HystereticBitRock(weight=97_347.0)
+    )
     with pytest.raises(SceneError, match="LQR cannot be designed on this plant"):
         simulate(held, 1.0, controller=LQR(reference=7.5))
     assert simulate(RIG, 1.0, controller=LQR(reference=7.5)).time[-1] == 1.0

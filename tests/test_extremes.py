@@ -19,6 +19,7 @@ from studies.extremes import EXTREMES, belt, belt_arcs, scaled
 from toolbox import (
     AccuracyError,
     Budget,
+    BudgetError,
     Component,
     Controller,
     DryFriction,
@@ -280,6 +281,13 @@ def test_samples_every_ten_microseconds_are_all_taken(name):
     assert run.steps[0] >= 1000
     assert np.isfinite(run.states).all()
     assert run.time[-1] == 0.01
+
+
+@pytest.mark.parametrize("period", [1e-9, 1e-12])
+def test_billions_of_commands_on_their_way_end_in_a_budget_and_not_in_a_shortage_of_memory(period):
+    with pytest.raises(BudgetError, match="1000 steps") as failed:
+        toolbox.simulate(RIG, 10.0, controller=Sampled(PI(), period, delay=5.0), budget=Budget(steps=1000))
+    assert failed.value.run.end == pytest.approx(1000 * period, rel=0.01)
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -364,7 +364,17 @@ RUN = simulate(BELT, 50.0, start={"block.speed": 0.2})
 CYCLE = toolbox.limit_cycle(BELT, 50.0)
 NO_NUMBERS = (math.nan, math.inf, "strong", None, (1.0, math.nan), object(), 1j)
 NO_NAMES = (math.nan, 5, None, (math.nan,), object())
+DATA = {"time": RUN.at(np.linspace(0.0, 50.0, 101)).time, "block.speed": RUN.at(np.linspace(0.0, 50.0, 101))["block.speed"]}
 VERBS = {
+    "difference to": (lambda bad: RUN.difference(bad), "better", (*NO_NAMES, BELT)),
+    "varying names": (BELT.varying, "names", (*NO_NAMES, "block.mass")),
+    "fit free": (lambda bad: toolbox.fit(BELT, DATA, bad), "name", NO_NAMES),
+    "fit bounds": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", bad), "bounds", (5, "strong", [1.0, 2.0])),
+    "fit noise": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", noise=bad), "noise", (5, "strong", {"block.speed": math.nan})),
+    "fit columns": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", columns=bad), "columns", (5, "strong", {"block.speed": math.nan})),
+    "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", seed=bad), "seed", (math.nan, "strong", -1)),
+    "fit confidence": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", confidence=bad), "confidence", (*NO_NUMBERS, 0.0, 1.0)),
+    "export_c period": (lambda bad: toolbox.export_c(StiffPI(), RIG, bad, "nowhere"), "period", (*NO_NUMBERS, 0.0)),
     "severity after": (lambda bad: toolbox.severity(RUN, "block.speed", bad), "after", NO_NUMBERS),
     "severity signal": (lambda bad: toolbox.severity(RUN, bad), "signal", NO_NAMES),
     "severity definition": (lambda bad: toolbox.severity(RUN, "block.speed", definition=bad), "definition", NO_NAMES),

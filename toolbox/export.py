@@ -168,6 +168,8 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
 
 def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
     """Write a law as `export_c` does, and return what its header lists."""
+    if not is_finite_number(period) or period <= 0:
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     c, h = c_paths(path)
     made = designed(controller, plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
     if hasattr(made, "export_c"):

@@ -245,6 +245,8 @@ class HybridSystem:
         Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends on: changing a spring or an inertia
         in time does work that no part accounts for.
         """
+        if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+            raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
         key = ("varying", *names)
         found = self.kernels.get(key)
         if found is None:

@@ -305,6 +305,8 @@ class Trajectory(Samples):
 
     def difference(self, better: Trajectory) -> float:
         """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        if not isinstance(better, Trajectory):
+            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {_short(better)}.")
         nodes = self.nodes
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         times = times[times <= min(nodes.end, better.end)]

@@ -49,16 +49,18 @@ class HInfinity(TorqueLimits):
         B2 = np.append(model.B, 0.0)[:, None] * self.torque_size
         C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_size, np.append(np.zeros(n), 1 / self.angle_size)])
         C2 = np.append(model.top, 0.0)[None, :] / self.speed_noise
+        none = SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
         low, high = 0.0, 1.0
         while central_law(F, B1, B2, C1, C2, high) is None:
             low, high = high, 2 * high
             if high > 1e6:
-                raise SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
+                raise none
         while high - low > 1e-4 * high:
             middle = (low + high) / 2
             low, high = (low, middle) if central_law(F, B1, B2, C1, C2, middle) is not None else (middle, high)
         law = central_law(F, B1, B2, C1, C2, self.margin * high)
-        assert law is not None
+        if law is None:
+            raise none
         A_K, B_K, C_K = law
         numbers = [A_K, B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
         matrices = np.concatenate([matrix.ravel() for matrix in numbers])

@@ -10,9 +10,9 @@ import pytest
 from scipy.linalg import expm
 
 from controllers import PI
-from models import BitRock, BlockOnBelt, Exponential, TorsionalChain
+from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
 from toolbox import Component, DryFriction, Equations, compose, energy_audit, equilibrium, linearise, quantity, simulate, sine, state
-from toolbox.rosenbrock import RODAS5P, factors
+from toolbox.rosenbrock import FASTEST_GROWTH, RODAS5P, factors
 
 # --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
 
@@ -55,6 +55,17 @@ def test_fast_modes_die_within_a_step_and_no_decaying_mode_grows():
     assert max(growth(1j * y) for y in np.geomspace(1e-2, 1e4, 500)) <= 1 + 1e-9
     left_half = [r * np.exp(1j * angle) for r in np.geomspace(0.1, 1e4, 60) for angle in np.linspace(np.pi / 2, np.pi, 20)]
     assert max(map(growth, left_half)) <= 1 + 1e-9
+
+
+def test_a_growing_mode_is_followed_as_long_as_a_step_may_stand_and_not_beyond():
+    _, beta, b = coefficients()
+
+    def growth(z):
+        return 1 + z * b @ np.linalg.solve(np.eye(b.size) - z * beta, np.ones(b.size))
+
+    assert growth(FASTEST_GROWTH) == pytest.approx(np.exp(FASTEST_GROWTH), rel=0.03)
+    assert growth(1.5 * FASTEST_GROWTH) < 0  # the danger: it would go the other way,
+    assert abs(growth(1e6)) < 1e-4  # or seem to die
 
 
 @dataclass(frozen=True)
@@ -118,11 +129,25 @@ def test_the_elimination_solves_sparse_systems_with_algebraic_rows():
     matrix = np.diag(generator.uniform(-3, -2, 9)) + np.diag(generator.uniform(-1, 1, 8), 1) + np.diag(generator.uniform(-1, 1, 6), -3)
     matrix[0, 8] = 0.3
     sparse = ca.sparsify(ca.SX(ca.DM(matrix)))
-    values, solve = factors(sparse, ca.SX(2.0), extra=2)
+    values, solve, least = factors(sparse, ca.SX(2.0), extra=2)
     right = generator.uniform(-1, 1, 7)
     full = np.diag([2.0] * 7 + [0.0] * 2) - matrix
     expected = np.linalg.solve(full, np.append(right, [0, 0]))[:7]
     np.testing.assert_allclose(np.array(solve(ca.DM(values), right)).ravel(), expected, rtol=1e-12)
+    assert float(least) > 0  # the eigenvalues of the matrix all decay
+
+
+@pytest.mark.parametrize("law", [Hyperbolic(static=1.0, decay=1e6), Exponential(static=1.0, kinetic=0.5, decay=1e6)], ids=["hyperbolic", "exponential"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_a_block_breaks_away_though_implicit_damping_would_hold_it(law, accuracy):
+    # after stick the slip grows at the rate F_s decay / m = 1e6/s from nothing: a long implicit step sees no error in letting it die
+    plant = compose(BlockOnBelt(friction=law))
+    exact = simulate(plant, 50.0, start={"block.speed": 0.2}, method="explicit", accuracy=1e-10)
+    run = simulate(plant, 50.0, start={"block.speed": 0.2}, method="stiff", accuracy=accuracy)
+    assert run.merged == 0
+    assert len(run.events) == len(exact.events)
+    assert run.difference(exact) < accuracy
+    assert run.error < accuracy
 
 
 # --- machines

@@ -12,16 +12,17 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from toolbox.elements import is_finite_number, quantity, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.parts import Component, Equations, Signal, Update
+from toolbox.parts import Component, Equations, Signal, Update, check_fields
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,25 @@ class Controller(Component):
 
     def equations(self, signal: Signal) -> Equations:
         return self.continuous(signal)
+
+
+def designed(law: Any, plant: HybridSystem) -> Any:
+    """What `design(plant)` of a law returns.
+
+    Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
+    """
+    if not hasattr(law, "design"):
+        raise SceneError(f"A control law must be a Controller, but it is {law!r}.")
+    if type(law).design is Controller.design:
+        return law
+    check_fields(law)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
+            return law.design(plant)
+    except (SceneError, NotImplementedError):
+        raise
+    except (ArithmeticError, ValueError) as error:  # of numpy and scipy
+        raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -186,8 +206,11 @@ def held(sampled: Sampled, law: Controller) -> Held:
 
 
 def names(value: str | Sequence[str]) -> tuple[str, ...]:
-    """A tuple of names from one name or several."""
-    return (value,) if isinstance(value, str) else tuple(value)
+    """A tuple of names from one name or several. Raises SceneError for anything else."""
+    listed = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(name, str) for name in listed):
+        raise SceneError(f"A name, or several, must be given as strings, but it is {value!r}.")
+    return listed
 
 
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
@@ -244,7 +267,7 @@ class Takeover(Controller):
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""
-        return dataclasses.replace(self, before=self.before.design(plant), after=self.after.design(plant))
+        return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         if set(self.before.drives) != set(self.after.drives):

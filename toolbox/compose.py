@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.closed_loop import designed
 from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
@@ -42,7 +43,7 @@ def compose(*components: Component) -> HybridSystem:
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
         declared = compose(*plant)
-        components = tuple(c.design(declared) if hasattr(c, "design") else c for c in components)
+        components = tuple(designed(c, declared) if hasattr(c, "design") else c for c in components)
     return assembled(components)
 
 
@@ -230,7 +231,7 @@ class _Composer:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
         for expression in expressions:
             expression = ca.SX(expression)
-            function = ca.Function("scan", ca.symvar(expression), [expression])
+            function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
             for k in range(function.n_instructions()):
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
                     raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")

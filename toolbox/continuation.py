@@ -21,12 +21,13 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import number, whole
 from toolbox.cycle import Cycle, CycleError, Orbit, anchored, forcing_period, multipliers_of, signature_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
@@ -133,14 +134,15 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
-    if len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
+    if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
         raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
     if not is_finite_number(step) or not step > 0:
         raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
     walk = _Walk(cycle, parameter, (float(span[0]), float(span[1])))
     if not span[0] <= walk.here.value <= span[1]:
         raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
-    goal = towards if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
+    whole("points", points, 1)
+    goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     unit = unit_of(cycle.run, parameter)
     branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")

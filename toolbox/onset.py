@@ -328,7 +328,9 @@ def onset(
     if not isinstance(values, int) or values < 3:
         raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
     for word, number in (("tolerance", tolerance), ("duration", duration), ("perturbation", perturbation), ("at", at)):
-        if number is not None and (not is_finite_number(number) or (word != "at" and number <= 0)):
+        if number is None and word != "perturbation":
+            continue
+        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
             raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
     closed = continuous_loop(plant, law, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)

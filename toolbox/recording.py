@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox import table
+from toolbox.arguments import mapping
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
@@ -43,6 +44,9 @@ class Recording:
         """
         if isinstance(data, Recording):
             return data
+        columns = None if columns is None else mapping("columns", columns)
+        if not all(isinstance(label, str) for label in (columns or {}).values()):
+            raise SceneError(f"Argument `columns` must name the column of every signal, but it is {columns!r}.")
         for name in columns or {}:
             if name != "time":
                 _scalar_unit(plant, name)

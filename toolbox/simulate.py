@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.announce import announced
-from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
+from toolbox.arguments import mapping
+from toolbox.closed_loop import Controller, External, Sampled, callable_law, designed, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -171,8 +172,7 @@ def checked_run(
     elif isinstance(start, Equilibrium):
         start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
-        if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
-            raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
+        mapping(word, given)
     grid = None
     if output_times is not None:
         grid = finite_array(output_times)
@@ -255,7 +255,7 @@ def _closed(
         if sampled is not None:
             sampled.check()
         if isinstance(law, Controller):
-            law = law.design(declared)
+            law = designed(law, declared)
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)

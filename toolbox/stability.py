@@ -23,6 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import mapping, numbers, whole
 from toolbox.closed_loop import Controller, Sampled
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
@@ -80,7 +81,7 @@ class Knob:
     @staticmethod
     def of(plant: HybridSystem, name: str) -> Knob:
         """The knob of that name; raises SceneError where there is neither such an input nor such a parameter, or it is a vector."""
-        if name in plant.inputs:
+        if isinstance(name, str) and name in plant.inputs:
             return Knob(name, plant.inputs[name].unit, True)
         try:
             entry = plant._parameter(name)
@@ -270,7 +271,7 @@ def hopf_points(
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)
     followed = Followed(closed, knob, inputs or {}, mode, guess)
-    grid = np.linspace(low, high, max(int(values), 2))
+    grid = np.linspace(low, high, whole("values", values, 2))
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
         followed(float(value))
     if not any(followed.known.values()):
@@ -315,8 +316,8 @@ def hopf_curve(
     other, _ = Knob.of(closed, over), Knob.of(closed, parameter)
     checked_range(between)
     curve = []
-    for value in values:
-        arguments = other.arguments(float(value), inputs or {})
+    for value in numbers("values", values):
+        arguments = other.arguments(value, inputs or {})
         try:
             points = hopf_points(closed, parameter, between, mode=mode, **arguments)
         except SceneError as error:
@@ -347,8 +348,8 @@ def pole_locus(
     followed = Followed(closed, Knob.of(closed, parameter), inputs or {}, mode)
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
-    for value in values:
-        point = followed(float(value))
+    for value in numbers("values", values):
+        point = followed(value)
         if point is None:
             rows.append(None)
             continue
@@ -376,7 +377,7 @@ class Followed:
         self.guess: np.ndarray | None = None
         if guess:
             self.guess = np.zeros(closed.x.numel())
-            place_starts(closed, self.guess, guess)
+            place_starts(closed, self.guess, mapping("guess", guess))
         self.known: dict[float, Equilibrium | None] = {}
         self.alone: set[float] = set()
         self.reason = ""

@@ -12,6 +12,7 @@ The run then begins anew with the stiff method.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,13 @@ def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m:
         field(t, 0.0, at.ctypes.data, at.ctypes.data, p.ctypes.data, m.ctypes.data, out.ctypes.data)
         return out[n : 2 * n].copy()
 
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _growth(slope, x, iterations)
+
+
+def _growth(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, iterations: int) -> float:
     start, size = slope(x), 1e-7 * max(float(np.abs(x).max(initial=0.0)), 1e-6)
-    direction = np.random.default_rng(0).standard_normal(n)
+    direction = np.random.default_rng(0).standard_normal(x.size)
     growth = []
     for _ in range(iterations):
         length = float(np.linalg.norm(direction))

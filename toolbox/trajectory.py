@@ -109,7 +109,7 @@ class Samples:
 def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
     system = program.system
-    found = program.outputs.get(name)
+    found = program.outputs.get(name) if isinstance(name, str) else None
     if found is not None:
         return found
     p, u, force = program.expressions
@@ -242,7 +242,7 @@ class Trajectory(Samples):
         if mode not in known:
             raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
         for word, value in (("after", after), ("until", until)):
-            if value is not None and not value == value:
+            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
         if after > self.end:  # no stick in no time would read as cured
             raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
@@ -305,6 +305,8 @@ class Trajectory(Samples):
 
     def difference(self, better: Trajectory) -> float:
         """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        if not isinstance(better, Trajectory):
+            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {_short(better)}.")
         nodes = self.nodes
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         times = times[times <= min(nodes.end, better.end)]

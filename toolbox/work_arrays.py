@@ -79,7 +79,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         memory_size = len(keys)
     memory, held = begun(run, system)
     p[program.held_slot : program.held_slot + held.size] = held
-    depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
+    depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8

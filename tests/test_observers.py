@@ -16,7 +16,9 @@ EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), Sl
 
 def matrices(observer):
     n = len(observer.gain)
-    return np.array(observer.matrix).reshape(n, n), np.array(observer.gain), np.array(observer.rows)[:n]
+    A = np.zeros(n * n)
+    A[list(observer.places)] = observer.matrix
+    return A.reshape(n, n), np.array(observer.gain), np.array(observer.rows)[:n]
 
 
 def seen(observer, law, duration=60.0, after=20.0, plant=RIG, noise=0.0, **arguments):

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from controllers.string_model import StringModel, string_model
+from controllers.string_model import StringModel, entries, string_model, with_entries
 from toolbox import Equations, Observer, SceneError, Update, quantity, state
 
 
@@ -32,7 +32,10 @@ class StringObserver(Observer):
 
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    matrix: tuple[float, ...] | None = quantity(None, "1", "A with the disturbance as last state, row by row; filled in by design")
+    places: tuple[int, ...] = ()
+    matrix: tuple[float, ...] | None = quantity(
+        None, "1", "A with the disturbance as last state, row by row, where `places` says (everywhere if it is empty); filled in by design"
+    )
     drive: tuple[float, ...] | None = quantity(None, "1", "B with a zero for the disturbance; filled in by design")
     rows: tuple[float, ...] | None = quantity(None, "1", "rows that give top speed, bit speed and top load; filled in by design")
     gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
@@ -57,9 +60,10 @@ class StringObserver(Observer):
             rock = (size * kinetic, size * (static - kinetic), decay)
         except SceneError:
             rock = None
-        numbers = {"matrix": A, "drive": B, "rows": rows, "gain": gain}
+        places = entries(A)
+        numbers = {"matrix": A.ravel()[list(places)], "drive": B, "rows": rows, "gain": gain}
         return replace(
-            self, states=model.states, units=model.units, rock=rock, **{name: tuple(v.ravel().tolist()) for name, v in numbers.items()}
+            self, states=model.states, units=model.units, rock=rock, places=places, **{name: tuple(v.ravel().tolist()) for name, v in numbers.items()}
         )
 
     def injection(self, error: Any) -> Any:
@@ -71,7 +75,7 @@ class StringObserver(Observer):
         if self.gain is None or self.matrix is None or self.drive is None or self.rows is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.gain)
-        A, B, L = ca.reshape(ca.vertcat(*self.matrix), n, n).T, ca.vertcat(*self.drive), ca.vertcat(*self.gain)
+        A, B, L = with_entries(n, self.places, ca.vertcat(*self.matrix)), ca.vertcat(*self.drive), ca.vertcat(*self.gain)
         top, bit, load = (ca.horzcat(*self.rows[i * n : (i + 1) * n]) for i in range(3))
         x = state("observer.state", "1", n)
         speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")

@@ -86,7 +86,7 @@ class HInfinity(TorqueLimits):
         n = self.order
         numbers = ca.vertcat(*self.matrices)
         many = len(self.places) or n * n
-        A = with_entries(n, self.places, numbers[:many])
+        A = with_entries((n, n), self.places, numbers[:many])
         B, C, drive = numbers[many : many + n], numbers[many + n : many + 2 * n].T, numbers[many + 2 * n :]
         x = state("hinfinity.state", "1", n)
         error = signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)

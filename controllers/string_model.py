@@ -59,10 +59,11 @@ def entries(matrix: np.ndarray) -> tuple[int, ...]:
     return tuple(np.flatnonzero(matrix).tolist())
 
 
-def with_entries(n: int, places: Sequence[int], numbers: ca.SX) -> ca.SX:
-    """The n x n matrix with these numbers at these places, and zeros beside them that are not computed with; no places: all of them."""
-    at = np.array(places, int) if places else np.arange(n * n)
-    return ca.SX(ca.Sparsity.triplet(n, n, (at % n).tolist(), (at // n).tolist()), numbers).T  # transposed, as casadi counts column by column
+def with_entries(shape: tuple[int, int], places: Sequence[int], numbers: ca.SX) -> ca.SX:
+    """The matrix with these numbers at these places, and zeros beside them that are not computed with; no places: all of them."""
+    at = np.array(places, int) if places else np.arange(shape[0] * shape[1])
+    turned = ca.Sparsity.triplet(*shape[::-1], (at % shape[1]).tolist(), (at // shape[1]).tolist())
+    return ca.SX(turned, numbers).T  # casadi counts column by column
 
 
 def rock_slope(plant: HybridSystem, speed: float) -> tuple[float, float]:

@@ -327,8 +327,9 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
     law = LQG(reference=3.0).design(plant)
     regulator = poles(wells.JANSEN_2, rock, law.law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
     n = len(law.observer.gain)
-    A, C = np.zeros((n, n)), np.array(law.observer.rows)[:n]
-    A.flat[list(law.observer.places)] = law.observer.matrix
+    stacked = np.zeros((n + 4, n))
+    stacked.flat[list(law.observer.places)] = law.observer.model
+    A, C = stacked[:n], stacked[n + 1]
     expected = np.concatenate([regulator, np.linalg.eigvals(A - np.outer(law.observer.gain, C))])
     found = poles(wells.JANSEN_2, rock, law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
     np.testing.assert_allclose(np.poly(found).real, np.poly(expected).real, rtol=1e-5)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from controllers import StiffPI
+from controllers import SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
 from studies import cycles
 from toolbox import (
@@ -26,6 +26,7 @@ from toolbox import (
     follow,
     limit_cycle,
     linearise,
+    pole_locus,
     quantity,
     simulate,
     sine,
@@ -411,6 +412,18 @@ def test_what_is_no_cycle_is_said_to_be_none():
         follow(cycle, "block.belt_speed", (0.3, 0.5))
     with pytest.raises(SceneError, match="is a state"):
         follow(cycle, "block.position", (0.0, 0.5))
+
+
+@pytest.mark.parametrize("reference", [7.0, 8.0])
+@pytest.mark.parametrize("settle", [60.0, 200.0])
+def test_from_smooth_running_no_cycle_is_found_and_from_inside_stick_slip_the_one_beside_it_is(reference, settle):
+    # soft torque holds both: poles left of the axis, to which the run from rest winds down without a switch, and the cycle of a bit that sticks
+    rig, law = compose(wells.JANSEN_2, BitRock(weight=97_347.0)), SoftTorque(reference=reference)
+    assert pole_locus(rig, "top.reference", [reference], controller=law, mode={"bit": "slip+"}).real.max() < 0.0
+    with pytest.raises(CycleError, match="dies out without a switch"):
+        limit_cycle(rig, settle, controller=law)
+    inside = limit_cycle(rig, settle, controller=law, start={"chain.speed": (reference, 0.0)})
+    assert inside.stable and inside.stick_share("bit") > 0.2
 
 
 def test_cycle_and_branch_print_and_draw_themselves():

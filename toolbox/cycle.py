@@ -187,9 +187,19 @@ def limit_cycle(
         if orbit.clocked and rounds * given > run.end * (1 - 1e-9):
             rounds -= 1.0  # at its end a run takes no sample
         return orbit.solved(orbit.within(run, max(rounds, 0.0) * given), given)
-    begin, length = (0.0, float(period)) if period is not None and settle is None and run is not plant else _round(run, orbit, period)
-    anchor = anchored(run, begin, begin + length, orbit)
-    return orbit.solved(run.at(anchor).states[0], length)
+    guessed = period is not None and settle is None and run is not plant
+    try:
+        begin, length = (0.0, float(period)) if guessed and period is not None else _round(run, orbit, period)
+        anchor = anchored(run, begin, begin + length, orbit)
+        return orbit.solved(run.at(anchor).states[0], length)
+    except CycleError as error:
+        if not guessed and _dies_out(run, orbit):
+            raise CycleError(
+                "The run comes to rest, so that there is no cycle at its end: its swing dies out without a switch. Where stick-slip lives beside smooth "
+                "running, start inside of it, such as with a bit at rest under a turning string, or `follow` a cycle of another parameter value.",
+                run,
+            ) from error
+        raise
 
 
 @dataclass
@@ -458,6 +468,17 @@ def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
             turned = int(((mode != initial) & ~holding).sum())
             pieces.append((turned, int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))
     return min(pieces)[3]
+
+
+def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
+    """Whether the last two thirds of a run shrink to nothing, without a switch: what is left of the swing, extrapolated from its three thirds, is less than
+    half of the last (Aitken; exactly 0 for a geometric decay, and 0.8 of it where 1/sqrt(t) is on its way to a cycle born at a Hopf point)."""
+    begin = run.end / 3
+    if any(event.time > begin for event in run.events):
+        return False
+    states = run.at(np.linspace(begin, run.end, 6000)).states[:, orbit.returning] / orbit.scale[orbit.returning]
+    a, b, c = (float(np.ptp(part, axis=0).max(initial=0.0)) for part in np.split(states, 3))
+    return a > b > c and c - b > b - a and c - (c - b) ** 2 / ((c - b) - (b - a)) < c / 2
 
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:

@@ -225,7 +225,7 @@ def test_thomsen_and_fidlins_block_goes_from_stick_slip_through_grazing_to_slidi
     assert cycle.stick_share("belt") > 0.05
     branch = follow(cycle, "block.belt_speed", (0.3, 0.5), points=150)
     grazing, end = branch.bifurcations
-    assert [grazing.kind, end.kind] == ["grazing", "Hopf"]
+    assert [grazing.kind, end.kind] == ["grazing-sliding", "Hopf"]
     np.testing.assert_allclose(end.value, hopf, atol=1e-5)
     np.testing.assert_allclose(grazing.value, math.sqrt(0.8) * hopf, rtol=0.01)  # averaging, to first order
     np.testing.assert_allclose(grazing.cycle.extremes("block.speed")[1], grazing.value, rtol=1e-6)  # the belt is just reached
@@ -243,7 +243,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
     assert cycle.stick_share("belt") > 0.0
     branch = follow(cycle, "block.belt_speed", (0.15, 2.0), points=300)
     kinds = [point.kind for point in branch.bifurcations]
-    assert kinds == ["grazing", "Hopf"]
+    assert kinds == ["grazing-sliding", "Hopf"]
     np.testing.assert_allclose(branch.bifurcations[1].value, oscillators.hopf_speed(block), rtol=1e-4)
     last = branch.cycles[-1]
     assert not last.stable
@@ -263,7 +263,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
 def test_a_stiff_drive_lets_a_drill_string_stick_and_slip_far_above_its_hopf_speed(drilling):
     branch = cycles.reach(drilling)
     grazing, hopf = branch.bifurcations
-    assert [grazing.kind, hopf.kind] == ["grazing", "Hopf"]
+    assert [grazing.kind, hopf.kind] == ["grazing-sliding", "Hopf"]
     assert not branch.stable[-1]
     plant = drilling.run.run.plant
     closed = compose(*plant.parts, StiffPI(reference=hopf.value))
@@ -372,7 +372,7 @@ def test_stick_slip_under_constant_friction_ends_where_the_damped_block_just_rea
     plant = compose(BlockOnBelt(belt_speed=belt, damping=0.02, friction=Coulomb(static=static, kinetic=kinetic)))
     branch = follow(limit_cycle(plant, 80.0, start={"block.speed": belt}), "block.damping", (0.0, 1.0), points=150)
     (grazing,) = branch.bifurcations
-    assert grazing.kind == "grazing"
+    assert grazing.kind == "grazing-sliding"
     np.testing.assert_allclose(grazing.value, theory, rtol=1e-7)
     assert grazing.cycle.stick_share("belt") > 0.1  # nothing shrinks: the cycle is gone at once, and the block comes to rest
     assert branch.stable.all()

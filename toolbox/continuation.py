@@ -7,11 +7,12 @@ Brent's method to 1e-9:
     fold               the tangent has no part along the parameter (a multiplier passes 1)
     period doubling    det(M + I) = 0 (a multiplier passes -1)
     Neimark-Sacker     a pair of complex multipliers passes the unit circle, prod (mu_i mu_j - 1) = 0
-    grazing            the switches of a period change: a stick phase appears or disappears, a contact is touched
+    ...-sliding        the sticks of a period change: grazing-, crossing-, adding- or switching-sliding, see `toolbox.sliding`
+    grazing            other switches of a period change: a contact is touched
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
-Grazing is bisected where the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates at which the last two cycles
-meet the event; either way to about 1e-7 of the span.
+Where switches change, the point is bisected if the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates
+at which the last two cycles meet the event; either way to about 1e-7 of the span.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 """
@@ -31,12 +32,13 @@ from toolbox.cycle import Cycle, CycleError, Orbit, anchored, forcing_period, mu
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.sensitivity import unit_of, value_of, with_value
+from toolbox.sliding import sliding_kind
 from toolbox.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """A point at which the kind of a cycle changes: kind, value of the parameter, the cycle there (at grazing, the last one before it)."""
+    """A point at which the kind of a cycle changes: kind, value of the parameter, the cycle there (where switches change, the last one before it)."""
 
     kind: str
     value: float
@@ -93,7 +95,8 @@ class Branch:
                 style = {"linestyle": "-", "linewidth": 1.6} if stable[a] else {"linestyle": (0, (4, 2)), "linewidth": 1.2}
                 ax.plot(values[piece], ends[piece, side], color=color, label=None if word in labels else word, **style)
                 labels.add(word)
-        markers = {"fold": "o", "period doubling": "s", "Neimark-Sacker": "D", "grazing": "v", "Hopf": "P"}
+        markers = {"fold": "o", "period doubling": "s", "Neimark-Sacker": "D", "grazing": "v", "grazing-sliding": "v", "crossing-sliding": "X",
+                   "adding-sliding": "^", "switching-sliding": ">", "Hopf": "P"}  # fmt: skip
         for point in self.bifurcations:
             low, high = point.cycle.extremes(signal)
             label = None if point.kind in labels else point.kind
@@ -167,10 +170,10 @@ def follow(
                     "no further cycle is found" if touched is None else "the switches of the cycle touch zero, and none is found beyond"
                 )
                 if touched is not None:
-                    branch.bifurcations.append(Bifurcation("grazing", touched, branch.cycles[-1]))
+                    branch.bifurcations.append(Bifurcation(walk.corner(), touched, branch.cycles[-1]))
                 break
             turned, left = turned + 1, here
-            branch.bifurcations.append(Bifurcation("grazing", branch.values[-1] if touched is None else touched, branch.cycles[-1]))
+            branch.bifurcations.append(Bifurcation(walk.corner(), branch.values[-1] if touched is None else touched, branch.cycles[-1]))
             size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
         else:
             turned, left = 0, None
@@ -237,6 +240,7 @@ class _Walk:
         u = np.concatenate([self.rest[self.kept], [] if self.forced else [cycle.period], [value]]) / self.scale
         self.heading = np.zeros(u.size)
         self.before: _Point | None = None
+        self.beyond: Trajectory | None = None
         self._phase_at(cycle.run)
         found = self._corrected(u, None, None)
         if found is None:
@@ -372,6 +376,7 @@ class _Walk:
 
         left: the switches that a corner just passed led away from, to which there is no way back.
         """
+        self.beyond = None
         n, here, heading = self.kept.size, self.here, self.heading
         mine = signature_of(here.run)
         probes = [heading, -heading, *(sign * row for row in np.eye(heading.size)[:n] for sign in (1.0, -1.0))]
@@ -382,6 +387,7 @@ class _Walk:
                 continue
             if signature_of(run) in (mine, left):
                 continue
+            self.beyond = self.beyond or run
             beyond = np.linalg.svd(self._matrix(run, tangent, period))[2][-1]
             for far, way in itertools.product((3 * near, 10 * near, 100 * near), (beyond, -beyond)):
                 self.heading = way
@@ -390,6 +396,10 @@ class _Walk:
                     return point
         self.heading = heading
         return None
+
+    def corner(self) -> str:
+        """What happens at the corner that `around` was asked to pass, by the switches of the runs that it saw beyond."""
+        return (None if self.beyond is None else sliding_kind(self.here.run, self.beyond)) or "grazing"
 
     def move_to(self, point: _Point) -> None:
         """Make a point the current one, with the start of its cycle moved midway between events again where it has come near one."""
@@ -439,7 +449,7 @@ class _Walk:
         """The bifurcations between two neighbouring points."""
         found = []
         if self.cycle(before).signature != self.cycle(after).signature:
-            low, high, edge = 0.0, size, before
+            low, high, edge, beyond = 0.0, size, before, after
             wanted = self.cycle(before).signature
             for _ in range(60):
                 middle = (low + high) / 2
@@ -447,10 +457,10 @@ class _Walk:
                 if point is not None and self.cycle(point).signature == wanted:
                     low, edge = middle, point
                 else:
-                    high = middle
+                    high, beyond = middle, point or beyond
                 if high - low < 1e-9 * size or abs(edge.value - after.value) * (high - low) < 1e-10 * size * self.scale[-1]:
                     break
-            return [Bifurcation("grazing", edge.value, self.cycle(edge))]
+            return [Bifurcation(sliding_kind(edge.run, beyond.run) or "grazing", edge.value, self.cycle(edge))]
 
         def doubling(point: _Point) -> float:
             return float(np.real(np.prod(1.0 + self.cycle(point).multipliers)))

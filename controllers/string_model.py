@@ -59,7 +59,7 @@ def entries(matrix: np.ndarray) -> tuple[int, ...]:
     return tuple(np.flatnonzero(matrix).tolist())
 
 
-def with_entries(shape: tuple[int, int], places: Sequence[int], numbers: ca.SX) -> ca.SX:
+def with_entries(shape: tuple[int, int], places: Sequence[int], numbers: ca.SX | ca.DM) -> ca.SX:
     """The matrix with these numbers at these places, and zeros beside them that are not computed with; no places: all of them."""
     at = np.array(places, int) if places else np.arange(shape[0] * shape[1])
     turned = ca.Sparsity.triplet(*shape[::-1], (at % shape[1]).tolist(), (at // shape[1]).tolist())

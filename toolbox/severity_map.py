@@ -29,6 +29,7 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
+from toolbox.knob import Knob, continuous_loop
 from toolbox.linear import (
     closed_signal,
     equilibrium,
@@ -42,7 +43,6 @@ from toolbox.linear import (
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import Run
-from toolbox.stability import Knob, continuous_loop
 from toolbox.sweep import Variations, evaluated, folder_of, grid, run_fingerprint, varied_numbers, varied_run
 
 if TYPE_CHECKING:

@@ -36,10 +36,10 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
+from toolbox.knob import Knob
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import Component, checked, fields_of, is_nested, law_of, numbers_of, rebuilt, structure_of
 from toolbox.simulate import Run, carry_out, checked_run
-from toolbox.stability import Knob
 from toolbox.tally import Measure
 from toolbox.trajectory import Trajectory
 from toolbox.work_arrays import place_start
@@ -346,7 +346,9 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
             element = judged_contact(closed, scene.element if scene else None)
-            value = STANDARD[value](scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2)
+            value = STANDARD[value](
+                scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
+            )
         if isinstance(value, Measure):
             value.check(closed, duration)
         elif not callable(value):

@@ -134,8 +134,8 @@ def run_map(given: argparse.Namespace) -> int:
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
+    from toolbox.knob import Knob
     from toolbox.simulate import checked_run
-    from toolbox.stability import Knob
     from toolbox.units import parse
 
     closed = checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system

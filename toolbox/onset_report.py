@@ -246,6 +246,7 @@ COLUMNS = ("verdict", "severity", "sticks", "longest")
 
 
 def shown(value: float) -> str:
+    """A number of a report; "-" where there is none."""
     return "-" if math.isnan(value) else f"{value:.3g}"
 
 

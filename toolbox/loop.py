@@ -965,7 +965,7 @@ def _begin(w):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(w):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
     w = _borrowed_all(w)

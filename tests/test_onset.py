@@ -12,7 +12,7 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, compose, hopf_points, measure, onset, simulate
-from toolbox.onset import Border, Comparison
+from toolbox.onset_report import Border, Comparison
 from toolbox.scene import Scene
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
@@ -132,8 +133,16 @@ class _Composer:
             needs.append((name, unit, default, placeholder))
             return placeholder
 
+        mode = ca.GlobalOptions.getNumpyMode()
+        ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
         try:
             equations = symbolic.equations(signal)
+        except RecursionError as error:
+            if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
+                raise
+            raise SceneError(
+                f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
+            ) from error
         except RuntimeError as error:
             if "truth value" not in str(error):
                 raise
@@ -141,6 +150,8 @@ class _Composer:
                 f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
                 "or declare what they decide on as int, str or bool."
             ) from error
+        finally:
+            ca.GlobalOptions.setNumpyMode(mode)
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
         for variable in equations.flow:
@@ -234,15 +245,15 @@ class _Composer:
             function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
             for k in range(function.n_instructions()):
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
-                    raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
+                    raise SceneError(
+                        f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`."
+                    )
 
     def _add_parameter(self, path: str, slot: Slot, unit: str) -> None:
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
-        self.parameters[path] = Parameter(
-            path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata
-        )
+        self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata)
         self.symbols.append(slot.symbol)
         self.defaults.extend([math.nan] * slot.symbol.numel())
 
@@ -293,7 +304,9 @@ class _Composer:
                 raise SceneError(f"The stand-in of `{name}` must be a finite number in {unit}, but it is {default!r}.")
             else:
                 if name in self.parameters:
-                    raise SceneError(f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in.")
+                    raise SceneError(
+                        f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in."
+                    )
                 expression = ca.SX.sym(name)
                 self.parameters[name] = Parameter(name, unit, "stand-in of a signal", None, self._n_parameters, {})
                 self.symbols.append(expression)
@@ -342,7 +355,9 @@ class _Composer:
         memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _, _ in self.updates]
         noises = [ca.vertcat(*u.noise.values()) if u.noise else ca.SX(0, 1) for u, _, _, _ in self.updates]
         system.updates = tuple(
-            SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise))
+            SampledUpdate(
+                z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise)
+            )
             for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
         )
         system.routes = self.routes
@@ -423,4 +438,6 @@ def _check_gain(system: HybridSystem) -> None:
     if abs(values[weakest]) < 1e-12:
         share = np.abs(vectors[:, weakest])
         names = ", ".join(f"`{e.name}`" for e, part in zip(holding, share, strict=True) if part > 1e-6 * share.max())
-        raise SceneError(f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force.")
+        raise SceneError(
+            f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force."
+        )

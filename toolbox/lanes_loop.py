@@ -61,7 +61,7 @@ from toolbox.loop import (
     _round_off,
     advance,
 )  # fmt: skip
-from toolbox.machine_cache import checksum
+from toolbox.machine_cache import checksum, inlined
 from toolbox.tally_loop import note_end
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
@@ -156,7 +156,7 @@ def scalar_address(w):
     return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _gather_point(block, rows, lane, w, p):
     """Where a lane stands, in the arrays of the scalar loop."""
     w.reals[TIME] = block[TIME_ROW, lane]
@@ -171,7 +171,7 @@ def _gather_point(block, rows, lane, w, p):
         w.m[i] = block[rows[M] + i, lane]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _gather_history(block, rows, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
     ne, ng = w.ints[NE], w.ints[NG]
@@ -195,7 +195,7 @@ def _gather_history(block, rows, lane, w):
             w.guard_scale[2 * j + ng - w.slot[j]] = block[rows[OTHER_SCALE] + j, lane]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _scatter(block, rows, lane, w, stop):
     """The arrays of the scalar loop back in their lane."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
@@ -228,14 +228,14 @@ def _scatter(block, rows, lane, w, stop):
         block[rows[OTHER_SCALE] + j, lane] = w.guard_scale[2 * j + ng - w.slot[j]]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put_parameters(block, rows, lane, w, p):
     for i in range(w.p.size):
         p[lane, i] = w.p[i]
         block[rows[P] + i, lane] = w.p[i]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _gather_samples(block, rows, lane, w, queue):
     """What the sampled laws of a lane remember, hold and have on the way, in the arrays of the scalar loop."""
     depth, widest = w.queue.shape[1], w.queue.shape[2]
@@ -252,7 +252,7 @@ def _gather_samples(block, rows, lane, w, queue):
         w.memory[i] = block[rows[MEMORY] + i, lane]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _scatter_samples(block, rows, lane, w, queue):
     """The same back in their lane, and the stop that is next after the calendar's."""
     depth, widest = w.queue.shape[1], w.queue.shape[2]
@@ -273,7 +273,7 @@ def _scatter_samples(block, rows, lane, w, queue):
     block[STOP_ROW, lane] = stop
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _next_stop(w, edges):
     """The next instant of the calendar at which a step must end: an edge of a window, a jump of a parameter or the end."""
     stop = w.reals[END]
@@ -285,7 +285,7 @@ def _next_stop(w, edges):
     return stop
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, values):
     """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
     h = w.reals[TIME] - t
@@ -312,7 +312,7 @@ def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, val
                     block[place + 2, lane] += weight * value
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     ne = w.ints[NE]
@@ -336,7 +336,7 @@ def _event(w, t):
     return PAUSED
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _begin(scalar, w, rest, parameters, start, memory, held, steps):
     """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
     w.p[: parameters.size] = parameters
@@ -357,7 +357,7 @@ def _begin(scalar, w, rest, parameters, start, memory, held, steps):
     return _alone(scalar, w, steps)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
     w.ints[BUDGET], w.ints[RECORDS] = steps, 0

@@ -138,7 +138,7 @@ def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
     """The plant with its controllers as parts, each in its continuous form."""
     if controller is None:
         return plant
-    from toolbox.stability import continuous_loop
+    from toolbox.knob import continuous_loop
 
     return continuous_loop(plant, controller)
 

@@ -30,6 +30,7 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem, checked_plant
+from toolbox.knob import Knob, continuous_loop
 from toolbox.linear import (
     closed_signal,
     equilibrium,
@@ -43,7 +44,6 @@ from toolbox.linear import (
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import Run
-from toolbox.stability import Knob, continuous_loop
 from toolbox.store import Store, folder_of
 from toolbox.swept import Sweep
 from toolbox.varied import run_fingerprint, varied_numbers, varied_run

@@ -23,10 +23,10 @@ from toolbox.designs import Variations, grid, latin_hypercube, listed, sobol, un
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, checked_plant
+from toolbox.knob import Knob
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import UNHURRIED, Budget
-from toolbox.stability import Knob
 from toolbox.store import Store
 from toolbox.swept import Sweep
 from toolbox.tally import Measure

@@ -16,9 +16,9 @@ from toolbox.elements import FrictionLaw
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
+from toolbox.knob import Knob
 from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.simulate import Run, checked_run
-from toolbox.stability import Knob
 from toolbox.tally import Measure
 from toolbox.work_arrays import place_starts
 

@@ -66,7 +66,7 @@ class Predictive(TorqueLimits):
 
     def check(self):
         super().check()
-        if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 1:
+        if self.horizon < 1:
             raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
         if len(self.noise) != len(self.sensors) or not self.sensors:
             raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")

@@ -101,8 +101,9 @@ class Search:
         shortest = max(10 * self.base.accuracy, 1e-6) * self.period
         sticks = [(a, b) for a, b in measure.stick_intervals(run, self.element, half) if b - a > shortest]
         longest = max((b - a for a, b in sticks), default=0.0)
-        # whole cycles at the end say how large they are
-        whole = (sticks[-4][0], sticks[-1][0]) if len(sticks) > 3 else (max(half, run.end - 8 * self.period), None)
+        # whole cycles at the end say how large they are, also those that stick twice or three times
+        last = min(max(len(sticks) - 1, 0) // 2 * 2, 6)
+        whole = (sticks[-1 - last][0], sticks[-1][0]) if last else (max(half, run.end - 8 * self.period), None)
         found = measure.extent(run, self.signal, *whole)
         swing = found.maximum - found.minimum
         severity = swing / (2 * abs(found.mean)) if found.mean else math.inf if swing else math.nan
@@ -117,8 +118,8 @@ class Search:
             return Judged("swing" if swing else "smooth", severity, len(sticks), longest)
         target = float(np.ravel(rest[self.signal])[0])
         early = measure.extent(run, self.signal, 0.0, min(2 * self.period, half))
-        first, last = (max(abs(e.maximum - target), abs(e.minimum - target)) for e in (early, found))
-        calm = last < first or last <= 10 * self.base.accuracy * max(abs(target), abs(found.maximum), abs(found.minimum))
+        first, late = (max(abs(e.maximum - target), abs(e.minimum - target)) for e in (early, found))
+        calm = late < first or late <= 10 * self.base.accuracy * max(abs(target), abs(found.maximum), abs(found.minimum))
         return Judged("smooth" if calm else "swing", severity, len(sticks), longest)
 
     # ------------------------------------------------------------------------------------------------------------------- from smooth running

@@ -489,9 +489,11 @@ def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
     for i, mass in enumerate((0.9, 1.1)):
         with pytest.raises(BudgetError) as alone:
             simulate(plant, 1e5, parameters={"block.mass": mass}, budget=budget)
-        used = int(re.match(r"The run used (\d+) events and reached", found.errors[i])[1])
-        assert used == len(alone.value.run.events) > 1000
+        assert re.match(r"The run used its 1000 events and reached", found.errors[i]) and len(alone.value.run.events) == 1000
         assert found.errors[i] == str(alone.value)
+    exact = len(simulate(plant, 200.0).events)
+    for most, errors in ((exact, 0), (exact - 1, 1)):
+        assert len(sweep(plant, {"block.mass": [1.0]}, duration=200.0, budget=Budget(events=most), measures=("events",)).errors) == errors
 
 
 def test_a_folder_with_other_files_is_not_written_to(tmp_path):

@@ -39,7 +39,8 @@ from toolbox.work_arrays import grown, work_arrays
 class Budget:
     """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
 
-    steps: tried, accepted or not;  events: switches of elements;  seconds: on the clock in the event loop, looked at about ten times a second.
+    steps: tried, accepted or not;  events: switches of elements: a run that has exactly so many finishes, one that has more ends where the next is due and
+    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second.
     Raises SceneError, when a run is given it, for anything but positive numbers.
     """
 
@@ -414,7 +415,7 @@ def carry_out(run: Run) -> Trajectory:
             if status == loop.EVENTS_FULL and work.ints[loop.EVENTS] > run.budget.events:
                 raise exhausted(loop, run, program, work, began, answers)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
-                work = grown(loop, work, status == loop.RECORDS_FULL, run.budget)
+                work = grown(work, program, status == loop.RECORDS_FULL, run.budget)
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED:

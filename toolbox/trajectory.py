@@ -200,6 +200,19 @@ class Trajectory(Samples):
         data = {name: getattr(self, name) for name in names}
         return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
+    def end_before(self, event: int) -> None:
+        """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
+        times, index, modes = self._event_arrays
+        first = int(np.searchsorted(times, times[event]))
+        for i, (before, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
+            self._last_mode[i] = before
+        self.end = float(times[event])
+        self._event_arrays = times[:first], index[:first], modes[:first]
+        kept = int(np.searchsorted(self.time, self.end)) + 1  # its left side
+        self.time, self.states, self.mode, self.held = (array[:kept] for array in (self.time, self.states, self.mode, self.held))
+        if self.time.size and self.time[-1] == self.end:
+            self.mode[-1] = self._last_mode
+
     @property
     def duration(self) -> float:
         """Duration asked for [s]."""
@@ -281,7 +294,9 @@ class Trajectory(Samples):
         from toolbox.simulate import UNHURRIED, Budget, again
 
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
-        budget = UNHURRIED if self.end >= self.run.duration else Budget(steps=max(sum(self.steps), 1))  # as far, however long it takes
+        budget = UNHURRIED  # as far, however long it takes
+        if self.end < self.run.duration:
+            budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
         try:
             return again(self.run, output_times=None, laws=laws, budget=budget)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes

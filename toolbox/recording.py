@@ -85,7 +85,7 @@ class Recording:
 
 def _scalar_unit(plant: HybridSystem, name: str) -> str:
     """Unit of a scalar signal or input; raises SceneError for an unknown name and for a vector."""
-    unit = plant.unit(name)
+    unit = plant.signal_unit(name)
     rows = plant.rows(name)
     size = rows[1] if rows is not None else None
     if size is not None or (rows is None and name in plant.signals and plant.signals[name][0].numel() > 1):
@@ -107,7 +107,7 @@ def _of_table(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None
     else:
         for name, heading in columns.items():
             if name != "time":
-                wanted.append(table.Column(name, plant.unit(name), (heading,)))
+                wanted.append(table.Column(name, plant.signal_unit(name), (heading,)))
     rows = table.read(path, wanted, others=columns is not None).rows
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 

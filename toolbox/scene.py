@@ -237,7 +237,7 @@ class Scene:
         if self.element not in contacts:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
         for name in (self.signal, self.effort):
-            plant.unit(name)
+            plant.signal_unit(name)
             if name in plant.signals and plant.signals[name][0].numel() > 1:
                 raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
         if not 0 <= self.after < self.duration:

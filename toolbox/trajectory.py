@@ -69,7 +69,7 @@ class Samples:
 
     def unit(self, name: str) -> str:
         """Unit of a signal; raises SceneError for an unknown name."""
-        return self.program.system.unit(name)
+        return self.program.system.signal_unit(name)
 
     @cached_property
     def modes(self) -> dict[str, np.ndarray]:

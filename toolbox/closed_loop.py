@@ -107,8 +107,9 @@ class Sampled:
 
     law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
     `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `stand_ins`
-    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A callable object is copied for every run, so that each starts from the
-    state it was given in; a plain function is called as it is and should keep no state.  noise: {measured signal: standard deviation of
+    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
+    callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
+    state.  noise: {measured signal: standard deviation of
     white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
     Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
     before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.

@@ -415,14 +415,13 @@ def _check_push(system: HybridSystem) -> None:
 
     Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
     """
-    elastic = [i for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds]
+    elastic = {i: element for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds}
     if not elastic:
         return
     found = system.kernels.get("push")
     if found is None:
         shares = []
-        for i in elastic:
-            element = system.elements[i]
+        for i, element in elastic.items():
             grows = ca.jtimes(element.rate, system.x, system.flow)
             closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
             shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
@@ -431,10 +430,10 @@ def _check_push(system: HybridSystem) -> None:
     n = system.x.numel()
     tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
     seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
-    for i, row in zip(elastic, seen, strict=True):
+    for element, row in zip(elastic.values(), seen, strict=True):
         if (row > 0.0).all() and np.ptp(row) < 1e-6 * row.max():
             raise SceneError(
-                f"The force of `{system.elements[i].name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
+                f"The force of `{element.name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
             )
 
 

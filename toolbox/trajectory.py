@@ -331,7 +331,9 @@ class Trajectory(Stays, Samples):
     def error(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
-        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it.
+        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it. Between
+        units no size tells round-off from motion: a small state that sums up the difference of large speeds, such as the twist of a string that turns
+        nearly as a whole, counts with its own size, because loads follow from it.
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """

@@ -146,7 +146,7 @@ class Scene:
         element = element or contacts[0]
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
         signal = signal or judged_signal(plant, element)
-        wished = {_reference(case.law, plant.unit(signal)) for case in cases}
+        wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference
         scene = Scene(
             title or ", ".join(type(part).__name__ for part in plant.parts), plant.parts, cases, float(duration), element, signal,

@@ -111,7 +111,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
     signal = _text(verdict.get("signal", judged_signal(plant, element)), "verdict.signal")
     reference = data.get("reference")
     if reference is not None:
-        reference = parse(reference, plant.unit(signal), "reference")
+        reference = parse(reference, plant.signal_unit(signal), "reference")
     cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
     return Scene(
         title=_text(data["title"], "title"),
@@ -122,7 +122,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         signal=signal,
         effort=_text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
         after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
-        standstill=parse(verdict["standstill"], plant.unit(signal), "verdict.standstill") if "standstill" in verdict else None,
+        standstill=parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         reference=reference,
         start={name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},

@@ -122,6 +122,16 @@ def test_a_signal_without_giver_and_stand_in_is_refused_with_a_suggestion():
         compose(BitRock())
 
 
+def test_a_plant_knows_the_units_of_its_signals_inputs_and_parameters():
+    plant = compose(wells.JANSEN_2, BitRock())
+    units = {"bit.torque": "N m", "bit.weight": "N", "chain.speed.1": "rad/s", "chain.stiffness": "N m/rad", "chain.inertia.0": "kg m2"}
+    assert {name: plant.unit(name) for name in units} == units
+    with pytest.raises(SceneError, match=r"no signal and no parameter `chain.stifness`: did you mean `chain.stiffness`"):
+        plant.unit("chain.stifness")
+    with pytest.raises(SceneError, match="There is no signal `chain.stiffness`"):  # a run has signals only
+        simulate(plant, 0.0).unit("chain.stiffness")
+
+
 def test_units_must_agree_between_giver_and_taker_and_between_takers():
     with pytest.raises(SceneError, match="rad/s.*rpm"):
         compose(wells.JANSEN_2, lag("lag", "bit.speed", unit="rpm"))

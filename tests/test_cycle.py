@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 from controllers import SoftTorque, StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
+from models import BitRock, Block, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
 from studies import cycles
 from toolbox import (
     Component,
@@ -424,6 +424,20 @@ def test_from_smooth_running_no_cycle_is_found_and_from_inside_stick_slip_the_on
         limit_cycle(rig, settle, controller=law)
     inside = limit_cycle(rig, settle, controller=law, start={"chain.speed": (reference, 0.0)})
     assert inside.stable and inside.stick_share("bit") > 0.2
+
+
+@pytest.mark.parametrize("settle", [30.0, 300.0, 3000.0])
+def test_a_free_swing_that_decays_is_no_cycle_however_long_it_settles(settle):
+    with pytest.raises(CycleError, match="dies out without a switch"):
+        limit_cycle(compose(Block(damping=0.1)), settle, start={"block.position": 1.0})
+
+
+@pytest.mark.parametrize("settle", [30.0, 100.0])
+def test_a_swing_that_dry_friction_wears_down_is_no_cycle(settle):
+    # half a round each way loses 2 F / k, whatever the amplitude: a round is 4 F / k short, and no start mends that
+    rubbing = BlockOnBelt(belt_speed=0.0, load=0.01, friction=Coulomb(static=1.0, kinetic=0.5))
+    with pytest.raises(CycleError, match=r"No cycle was found.* by 0\.02 of its size"):
+        limit_cycle(compose(rubbing), settle, start={"block.position": 1.0})
 
 
 def test_cycle_and_branch_print_and_draw_themselves():

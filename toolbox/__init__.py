@@ -5,7 +5,8 @@ from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
 from toolbox.continuation import follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
-from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
+from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state
+from toolbox.elements import time as time  # not in __all__: a star import must not shadow the module `time`
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.export import export_c, to_control
 from toolbox.fit import Fit, fit
@@ -101,7 +102,6 @@ __all__ = [
     "step",
     "stick_intervals",
     "sweep",
-    "time",
     "to_control",
     "triangle",
     "tune",

@@ -198,7 +198,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             if run.budget.events < np.inf:
                 switches += np.bincount(work.ev_i[: work.ints[loop.EVENTS]], minlength=switches.size)
             tally.read(work, status == loop.DONE)
-            work = limited(whole, run.budget, int(switches.sum()))
+            work = limited(whole, program, run.budget, int(switches.sum()))
             if status == loop.DONE:
                 broken = tally.broken_bound
                 if broken is None:

@@ -76,6 +76,7 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
     system.values = shared.values.copy()
     system.values[: len(numbers)] = numbers
     _check_gain(system)
+    _check_push(system)
     return system
 
 
@@ -407,6 +408,33 @@ def _topological(expressions: dict[str, ca.SX], links: dict[str, ca.SX]) -> list
         order.extend(free)
         left -= set(free)
     return order
+
+
+def _check_push(system: HybridSystem) -> None:
+    """The force of every elastic contact must act against its closure, where the force enters the rate of the gap and three states agree on its sign.
+
+    Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
+    """
+    elastic = {i: element for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds}
+    if not elastic:
+        return
+    found = system.kernels.get("push")
+    if found is None:
+        shares = []
+        for i, element in elastic.items():
+            grows = ca.jtimes(element.rate, system.x, system.flow)
+            closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
+            shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
+        symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
+        found = system.kernels["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+    n = system.x.numel()
+    tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
+    seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
+    for element, row in zip(elastic.values(), seen, strict=True):
+        if (row > 0.0).all() and np.ptp(row) < 1e-6 * row.max():
+            raise SceneError(
+                f"The force of `{element.name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
+            )
 
 
 def _check_gain(system: HybridSystem) -> None:

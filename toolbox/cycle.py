@@ -160,7 +160,10 @@ def limit_cycle(
     else:
         length = period if settle is None else settle
         if length is None:
-            raise SceneError("Argument `settle` must be given for a plant, in s, or a guess of the `period` with a `start` near the cycle.")
+            raise SceneError(
+                "Argument `settle` must be given for a plant: the seconds in which its motion settles, some tens of periods, as in "
+                "`limit_cycle(plant, 200.0)`; or a guess of the `period` with a `start` near the cycle."
+            )
         run = simulate(
             plant,
             length,
@@ -395,6 +398,12 @@ class Orbit:
             move = np.linalg.lstsq(matrix, -residual(run), rcond=1e-13)[0]
             step = float(np.linalg.norm(move))
             if step < CONVERGED:
+                if size > 1e-7 * max(1.0, float(np.linalg.norm(matrix))):  # no start mends what is missing
+                    raise CycleError(
+                        f"No cycle was found: from round to round the motion changes by {size:.2g} of its size wherever near it starts. It dies out, or "
+                        "grows; start elsewhere, or give what drives it.",
+                        run,
+                    )
                 break
             share, tried = min(1.0, 0.5 / step), None
             for attempt in range(8):
@@ -487,13 +496,14 @@ def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
 
 def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
     """Whether the last two thirds of a run shrink to nothing, without a switch: what is left of the swing, extrapolated from its three thirds, is less than
-    half of the last (Aitken; exactly 0 for a geometric decay, and 0.8 of it where 1/sqrt(t) is on its way to a cycle born at a Hopf point)."""
+    half of the last (Aitken; exactly 0 for a geometric decay, and 0.8 of it where 1/sqrt(t) is on its way to a cycle born at a Hopf point); or has shrunk below
+    what the run resolves."""
     begin = run.end / 3
     if any(event.time > begin for event in run.events):
         return False
     states = run.at(np.linspace(begin, run.end, 6000)).states[:, orbit.returning] / orbit.scale[orbit.returning]
     a, b, c = (float(np.ptp(part, axis=0).max(initial=0.0)) for part in np.split(states, 3))
-    return a > b > c and c - b > b - a and c - (c - b) ** 2 / ((c - b) - (b - a)) < c / 2
+    return c < 1e-8 or (a > b > c and c - b > b - a and c - (c - b) ** 2 / ((c - b) - (b - a)) < c / 2)
 
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:

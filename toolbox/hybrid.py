@@ -182,7 +182,15 @@ class HybridSystem:
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
     def unit(self, name: str) -> str:
-        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for an unknown name."""
+        """Unit of a signal, an input, a parameter, or one entry of a vector state or tuple; raises SceneError for an unknown name."""
+        if isinstance(name, str) and self.has_signal(name):
+            return self.signal_unit(name)
+        if not isinstance(name, str) or not self.has_parameter(name):
+            raise SceneError(f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}")
+        return self._parameter(name).unit
+
+    def signal_unit(self, name: str) -> str:
+        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""
         rows = self.rows(name)
         if rows is not None:
             return rows[2]

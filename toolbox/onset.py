@@ -101,7 +101,7 @@ def onset(
     input_values(closed, inputs or {})
     contact = judged_contact(closed, element)
     speed = signal or judged_speed(closed, contact)
-    closed.unit(speed)
+    closed.signal_unit(speed)
     at = knob.declared(closed, inputs or {}) if at is None else float(at)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():

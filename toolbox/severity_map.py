@@ -378,7 +378,7 @@ class _Loop:
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:
             raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
         speed = signal or judged_speed(closed, contact)
-        closed.unit(speed)  # an unknown signal is refused here
+        closed.signal_unit(speed)  # an unknown signal is refused here
         notes = []
         if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")

@@ -85,8 +85,8 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
 def sweep(
     machine: HybridSystem | Scene,
     vary: Any,
-    *,
     duration: float | None = None,
+    *others: Any,
     controller: Any = None,
     sample_time: float | None = None,
     start: Any = None,
@@ -119,6 +119,11 @@ def sweep(
     """
     from toolbox.scene import Scene
 
+    if others or is_finite_number(machine):
+        raise SceneError(
+            "`sweep` varies the numbers of a machine, `sweep(machine, {name: values}, duration)`, and its other arguments are named; "
+            "the swept sine of an input is `toolbox.inputs.sweep`."
+        )
     variations = variations_of(vary)
     scene, title = None, ""
     if isinstance(machine, Scene):

@@ -60,7 +60,7 @@ class Measure:
         if self.until is not None and not (is_finite_number(self.until) and self.after < self.until <= duration):
             raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
         if self.kind in _OF_SIGNALS:
-            system.unit(self.of)
+            system.signal_unit(self.of)
             if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[
                 1
             ] is not None:

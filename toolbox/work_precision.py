@@ -145,7 +145,7 @@ def work_precision(
     signals = names(signals)
     for name in signals:
         for each in plants.values():
-            each.unit(name)
+            each.signal_unit(name)
     runs = {label: checked_run(each, duration, **arguments) for label, each in plants.items()}
     first = next(iter(runs.values()))
     truth, used = _truth(first, "explicit")

@@ -864,3 +864,29 @@ def test_a_force_that_reaches_the_bound_exactly_at_a_node_releases_only_if_it_go
     assert events(0.0, bound, 0.0) == []
     slides = "slip+" if sign > 0.0 else "slip-"
     assert events(0.0, bound, 1.001 * bound) == [(2.0, slides)]
+
+
+@dataclass(frozen=True)
+class CarriedPendulum(Component):
+    """Pendulum in a bearing with dry friction on a shaft that turns evenly: carried along it moves without a trace of error, while sin a rises and falls."""
+
+    gravity: float = quantity(10.0, "N m", "weight times lever")
+
+    def equations(self, signal):
+        a, w = state("pendulum.angle", "rad"), state("pendulum.speed", "rad/s")
+        bearing = DryFriction("bearing", w - 0.5, Coulomb(static=5.0, kinetic=3.0), slip_unit="rad/s", force_unit="N m")
+        return Equations(flow={a: w, w: bearing.force - self.gravity * ca.sin(a)}, elements=[bearing])
+
+
+@pytest.mark.parametrize("method", ["explicit", "stiff"])
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("start", [{"pendulum.angle": 1.0}, {"pendulum.angle": -0.3, "pendulum.speed": 0.5}])
+def test_a_stuck_contact_lets_go_where_a_load_that_is_nonlinear_in_the_state_reaches_its_bound(start, accuracy, method):
+    run = simulate(compose(CarriedPendulum()), 30.0, start=start, accuracy=accuracy, method=method)
+    sticks = [(a, b) for a, b, mode in run.intervals("bearing") if mode == "stick" and b < run.end]
+    assert len(sticks) >= 10
+    for a, b in sticks:
+        begin, end = run.at(a)["pendulum.angle"], run.at(b)["pendulum.angle"]
+        # |10 sin a| = 5 is reached next where a = asin(1/2), or half a turn on
+        assert end == pytest.approx(begin + (np.pi / 6 - begin) % np.pi, abs=10 * accuracy)
+    assert run.error < 10 * accuracy

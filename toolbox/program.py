@@ -140,14 +140,19 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
-    """The states and field with one more state for every sticking force or bound that varies nonlinearly in time (see `toolbox.loop`)."""
+    """The states and field with one more state for every sticking force or bound that is nonlinear in states or time (see `toolbox.loop`).
+
+    Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
+    """
     rates, excited = [], []
+    holding = [system.m[i] for i, element in enumerate(elements) if element.holds]
+    along = ca.vertcat(system.x, system.t)
     for i, element in enumerate(elements):
         values = (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
         for value in values if element.holds else ():
-            rate = ca.jacobian(form.sticks[i] * value, system.t)
-            if ca.depends_on(rate, system.t):
-                rates.append(rate)
+            (stuck,) = ca.substitute([value], holding, [ca.SX(0)] * len(holding))
+            if ca.depends_on(ca.jacobian(stuck, along), along):
+                rates.append(form.sticks[i] * ca.mtimes(ca.jacobian(value, along), ca.vertcat(form.field, 1)))
                 excited.append(i)
     if not rates:
         return system.x, [], form

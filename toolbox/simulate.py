@@ -166,8 +166,9 @@ def checked_run(
         raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    instant = None
     if isinstance(start, Samples):
-        start = _states_of(plant, start)
+        start, instant = _states_of(plant, start), start
     elif isinstance(start, Equilibrium):
         start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
@@ -188,6 +189,10 @@ def checked_run(
     smooth = None if not isinstance(plant, SmoothSystem) else plant
     original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
     system, clocks, laws, seeds = _closed(original, sharp, controller, sample_time)
+    begin = dict(start or {})
+    if instant is not None:
+        known = instant.program.system.states
+        begin |= {name: _value(instant, name, size) for name, (_, size, _) in system.states.items() if name in known}
     changing = [name for name in inputs or {} if not system.has_signal(name) and declared.has_parameter(name)]
     if changing:
         system = system.varying(changing)
@@ -206,7 +211,7 @@ def checked_run(
             plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
     longest = float(duration) / 256
     return Run(
-        plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths,
+        plant, system, float(duration), begin, values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths,
         budget=budget,
     )  # fmt: skip
 
@@ -229,7 +234,11 @@ def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
     for name in plant.states:
         if name not in instant:
             raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
-    return {name: np.squeeze(instant[name]) if size is None else np.ravel(instant[name]) for name, (_, size, _) in plant.states.items()}
+    return {name: _value(instant, name, size) for name, (_, size, _) in plant.states.items()}
+
+
+def _value(instant: Samples, name: str, size: int | None) -> Any:
+    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
 def _closed(

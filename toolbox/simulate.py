@@ -166,9 +166,10 @@ def checked_run(
         raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
-    instant = None
+    instant: Samples | None = None
     if isinstance(start, Samples):
-        start, instant = _states_of(plant, start), start
+        instant = start
+        start = _states_of(plant, instant)
     elif isinstance(start, Equilibrium):
         start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):

@@ -44,7 +44,7 @@ class CompiledLaw:
 
     def __init__(self, c, memory, drives, sources=(), flags=()):
         library = c.with_suffix(".so")
-        warnings = ["-Wall", "-Werror", "-Wno-unused-const-variable", "-pedantic", "-std=c99", *flags]
+        warnings = ["-Wall", "-Werror", "-pedantic", "-std=c99", *flags]
         subprocess.run(
             [COMPILER, *warnings, "-O1", "-ffp-contract=off", "-shared", "-fPIC", str(c), *sources, "-lm", "-o", str(library)], check=True
         )

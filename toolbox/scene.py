@@ -132,8 +132,8 @@ class Scene:
         """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
 
         element: without, the first contact, if any;  signal: `<element>.speed` where the plant has it, else its slip; needed without contact;
-        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;  others: accuracy, standstill, start, inputs,
-        parameters. Raises SceneError as `check` does.
+        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;
+        others: accuracy, standstill, start, inputs, parameters. Raises SceneError as `check` does.
         """
         checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:

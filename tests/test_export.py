@@ -249,6 +249,7 @@ class InPython(Controller):
         (IdealSlidingMode(), "no sampled form"),
         (InPython(), "Python callable"),
         (lambda t, y: 0.0, "must be a Controller"),
+        (Sampled(PI(), 0.02), "must be a Controller with its `period` beside it"),
         (Takeover(PI(), StiffPI(), 3.0), "time itself"),
         (PI(proportional=-1.0), "proportional"),
     ],

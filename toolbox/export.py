@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller, names
+from toolbox.closed_loop import Controller, Sampled, names
 from toolbox.elements import State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
@@ -67,7 +67,8 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     if plant is not None:
         checked_plant(plant)
     if not isinstance(controller, Controller):
-        raise SceneError(f"Argument `controller` must be a Controller, but it is {controller!r}.")
+        beside = " with its `period` beside it" if isinstance(controller, Sampled) else ""
+        raise SceneError(f"Argument `controller` must be a Controller{beside}, but it is {controller!r}.")
     law = controller if plant is None else controller.design(plant)
     title = type(controller).__name__
     if not isinstance(law, Controller):

@@ -186,7 +186,15 @@ def checked_run(
         if len(own) < len(parameters):
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
-        plant = plant.with_parameters(parameters)
+        try:
+            plant = plant.with_parameters(parameters)
+        except SceneError:
+            sharp = declared.sharp if isinstance(declared, SmoothSystem) else declared
+            closed = _closed(sharp, sharp, controller, sample_time)[0]
+            for name in parameters:
+                if closed.has_parameter(name) and not declared.has_parameter(name):
+                    raise SceneError(f"Argument `{name}` must be a parameter of the plant, but it is a number of the law: give it to the law.") from None
+            raise
     smooth = None if not isinstance(plant, SmoothSystem) else plant
     original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
     system, clocks, laws, seeds = _closed(original, sharp, controller, sample_time)

@@ -44,7 +44,7 @@ class BrakeMPC(BrakeLaw):
 
     def check(self):
         super().check()
-        if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 2:
+        if self.horizon < 2:
             raise SceneError(f"Argument `horizon` must be an integer >= 2, but it is {self.horizon!r}.")
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from toolbox import SceneError
+
 
 def held(A: np.ndarray, B: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """exp(A t) and the integral of exp(A s) B over t: the exact motion of x' = A x + B u under a held u."""
@@ -39,6 +41,8 @@ class DisturbanceFilter:
         over = both[n + 1 :, n + 1 :].T
         walk = over @ both[: n + 1, n + 1 :]
         R = np.diag(np.asarray(noise, float) ** 2)
+        if not (np.isfinite(R).all() and (R.diagonal() > 0.0).all()):
+            raise SceneError(f"The standard deviations of measurement noise must have squares that are numbers > 0, but they are {noise!r}.")
         P = solve_discrete_are(over.T, H.T, 0.5 * (walk + walk.T), R)
         gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
         self.gain, self.covariance = unit[:, None] * gain, np.outer(unit, unit) * (P - gain @ H @ P)

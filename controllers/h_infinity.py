@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from controllers.string_model import drilling_point
+from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
 
@@ -34,7 +34,10 @@ class HInfinity(TorqueLimits):
     leak: float = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
     margin: float = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
     order: int = 0
-    matrices: tuple[float, ...] | None = quantity(None, "1", "A, B, C of K and its drive column, row by row; filled in by design")
+    places: tuple[int, ...] = ()
+    matrices: tuple[float, ...] | None = quantity(
+        None, "1", "A of K where `places` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design"
+    )
     torque: float | None = quantity(None, "N m", "u_0; filled in by design")
     worst: float | None = quantity(None, "1", "the norm that is kept; filled in by design")
 
@@ -49,20 +52,23 @@ class HInfinity(TorqueLimits):
         B2 = np.append(model.B, 0.0)[:, None] * self.torque_size
         C1 = np.vstack([np.append(model.bit, 0.0) / self.bit_size, np.append(np.zeros(n), 1 / self.angle_size)])
         C2 = np.append(model.top, 0.0)[None, :] / self.speed_noise
+        none = SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
         low, high = 0.0, 1.0
         while central_law(F, B1, B2, C1, C2, high) is None:
             low, high = high, 2 * high
             if high > 1e6:
-                raise SceneError("HInfinity found no stabilising law at this point: choose another `reference` or other sizes.")
+                raise none
         while high - low > 1e-4 * high:
             middle = (low + high) / 2
             low, high = (low, middle) if central_law(F, B1, B2, C1, C2, middle) is not None else (middle, high)
         law = central_law(F, B1, B2, C1, C2, self.margin * high)
-        assert law is not None
+        if law is None:
+            raise none
         A_K, B_K, C_K = law
-        numbers = [A_K, B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
+        places = entries(A_K)
+        numbers = [A_K.ravel()[list(places)], B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
         matrices = np.concatenate([matrix.ravel() for matrix in numbers])
-        return replace(self, order=n + 1, matrices=tuple(matrices.tolist()), torque=u, worst=self.margin * high)
+        return replace(self, order=n + 1, places=places, matrices=tuple(matrices.tolist()), torque=u, worst=self.margin * high)
 
     def continuous(self, signal):
         x, rate, command, _ = self._law(signal, None)
@@ -81,8 +87,9 @@ class HInfinity(TorqueLimits):
             raise SceneError("HInfinity needs the plant it acts on: call `design(plant)`.")
         n = self.order
         numbers = ca.vertcat(*self.matrices)
-        A = ca.reshape(numbers[: n * n], n, n).T
-        B, C, drive = numbers[n * n : n * n + n], numbers[n * n + n : n * n + 2 * n].T, numbers[n * n + 2 * n :]
+        many = len(self.places) or n * n
+        A = with_entries((n, n), self.places, numbers[:many])
+        B, C, drive = numbers[many : many + n], numbers[many + n : many + 2 * n].T, numbers[many + 2 * n :]
         x = state("hinfinity.state", "1", n)
         error = signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)
         wanted = self.torque + C @ x

@@ -46,7 +46,7 @@ class MovingHorizon(Observer):
     solver: str = "daqp"
 
     def check(self):
-        if isinstance(self.window, bool) or not isinstance(self.window, int) or self.window < 1:
+        if self.window < 1:
             raise SceneError(f"Argument `window` must be an integer >= 1, but it is {self.window!r}.")
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")

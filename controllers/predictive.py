@@ -16,6 +16,9 @@ from controllers.torque_limits import TorqueLimits
 from toolbox import HybridSystem, SceneError, quantity
 from toolbox.parts import check_fields
 
+MOST_LATE = 1000
+"""Commands on their way, in samples, that a law can remember."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Predictive(TorqueLimits):
@@ -63,10 +66,12 @@ class Predictive(TorqueLimits):
 
     def check(self):
         super().check()
-        if isinstance(self.horizon, bool) or not isinstance(self.horizon, int) or self.horizon < 1:
+        if self.horizon < 1:
             raise SceneError(f"Argument `horizon` must be an integer >= 1, but it is {self.horizon!r}.")
         if len(self.noise) != len(self.sensors) or not self.sensors:
             raise SceneError(f"Argument `noise` must have one entry for each of {', '.join(self.sensors)}, but it has {len(self.noise)}.")
+        if not self.delay / self.period <= MOST_LATE:
+            raise SceneError(f"Argument `delay` must be at most {MOST_LATE} periods of {self.period:g} s, but it is {self.delay:g} s.")
         if self.solver not in SOLVERS:
             raise SceneError(f"Argument `solver` must be one of {', '.join(SOLVERS)}, but it is {self.solver!r}.")
 

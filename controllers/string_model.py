@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -51,6 +52,18 @@ def string_model(plant: HybridSystem) -> StringModel:
     names = [(name if size is None else f"{name}.{i}", unit) for name, (_, size, unit) in plant.states.items() for i in range(size or 1)]
     A, B, E, C = (np.array(ca.DM(matrix)) for matrix in ca.Function("slopes", [plant.p], [ca.densify(s) for s in slopes])(plant.values))
     return StringModel(A, B.ravel(), E.ravel(), tuple(name for name, _ in names), tuple(unit for _, unit in names), *C)
+
+
+def entries(matrix: np.ndarray) -> tuple[int, ...]:
+    """Places, counted row by row, at which a matrix is not zero: of a string of n elements some 4 n of them."""
+    return tuple(np.flatnonzero(matrix).tolist())
+
+
+def with_entries(shape: tuple[int, int], places: Sequence[int], numbers: ca.SX | ca.DM) -> ca.SX:
+    """The matrix with these numbers at these places, and zeros beside them that are not computed with; no places: all of them."""
+    at = np.array(places, int) if places else np.arange(shape[0] * shape[1])
+    turned = ca.Sparsity.triplet(*shape[::-1], (at % shape[1]).tolist(), (at // shape[1]).tolist())
+    return ca.SX(turned, numbers).T  # casadi counts column by column
 
 
 def rock_slope(plant: HybridSystem, speed: float) -> tuple[float, float]:

@@ -42,7 +42,7 @@ class OscillatorOnBar(Component):
     modes: int = 3
 
     def check(self):
-        if isinstance(self.modes, bool) or not isinstance(self.modes, int) or self.modes < 1:
+        if self.modes < 1:
             raise SceneError(f"Argument `oscillator.modes` must be an integer >= 1, but it is {self.modes!r}.")
         if self.contact >= 1:
             raise SceneError(f"Argument `oscillator.contact` must be < 1, inside the bar, but it is {self.contact:g}.")

@@ -73,10 +73,10 @@ class BlockOnBelt(Component):
 class BlocksOnBelt(Component):
     """Blocks in a row on one belt, each held by a spring to ground and tied to its neighbours: the smallest machine whose parts stick in turn.
 
-        m_i v_i' = -k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i,   F_i dry friction against v_i - v_belt
+        m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i,   F_i dry friction against v_i - v_belt
 
-    Signals: gives `blocks.position` (n) [m] and `blocks.speed` (n) [m/s]. Contacts: `belt.i`, i from 0. Two equal blocks started alike move
-    as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
+    Signals: needs `blocks.force.i` u_i [N] (0), i from 0; gives `blocks.position` (n) [m] and `blocks.speed` (n) [m/s]. Contacts: `belt.i`. Two equal
+    blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
     """
 
     mass: tuple[float, ...] = quantity((1.0, 1.2), "kg", "masses", above=0)
@@ -103,14 +103,15 @@ class BlocksOnBelt(Component):
         mass, stiffness, damping, tie = (ca.vertcat(*entries) for entries in (self.mass, self.stiffness, self.damping, self.tie))
         belts = [DryFriction(f"belt.{i}", v[i] - self.belt_speed, self.friction, self.load[i]) for i in range(n)]
         friction = ca.vertcat(*[belt.force for belt in belts])
+        force = ca.vertcat(*[signal(f"blocks.force.{i}", "N", default=0.0) for i in range(n)])
         stretch = x[1:] - x[:-1]
         tied = ca.vertcat(tie * stretch, 0) - ca.vertcat(0, tie * stretch)
         return Equations(
-            flow={x: v, v: (tied - stiffness * x - damping * v + friction) / mass},
+            flow={x: v, v: (force + tied - stiffness * x - damping * v + friction) / mass},
             elements=belts,
             stored=ca.dot(mass, v**2) / 2 + ca.dot(stiffness, x**2) / 2 + ca.dot(tie, stretch**2) / 2,
             losses={"damping": ca.dot(damping, v**2)} | {f"friction {i}": -belt.force * belt.slip for i, belt in enumerate(belts)},
-            supplies={"belt drive": ca.sum1(friction) * self.belt_speed},
+            supplies={"belt drive": ca.sum1(friction) * self.belt_speed, "force": ca.dot(force, v)},
         )
 
 

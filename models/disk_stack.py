@@ -54,8 +54,8 @@ class DiskStack(Component):
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def check(self):
-        if isinstance(self.rotors, bool) or not isinstance(self.rotors, int) or self.rotors < 1:
-            raise SceneError(f"Argument `stack.rotors` must be a whole number >= 1, but it is {self.rotors!r}.")
+        if self.rotors < 1:
+            raise SceneError(f"Argument `rotors` of DiskStack must be >= 1, but it is {self.rotors!r}.")
 
     def equations(self, signal):
         n = 2 * self.rotors + 1

@@ -26,7 +26,7 @@ class ElasticRock(Component):
     lobes: int = 3
 
     def check(self):
-        if isinstance(self.lobes, bool) or not isinstance(self.lobes, int) or self.lobes < 1:
+        if self.lobes < 1:
             raise SceneError(f"Argument `bit.lobes` must be a whole number >= 1, but it is {self.lobes!r}.")
 
     def equations(self, signal):

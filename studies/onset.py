@@ -30,7 +30,7 @@ import numpy as np
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Branch, Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate
-from toolbox.onset import Onset
+from toolbox.onset_report import Onset
 
 FOLDER = Path(__file__).parent / "figures"
 RPM = math.pi / 30
@@ -190,7 +190,7 @@ def draw(grid: np.ndarray) -> Any:
         panel.axvline(WORKING, color="0.6", linewidth=0.8, linestyle=":", label="95 rpm")
         panel.set_title(drive.label, loc="left", fontsize=9.0)
         once = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-        named = ("fold", "grazing", "period doubling")
+        named = ("fold", "grazing-sliding", "period doubling")
         shown = {word: handle for word, handle in once.items() if panel is panels[0, 0] or word in named}
         panel.legend(shown.values(), shown.keys(), frameon=False, fontsize=6.8, loc="upper left", ncols=2 if panel is panels[0, 0] else 1)
         panel.set(xlim=RANGE, ylim=(-0.8, 40.0))

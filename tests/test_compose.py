@@ -122,6 +122,16 @@ def test_a_signal_without_giver_and_stand_in_is_refused_with_a_suggestion():
         compose(BitRock())
 
 
+def test_a_plant_knows_the_units_of_its_signals_inputs_and_parameters():
+    plant = compose(wells.JANSEN_2, BitRock())
+    units = {"bit.torque": "N m", "bit.weight": "N", "chain.speed.1": "rad/s", "chain.stiffness": "N m/rad", "chain.inertia.0": "kg m2"}
+    assert {name: plant.unit(name) for name in units} == units
+    with pytest.raises(SceneError, match=r"no signal and no parameter `chain.stifness`: did you mean `chain.stiffness`"):
+        plant.unit("chain.stifness")
+    with pytest.raises(SceneError, match="There is no signal `chain.stiffness`"):  # a run has signals only
+        simulate(plant, 0.0).unit("chain.stiffness")
+
+
 def test_units_must_agree_between_giver_and_taker_and_between_takers():
     with pytest.raises(SceneError, match="rad/s.*rpm"):
         compose(wells.JANSEN_2, lag("lag", "bit.speed", unit="rpm"))
@@ -390,7 +400,9 @@ def test_an_override_that_is_no_finite_number_is_refused_by_name(bad):
         simulate(plant, 1.0, parameters={"block.mass": bad})
 
 
-@pytest.mark.parametrize("bad", [(1.0,), (1.0, 2.0, 3.0), (1.0, math.nan), (1.0, -2.0), 5.0, "ab", ((1.0, 2.0),), np.ones((1, 2)), None], ids=repr)
+@pytest.mark.parametrize(
+    "bad", [(1.0,), (1.0, 2.0, 3.0), (1.0, math.nan), (1.0, -2.0), 5.0, "ab", ((1.0, 2.0),), np.ones((1, 2)), None], ids=repr
+)
 def test_an_override_of_a_vector_must_have_its_shape_and_bounds(bad):
     plant = compose(wells.JANSEN_2, BitRock())
     with pytest.raises(SceneError, match=r"chain\.inertia"):
@@ -468,7 +480,9 @@ def test_new_numbers_never_compile_and_do_change_the_answer(no_compiler):
     for accuracy in (1e-3, 1e-8):
         base = period(plain, accuracy=accuracy)
         assert period(compose(BlockOnBelt(mass=2.0)), accuracy=accuracy) != pytest.approx(base, rel=1e-2)
-        assert period(plain.with_parameters({"block.mass": 2.0}), accuracy=accuracy) == period(compose(BlockOnBelt(mass=2.0)), accuracy=accuracy)
+        assert period(plain.with_parameters({"block.mass": 2.0}), accuracy=accuracy) == period(
+            compose(BlockOnBelt(mass=2.0)), accuracy=accuracy
+        )
         assert period(plain, parameters={"block.mass": 2.0}, accuracy=accuracy) == period(compose(BlockOnBelt(mass=2.0)), accuracy=accuracy)
         assert period(compose(BlockOnBelt(friction=Hyperbolic(static=2.0))), accuracy=accuracy) != pytest.approx(base, rel=1e-2)
         shifted = simulate(plain, 30.0, inputs={"block.force": 0.3}, accuracy=accuracy).events[0].time
@@ -560,7 +574,10 @@ def test_a_law_is_checked_again_for_other_numbers_of_the_same_structure():
 
 def test_structure_is_part_of_the_plant():
     # an int, a str or the class of a law is structure: plants that differ in it must not be confused
-    assert simulate(compose(BlockOnBelt(friction=Exponential())), 10.0).events != simulate(compose(BlockOnBelt(friction=Hyperbolic())), 10.0).events
+    assert (
+        simulate(compose(BlockOnBelt(friction=Exponential())), 10.0).events
+        != simulate(compose(BlockOnBelt(friction=Hyperbolic())), 10.0).events
+    )
     assert compose(TorsionalChain()).x.numel() == 3
     assert compose(wells.NAVARRO_LOPEZ_4).x.numel() == 7
 
@@ -591,7 +608,9 @@ def test_a_law_of_the_user_is_a_law():
         def breakaway(self):
             return ca.SX(1)
 
-    run = simulate(compose(BlockOnBelt(belt_speed=0.0, stiffness=0.0, friction=Linear(slope=0.5))), 1.0, start={"block.speed": 2.0}, accuracy=1e-10)
+    run = simulate(
+        compose(BlockOnBelt(belt_speed=0.0, stiffness=0.0, friction=Linear(slope=0.5))), 1.0, start={"block.speed": 2.0}, accuracy=1e-10
+    )
     # v' = -1 - v / 2: v = 4 exp(-t / 2) - 2
     assert run.at(1.0)["block.speed"] == pytest.approx(4 * math.exp(-0.5) - 2, rel=1e-9)
 
@@ -612,6 +631,34 @@ def test_equations_that_decide_in_python_on_a_number_are_refused_with_the_name_o
 
     with pytest.raises(SceneError, match="The equations of Branching decide in Python"):
         compose(Branching())
+
+
+@pytest.mark.parametrize("numpys, casadis", [(np.sin, ca.sin), (np.tanh, ca.tanh), (lambda x: np.maximum(x, 0), lambda x: ca.fmax(x, 0))])
+def test_equations_in_numpys_words_are_those_in_casadis_and_warn_of_nothing(numpys, casadis):
+    # a warning would be an error here
+    @dataclass(frozen=True)
+    class Falling(Component):
+        function: str
+
+        def equations(self, signal):
+            x, v = state("pendulum.angle", "rad"), state("pendulum.speed", "rad/s")
+            return Equations(flow={x: v, v: -(numpys if self.function == "numpy" else casadis)(x)})
+
+    ends = [simulate(compose(Falling(word)), 2.0, start={"pendulum.angle": 1.0}).states[-1] for word in ("numpy", "casadi")]
+    np.testing.assert_array_equal(*ends)
+    assert ca.GlobalOptions.getNumpyMode() == 0  # as it was
+
+
+@pytest.mark.parametrize("function", [lambda x: np.clip(x, -1, 1), np.sum, lambda x: np.dot(np.eye(1), x)])
+def test_a_numpy_function_that_symbols_have_not_is_refused_with_the_name_of_the_part(function):
+    @dataclass(frozen=True)
+    class Clipped(Component):
+        def equations(self, signal):
+            x = state("clipped.x", "m")
+            return Equations(flow={x: -function(x)})
+
+    with pytest.raises(SceneError, match="The equations of Clipped call a numpy function"):
+        compose(Clipped())
 
 
 def test_a_state_without_a_flow_is_named():

@@ -53,6 +53,31 @@ class Ball(Component):
         )
 
 
+@dataclass(frozen=True)
+class Stop(Component):
+    """A cart before an elastic buffer, that pushes back with `sign` = -1 and attracts with +1."""
+
+    sign: float = quantity(-1.0, "1")
+    damping: float = quantity(0.0, "N s/m", at_least=0)
+
+    def equations(self, signal):
+        x, v = state("cart.position", "m"), state("cart.speed", "m/s")
+        buffer = UnilateralContact("buffer", x - 0.1, v, stiffness=1e4, damping=self.damping)
+        return Equations(flow={x: v, v: (self.sign * buffer.force - 3.0 * x) / 2.0}, elements=[buffer])
+
+
+@pytest.mark.parametrize("damping", [0.0, 20.0])
+def test_an_elastic_contact_that_attracts_is_refused(damping):
+    with pytest.raises(SceneError, match="The force of `buffer` must act against its closure"):
+        compose(Stop(sign=1.0, damping=damping))
+    # the twin with the right sign throws the cart back: without damping as fast as it came
+    run = simulate(compose(Stop(damping=damping)), 0.2, start={"cart.speed": 2.0}, accuracy=1e-10)
+    assert run["cart.speed"].min() < (-1.0 if damping else -1.9)
+    with pytest.raises(SceneError, match="act against its closure"):  # another number is checked like the declared one
+        compose(Stop(sign=0.5, damping=damping))
+    compose(Stop(sign=0.0, damping=damping))  # a contact that does nothing to its gap decides nothing
+
+
 def test_a_rigid_bounce_keeps_restitution_times_the_speed_and_comes_to_rest_in_finite_time():
     run = simulate(compose(Ball(restitution=0.5)), 3.0, start={"ball.height": 1.0})
     first = np.sqrt(0.2)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from controllers import StiffPI
-from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
+from controllers import SoftTorque, StiffPI
+from models import BitRock, Block, BlockOnBelt, Coulomb, TwoDisks, oscillators, wells
 from studies import cycles
 from toolbox import (
     Component,
@@ -26,6 +26,7 @@ from toolbox import (
     follow,
     limit_cycle,
     linearise,
+    pole_locus,
     quantity,
     simulate,
     sine,
@@ -224,7 +225,7 @@ def test_thomsen_and_fidlins_block_goes_from_stick_slip_through_grazing_to_slidi
     assert cycle.stick_share("belt") > 0.05
     branch = follow(cycle, "block.belt_speed", (0.3, 0.5), points=150)
     grazing, end = branch.bifurcations
-    assert [grazing.kind, end.kind] == ["grazing", "Hopf"]
+    assert [grazing.kind, end.kind] == ["grazing-sliding", "Hopf"]
     np.testing.assert_allclose(end.value, hopf, atol=1e-5)
     np.testing.assert_allclose(grazing.value, math.sqrt(0.8) * hopf, rtol=0.01)  # averaging, to first order
     np.testing.assert_allclose(grazing.cycle.extremes("block.speed")[1], grazing.value, rtol=1e-6)  # the belt is just reached
@@ -242,7 +243,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
     assert cycle.stick_share("belt") > 0.0
     branch = follow(cycle, "block.belt_speed", (0.15, 2.0), points=300)
     kinds = [point.kind for point in branch.bifurcations]
-    assert kinds == ["grazing", "Hopf"]
+    assert kinds == ["grazing-sliding", "Hopf"]
     np.testing.assert_allclose(branch.bifurcations[1].value, oscillators.hopf_speed(block), rtol=1e-4)
     last = branch.cycles[-1]
     assert not last.stable
@@ -262,7 +263,7 @@ def test_veraszto_and_stepans_block_turns_at_grazing_and_comes_back_unstable_to_
 def test_a_stiff_drive_lets_a_drill_string_stick_and_slip_far_above_its_hopf_speed(drilling):
     branch = cycles.reach(drilling)
     grazing, hopf = branch.bifurcations
-    assert [grazing.kind, hopf.kind] == ["grazing", "Hopf"]
+    assert [grazing.kind, hopf.kind] == ["grazing-sliding", "Hopf"]
     assert not branch.stable[-1]
     plant = drilling.run.run.plant
     closed = compose(*plant.parts, StiffPI(reference=hopf.value))
@@ -371,7 +372,7 @@ def test_stick_slip_under_constant_friction_ends_where_the_damped_block_just_rea
     plant = compose(BlockOnBelt(belt_speed=belt, damping=0.02, friction=Coulomb(static=static, kinetic=kinetic)))
     branch = follow(limit_cycle(plant, 80.0, start={"block.speed": belt}), "block.damping", (0.0, 1.0), points=150)
     (grazing,) = branch.bifurcations
-    assert grazing.kind == "grazing"
+    assert grazing.kind == "grazing-sliding"
     np.testing.assert_allclose(grazing.value, theory, rtol=1e-7)
     assert grazing.cycle.stick_share("belt") > 0.1  # nothing shrinks: the cycle is gone at once, and the block comes to rest
     assert branch.stable.all()
@@ -411,6 +412,32 @@ def test_what_is_no_cycle_is_said_to_be_none():
         follow(cycle, "block.belt_speed", (0.3, 0.5))
     with pytest.raises(SceneError, match="is a state"):
         follow(cycle, "block.position", (0.0, 0.5))
+
+
+@pytest.mark.parametrize("reference", [7.0, 8.0])
+@pytest.mark.parametrize("settle", [60.0, 200.0])
+def test_from_smooth_running_no_cycle_is_found_and_from_inside_stick_slip_the_one_beside_it_is(reference, settle):
+    # soft torque holds both: poles left of the axis, to which the run from rest winds down without a switch, and the cycle of a bit that sticks
+    rig, law = compose(wells.JANSEN_2, BitRock(weight=97_347.0)), SoftTorque(reference=reference)
+    assert pole_locus(rig, "top.reference", [reference], controller=law, mode={"bit": "slip+"}).real.max() < 0.0
+    with pytest.raises(CycleError, match="dies out without a switch"):
+        limit_cycle(rig, settle, controller=law)
+    inside = limit_cycle(rig, settle, controller=law, start={"chain.speed": (reference, 0.0)})
+    assert inside.stable and inside.stick_share("bit") > 0.2
+
+
+@pytest.mark.parametrize("settle", [30.0, 300.0, 3000.0])
+def test_a_free_swing_that_decays_is_no_cycle_however_long_it_settles(settle):
+    with pytest.raises(CycleError, match="dies out without a switch"):
+        limit_cycle(compose(Block(damping=0.1)), settle, start={"block.position": 1.0})
+
+
+@pytest.mark.parametrize("settle", [30.0, 100.0])
+def test_a_swing_that_dry_friction_wears_down_is_no_cycle(settle):
+    # half a round each way loses 2 F / k, whatever the amplitude: a round is 4 F / k short, and no start mends that
+    rubbing = BlockOnBelt(belt_speed=0.0, load=0.01, friction=Coulomb(static=1.0, kinetic=0.5))
+    with pytest.raises(CycleError, match=r"No cycle was found.* by 0\.02 of its size"):
+        limit_cycle(compose(rubbing), settle, start={"block.position": 1.0})
 
 
 def test_cycle_and_branch_print_and_draw_themselves():

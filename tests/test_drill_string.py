@@ -177,7 +177,7 @@ def test_each_inertia_of_a_rod_with_friction_sticks_until_the_twist_above_reache
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        ({"inertia": (1.0,)}, "inertia"),
+        ({"inertia": (1.0,)}, "at least 2 inertias, but it has 1: one under a table is a `TorsionalPendulum`"),
         ({"inertia": (1.0, -2.0)}, "inertia"),
         ({"inertia": (1.0, 0.0)}, "inertia"),
         ({"inertia": (1.0, math.nan)}, "inertia"),

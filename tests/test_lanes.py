@@ -80,6 +80,18 @@ PLANTS = {
     "block on belt": (compose(BlockOnBelt()), 60.0, {"block.mass": (0.5, 2.0), "block.belt_speed": (0.05, 0.4)}, {}),
     "law that drops": (compose(BlockOnBelt(friction=Drop(speed=0.1))), 30.0, {"block.mass": (0.5, 2.0)}, {}),
     "two blocks": (compose(BlocksOnBelt()), 30.0, {}, {"start": {"blocks.position": (0.5, 0.1)}}),
+    "five equal blocks, which stick and slip at one instant": (
+        compose(BlocksOnBelt(mass=(1.0,) * 5, stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
+    "five blocks": (
+        compose(BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
     "drill string with a drive": (RIG, 60.0, {"bit.weight": (5e4, 1.5e5), "pi.reference": (4.0, 16.0)}, {"controller": PI()}),
     "drive with torque limits": (RIG, 40.0, {"bit.weight": (5e4, 1e5)}, {"controller": PI(lowest_torque=0.0, highest_torque=12_000.0)}),
     "sliding mode": (RIG, 20.0, {"bit.weight": (5e4, 1e5)}, {"controller": IdealSlidingMode(reference=12.0)}),
@@ -136,6 +148,19 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
             assert found.values[s, i] == pytest.approx(run.time_in(element, "stick"), abs=1e-5 * duration)
 
 
+def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_where_signals_are_measured():
+    plant, duration, ranges, arguments = PLANTS["disc brake"]
+    forces = {name: np.linspace(*bounds, 20) for name, bounds in ranges.items()}
+    measures = (tally.minimum("pad.speed"), tally.maximum("pad.speed"))
+    usual = batch(plant, duration, forces, 20, most_events=500, **arguments)
+    found = batch(plant, duration, forces, 20, measures=measures, most_events=500, **arguments)
+    assert usual.alone.mean() > 2.0
+    assert found.alone.mean() < 0.1
+    np.testing.assert_array_equal(found.event_elements, usual.event_elements)
+    np.testing.assert_array_equal(found.event_modes, usual.event_modes)
+    np.testing.assert_allclose(found.event_times, usual.event_times, atol=1e-9)
+
+
 @pytest.mark.parametrize("width", [4, 8, 16])
 def test_oscillators_of_very_different_speeds_share_a_block_and_follow_their_cosines(width):
     frequency = 10.0 ** np.linspace(-1, 2, 19)
@@ -183,6 +208,17 @@ def test_a_scenario_without_an_answer_leaves_its_neighbours_alone():
     others = np.delete(np.arange(20), [3, 11])
     assert (found.statuses[others] == 0).all()
     np.testing.assert_array_equal(found.states[others], sound.states[others])
+
+
+def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_only_what_it_releases_alone():
+    plant = compose(BlockOnBelt(stiffness=0.0, belt_speed=0.0, friction=Coulomb(0.5, 0.5), load=10.0))
+    loads = np.tile([10.0, 10.1, 9.9], 6)
+    for last, released in ((5.0, 9.9), (0.0, 9.9), (5.01, 10.0)):
+        table = ([0.0, 2.0, 4.0], [0.0, 5.0, last])
+        found = batch(plant, 5.0, {"block.load": loads}, len(loads), inputs={"block.force": table}, most_events=4)
+        assert np.array_equal(np.isfinite(found.event_times[:, 0]), loads <= released)
+        for load, first in zip(loads, found.event_times[:, 0], strict=True):
+            assert load > released or first == pytest.approx(load / 5.0, rel=1e-12)
 
 
 def test_stick_is_measured_in_the_window_asked():
@@ -252,8 +288,8 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
 
 
 def test_what_lanes_do_not_carry_is_refused_by_name():
-    with pytest.raises(SceneError, match="sampled"):
-        batch(RIG, 1.0, controller=PI(), sample_time=0.01)
+    with pytest.raises(SceneError, match="Python"):
+        batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
     run = checked_run(RIG, 1.0)
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))

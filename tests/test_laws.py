@@ -327,7 +327,9 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
     law = LQG(reference=3.0).design(plant)
     regulator = poles(wells.JANSEN_2, rock, law.law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
     n = len(law.observer.gain)
-    A, C = np.array(law.observer.matrix).reshape(n, n), np.array(law.observer.rows)[:n]
+    stacked = np.zeros((n + 4, n))
+    stacked.flat[list(law.observer.places)] = law.observer.model
+    A, C = stacked[:n], stacked[n + 1]
     expected = np.concatenate([regulator, np.linalg.eigvals(A - np.outer(law.observer.gain, C))])
     found = poles(wells.JANSEN_2, rock, law, at={"chain.speed": (3.0, 3.0)}, mode={"bit": "slip+"})
     np.testing.assert_allclose(np.poly(found).real, np.poly(expected).real, rtol=1e-5)
@@ -336,9 +338,9 @@ def test_with_a_rock_of_constant_torque_the_poles_under_lqg_are_those_of_regulat
 def test_h_infinity_keeps_the_norm_it_names_at_every_frequency_and_no_law_can_keep_much_less():
     law = HInfinity(reference=4.0).design(RIG)
     model, _, _, A = drilling_point(RIG, 4.0)
-    n = law.order
-    numbers = np.array(law.matrices)
-    A_K, B_K, C_K = numbers[: n * n].reshape(n, n), numbers[n * n : n * n + n], numbers[n * n + n : n * n + 2 * n]
+    n, many = law.order, len(law.places)
+    A_K, (B_K, C_K, _) = np.zeros((n, n)), np.array(law.matrices[many:]).reshape(3, n)
+    A_K.flat[list(law.places)] = law.matrices[:many]
     worst = 0.0
     for om in np.geomspace(1e-3, 100.0, 400):
         K = C_K @ np.linalg.solve(1j * om * np.eye(n) - A_K, B_K)

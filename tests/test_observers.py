@@ -15,8 +15,17 @@ EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), Sl
 
 
 def matrices(observer):
+    stacked = stack(observer)
+    n = stacked.shape[1]
+    return stacked[:n], np.array(observer.gain), stacked[n + 1]
+
+
+def stack(observer):
+    """A, B', and the rows of top speed, bit speed and top load."""
     n = len(observer.gain)
-    return np.array(observer.matrix).reshape(n, n), np.array(observer.gain), np.array(observer.rows)[:n]
+    found = np.zeros((n + 4, n))
+    found.flat[list(observer.places)] = observer.model
+    return found
 
 
 def seen(observer, law, duration=60.0, after=20.0, plant=RIG, noise=0.0, **arguments):
@@ -38,7 +47,8 @@ def test_the_disturbance_observer_has_all_poles_at_its_bandwidth():
 def test_the_poles_of_the_filter_are_the_stable_half_of_its_hamiltonian():
     law = Kalman().design(RIG)
     A, L, C = matrices(law)
-    Q = law.drive_walk**2 * np.outer(law.drive, law.drive)
+    B = stack(law)[len(law.gain)]
+    Q = law.drive_walk**2 * np.outer(B, B)
     Q[-1, -1] += law.torque_walk**2
     R = law.speed_noise**2 * law.period
     every = np.linalg.eigvals(np.block([[A.T, -np.outer(C, C) / R], [-Q, -A]]))

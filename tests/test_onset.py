@@ -12,7 +12,7 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, compose, hopf_points, measure, onset, simulate
-from toolbox.onset import Border, Comparison
+from toolbox.onset_report import Border, Comparison
 from toolbox.scene import Scene
 
 
@@ -215,3 +215,15 @@ def test_a_scene_whose_input_moves_has_no_onset(root):
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("step", {"before": 1.0, "after": 2.0, "at": 1.0})})
     with pytest.raises(SceneError, match=r"bit\.weight.*must be a number"):
         onset(moving, "top.reference", (2.0, 8.0), controller="stiff PI")
+
+
+def test_a_cycle_that_sticks_twice_is_judged_over_whole_cycles():
+    """An integrating drive holds the mean at the set-point, so the severity is swing / (2 set-point), whatever the pattern of sticks."""
+    plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), PI(proportional=400.0, integral=250.0)
+    found = onset(plant, "top.reference", (1.45, 1.55), controller=law, values=3)
+    run = simulate(plant, 1000.0, controller=law, inputs={"top.reference": 1.45}, start={"chain.speed": (1.45, 0.0)})
+    sticks = [b - a for a, b in measure.stick_intervals(run, "bit", 500.0) if b < run.end]
+    assert abs(sticks[-1] - sticks[-2]) > 0.5 and sticks[-1] == pytest.approx(sticks[-3], rel=1e-3)
+    swing = measure.extent(run, "bit.speed", 500.0)
+    expected = (swing.maximum - swing.minimum) / (2 * 1.45)
+    assert [each[0].severity for each in (found.smooth, found.sticking)] == pytest.approx([expected] * 2, rel=1e-3)

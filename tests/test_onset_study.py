@@ -53,7 +53,7 @@ def test_sampled_drilling_grows_below_its_hopf_speed_and_dies_above():
 
 def test_sliding_mode_loses_stick_slip_in_a_fold_and_soft_torque_by_period_doubling():
     fold, corner, hopf = study.cycles(SLIDING).bifurcations
-    assert [fold.kind, corner.kind, hopf.kind] == ["fold", "grazing", "Hopf"]
+    assert [fold.kind, corner.kind, hopf.kind] == ["fold", "grazing-sliding", "Hopf"]
     assert hopf.value == pytest.approx(3.7296557, abs=1e-5)  # the Hopf point of the linearised loop, which the branch comes back to
     kind, value = study.lost(study.cycles(SOFT, 50))
     assert kind == "period doubling"
@@ -68,7 +68,7 @@ def test_a_branch_round_a_corner_keeps_to_cycles_that_do_not_stick():
     branch = study.cycles(SOFT, 50)
     place = next(i for i, cycle in enumerate(branch.cycles) if not cycle.run.events)
     assert all(not cycle.run.events for cycle in branch.cycles[place:])
-    assert [point.kind for point in branch.bifurcations].count("grazing") == 1
+    assert [point.kind for point in branch.bifurcations].count("grazing-sliding") == 1
     assert not branch.stable[place:].any()
 
 

@@ -223,6 +223,16 @@ def test_sliding_blocks_have_the_modes_of_the_chain():
     np.testing.assert_allclose(sorted(found[found.imag > 0].imag), [2.0, 3.0], rtol=1e-9)
 
 
+def test_a_force_holds_one_of_two_blocks_against_the_others_spring():
+    # no friction: m_i x_i'' = u_i - k_i x_i - c_i v_i + q (x_j - x_i); at rest (k_1 + q) x_1 - q x_2 = u_1, (k_2 + q) x_2 - q x_1 = u_2
+    blocks = BlocksOnBelt(stiffness=(2.0, 3.0), damping=(1.0, 1.0), tie=(0.5,), load=(0.0, 0.0))
+    force = np.array([1.5, -0.7])
+    run = simulate(compose(blocks), 100.0, inputs={f"blocks.force.{i}": u for i, u in enumerate(force)}, accuracy=1e-10)
+    np.testing.assert_allclose(run["blocks.position"][-1], np.linalg.solve([[2.5, -0.5], [-0.5, 3.5]], force), rtol=1e-8)
+    assert energy_audit(run).relative < 1e-8
+    assert np.abs(simulate(compose(blocks), 100.0)["blocks.position"]).max() == 0.0  # without a force nothing moves
+
+
 def test_unequal_blocks_stick_apart_and_together():
     run = simulate(compose(BlocksOnBelt()), 200.0)
     first, second = run.modes["belt.0"] == "stick", run.modes["belt.1"] == "stick"

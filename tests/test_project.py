@@ -80,6 +80,13 @@ def test_every_module_and_every_public_function_and_class_says_what_it_is(root, 
                 assert ast.get_docstring(node), f"{path.relative_to(root)}: `{node.name}` needs a docstring"
 
 
+def test_a_star_import_leaves_the_module_time_alone():
+    names: dict[str, object] = {}
+    exec("import time\nfrom toolbox import *\nnow = time.perf_counter()", names)
+    assert callable(names["simulate"]) and names["now"] > 0.0
+    assert toolbox.time.is_symbolic()  # `from toolbox import time` is the symbol of time
+
+
 @pytest.mark.parametrize("package", ["toolbox", "models", "controllers"])
 def test_all_lists_exactly_what_the_package_imports_and_does_not_hide(package):
     module = importlib.import_module(package)

@@ -72,6 +72,26 @@ def test_a_linear_block_under_a_sampled_pi_has_the_multipliers_of_its_transition
     assert cycle.multipliers.size == 3 and cycle.forced and cycle.stable
 
 
+def test_a_delay_within_a_sample_brings_the_output_before_it_among_the_multipliers():
+    # x+ = Phi x + (G(h) - G(h - d)) u_before + G(h - d) u, over a sample h with delay d
+    h, delay, count, damping, p, i = 0.25, 0.1, 16, 0.5, 0.5, 0.3
+    plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
+    arguments = {"period": count * h, "inputs": {"block.load": 0.0}, "start": {"block.position": 1.0}}
+    cycle = limit_cycle(plant, 200.0, controller=Sampled(Holding(p, i), h, delay=delay), **arguments)
+    field = np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]])
+    whole, rest = expm(h * field), expm((h - delay) * field)
+    now, before, u = rest[:2, 2:], whole[:2, 2:] - rest[:2, 2:], np.array([[-p, 0.0, -i]])
+    matrix = np.zeros((4, 4))  # of x, z and the output before
+    matrix[:2, :2], matrix[:2, 3:], matrix[2, :3], matrix[3, :3] = whole[:2, :2], before, (h, 0.0, 1.0), u
+    matrix[:2, :3] += now @ u
+    theory = np.linalg.eigvals(np.linalg.matrix_power(matrix, count))
+    assert cycle.multipliers.size == 4
+    for value in theory:
+        assert min(abs(value - found) for found in cycle.multipliers) < 1e-9
+    prompt = limit_cycle(plant, 200.0, controller=Holding(p, i), sample_time=h, **arguments)
+    assert np.abs(prompt.multipliers).max() < np.abs(cycle.multipliers).max()  # the delay takes damping away
+
+
 @pytest.mark.parametrize("case", ["weight", "reference"])
 def test_a_drill_string_under_a_sampled_drive_has_the_multipliers_that_differences_show(case):
     law, period, h = StiffPI(reference=8.0), 5.4 if case == "weight" else 7.2, 0.1
@@ -133,8 +153,8 @@ def test_a_sampled_cycle_that_cannot_be_is_refused_with_a_way_out():
         limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=0.25)
     with pytest.raises(SceneError, match="whole multiple"):
         limit_cycle(RIG, 60.0, inputs=weight, controller=law, sample_time=math.pi / 20)
-    with pytest.raises(SceneError, match="without delay"):
-        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, delay=0.05))
+    with pytest.raises(SceneError, match=r"shorter than the sample time 0.1 s.*it is 0.25 s.*late=1"):
+        limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, delay=0.25))
     with pytest.raises(SceneError, match="without noise"):
         limit_cycle(RIG, 60.0, inputs=weight, controller=Sampled(law, 0.1, noise={"top.speed": 0.1}))
     with pytest.raises(SceneError, match="Python"):

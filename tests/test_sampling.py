@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from dataclasses import dataclass
 
 import casadi as ca
@@ -581,6 +582,30 @@ def test_a_callable_that_names_unknown_signals_is_refused_by_name(measures, driv
     wrong = measures[0] if measures[0] != "top.speed" else drives[0]
     with pytest.raises(SceneError, match=wrong):
         simulate(rig, 1.0, controller=law(measures, drives)(lambda t, y: 0.0), sample_time=0.1)
+
+
+def test_a_lambda_is_told_its_signals_where_it_is_sampled():
+    # u = 2 - x on x' = u, held over 0.1 s: x_(k+1) = x_k + 0.1 (2 - x_k)
+    told = Sampled(lambda t, y: 2.0 - y[0], 0.1, measures="tank.level", drives=["tank.inflow"])
+    run = simulate(tank, 1.0, controller=told, output_times=0.1 * np.arange(11))
+    np.testing.assert_allclose(run["tank.level"], 2.0 * (1.0 - 0.9 ** np.arange(11)), rtol=1e-12)
+    assert np.abs(simulate(tank, 1.0)["tank.level"]).max() == 0.0
+
+
+def test_a_lambda_on_a_plant_without_a_top_drive_is_told_what_to_write_and_that_works():
+    words = r'measures `top\.speed`, which the plant does not give: write `(Sampled\(law, 0\.1, measures="tank\.level", drives="tank\.inflow"\))`'
+    with pytest.raises(SceneError, match=words) as caught:
+        simulate(tank, 1.0, controller=lambda t, y: 0.0, sample_time=0.1)
+    advice = re.search(words, str(caught.value))[1]
+    run = simulate(tank, 1.0, controller=eval(advice, {"Sampled": Sampled, "law": lambda t, y: 3.0}))
+    assert run["tank.level"][-1] == pytest.approx(3.0, rel=1e-12)
+
+
+def test_only_a_callable_is_told_its_signals():
+    with pytest.raises(SceneError, match="Argument `measures` must be left to a callable: PI declares what it measures"):
+        simulate(rig, 1.0, controller=Sampled(PI(), 0.1, measures="top.speed"))
+    with pytest.raises(SceneError, match="Argument `drives` must be the name of a signal, or several, but it is 3"):
+        simulate(tank, 1.0, controller=Sampled(lambda t, y: 0.0, 0.1, measures="tank.level", drives=3))
 
 
 def test_two_controllers_that_drive_one_signal_are_refused():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import PI
-from models import BitRock, BlockOnBelt, Coulomb, wells
+from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, wells
 from toolbox import Budget, BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, time
 from toolbox.inputs import sweep
 
@@ -337,12 +337,40 @@ def test_a_failed_run_counts_only_the_time_it_lived():
 def test_a_run_that_uses_up_its_budget_says_how_far_it_came(budget, grid):
     # 20 000 rad/s for 300 s, two reversals in every period
     fast = compose(BlockOnBelt(belt_speed=0.0, stiffness=4e8, load=1e-3, friction=Coulomb(static=1.0, kinetic=1.0)))
-    with pytest.raises(BudgetError, match=r"1000 steps.*t = |0\.\d+ s and.*t = |101 events.*t = .*`belt`") as caught:
+    with pytest.raises(BudgetError, match=r"1000 steps.*t = |0\.\d+ s and.*t = |its 100 events.*t = .*`belt`") as caught:
         simulate(fast, 300.0, start={"block.position": 1.0}, output_times=grid, budget=budget)
     run = caught.value.run
-    assert run.steps[0] + run.steps[1] <= budget.steps + 5 and len(run.events) <= budget.events + 1
+    assert run.steps[0] + run.steps[1] <= budget.steps + 5 and len(run.events) <= budget.events
     assert 0 < run.end < 300.0 and run.wall_time < 1.0
     assert simulate(fast, 1e-4, start={"block.position": 1.0}, budget=budget).end == 1e-4  # within its budget it is a run like any other
+
+
+@pytest.mark.parametrize("grid", [None, np.linspace(0, 60, 301)], ids=["steps", "grid"])
+@pytest.mark.parametrize("method", [{}, {"method": "time-stepping", "step": 0.01}], ids=["event", "time-stepping"])
+def test_a_run_may_spend_exactly_its_events_and_ends_where_the_next_is_due(method, grid):
+    plant = compose(BlockOnBelt())
+    whole = simulate(plant, 60.0, output_times=grid, **method)
+    total = len(whole.events)
+    assert total > 6
+    assert simulate(plant, 60.0, output_times=grid, budget=Budget(events=total), **method).events == whole.events
+    for most in (1, 5, total - 1):
+        with pytest.raises(BudgetError, match=rf"used its {most} events and reached t = .*`belt`") as caught:
+            simulate(plant, 60.0, output_times=grid, budget=Budget(events=most), **method)
+        run, after = caught.value.run, whole.events[most]
+        assert run.events == whole.events[:most]
+        assert run.end == after.time and run.at(run.end).modes["belt"] == after.before
+        assert run.time_in("belt", "stick") == pytest.approx(whole.time_in("belt", "stick", until=after.time), rel=1e-12)
+
+
+def test_events_of_one_instant_are_within_a_budget_together_or_not_at_all():
+    # two blocks that nothing ties break away from one belt at the same time
+    twins = compose(BlocksOnBelt(mass=(1.0, 1.0), tie=(0.0,)))
+    whole = simulate(twins, 20.0)
+    assert [e.time for e in whole.events[2:4]] == [whole.events[2].time] * 2
+    for most, kept in ((2, 2), (3, 2), (4, 4)):
+        with pytest.raises(BudgetError) as caught:
+            simulate(twins, 20.0, budget=Budget(events=most))
+        assert caught.value.run.events == whole.events[:kept]
 
 
 def test_a_budget_is_of_positive_numbers():

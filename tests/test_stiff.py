@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from controllers import PI
-from models import BitRock, BlockOnBelt, Exponential, TorsionalChain
+from controllers import LQG, LQR, PI, HInfinity
+from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
 from toolbox import Component, DryFriction, Equations, compose, energy_audit, equilibrium, linearise, quantity, simulate, sine, state
-from toolbox.rosenbrock import RODAS5P, factors
+from toolbox.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
+from toolbox.stiffness import stiff_size
 
 # --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
 
@@ -55,6 +56,17 @@ def test_fast_modes_die_within_a_step_and_no_decaying_mode_grows():
     assert max(growth(1j * y) for y in np.geomspace(1e-2, 1e4, 500)) <= 1 + 1e-9
     left_half = [r * np.exp(1j * angle) for r in np.geomspace(0.1, 1e4, 60) for angle in np.linspace(np.pi / 2, np.pi, 20)]
     assert max(map(growth, left_half)) <= 1 + 1e-9
+
+
+def test_a_growing_mode_is_followed_as_long_as_a_step_may_stand_and_not_beyond():
+    _, beta, b = coefficients()
+
+    def growth(z):
+        return 1 + z * b @ np.linalg.solve(np.eye(b.size) - z * beta, np.ones(b.size))
+
+    assert growth(FASTEST_GROWTH) == pytest.approx(np.exp(FASTEST_GROWTH), rel=0.03)
+    assert growth(1.5 * FASTEST_GROWTH) < 0  # the danger: it would go the other way,
+    assert abs(growth(1e6)) < 1e-4  # or seem to die
 
 
 @dataclass(frozen=True)
@@ -118,11 +130,33 @@ def test_the_elimination_solves_sparse_systems_with_algebraic_rows():
     matrix = np.diag(generator.uniform(-3, -2, 9)) + np.diag(generator.uniform(-1, 1, 8), 1) + np.diag(generator.uniform(-1, 1, 6), -3)
     matrix[0, 8] = 0.3
     sparse = ca.sparsify(ca.SX(ca.DM(matrix)))
-    values, solve = factors(sparse, ca.SX(2.0), extra=2)
+    values, solve, least = factors(sparse, ca.SX(2.0), extra=2)
     right = generator.uniform(-1, 1, 7)
     full = np.diag([2.0] * 7 + [0.0] * 2) - matrix
     expected = np.linalg.solve(full, np.append(right, [0, 0]))[:7]
     np.testing.assert_allclose(np.array(solve(ca.DM(values), right)).ravel(), expected, rtol=1e-12)
+    assert float(least) > 0  # the eigenvalues of the matrix all decay
+
+
+@pytest.mark.parametrize("law", [Hyperbolic(static=1.0, decay=1e6), Exponential(static=1.0, kinetic=0.5, decay=1e6)], ids=["hyperbolic", "exponential"])
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
+def test_a_block_breaks_away_though_implicit_damping_would_hold_it(law, accuracy):
+    # after stick the slip grows at the rate F_s decay / m = 1e6/s from nothing: a long implicit step sees no error in letting it die
+    plant = compose(BlockOnBelt(friction=law))
+    exact = simulate(plant, 50.0, start={"block.speed": 0.2}, method="explicit", accuracy=1e-10)
+    run = simulate(plant, 50.0, start={"block.speed": 0.2}, method="stiff", accuracy=accuracy)
+    assert run.merged == 0
+    assert len(run.events) == len(exact.events)
+    assert run.difference(exact) < accuracy
+    assert run.error < accuracy
+
+
+@pytest.mark.parametrize("n", [5, 50])
+def test_the_operations_of_an_elimination_are_known_from_its_pattern(n):
+    # of a chain each of n - 1 pivots meets one entry below and one to the right; of a full matrix the k-th meets k of each
+    cases = [(ca.Sparsity.banded(n, 1), np.append(np.ones(n - 1), 0)), (ca.Sparsity.dense(n, n), np.arange(n))]
+    for pattern, entries in cases:
+        assert elimination(pattern) == ((1 + entries + 2 * entries**2).sum(), 2 * (2 * entries.sum() + n))
 
 
 # --- machines
@@ -292,6 +326,38 @@ def test_a_stiff_plant_is_recognised_and_a_mild_one_left_alone():
     assert run.error < 1e-3
     mild = simulate(compose(BlockOnBelt()), 2000.0)
     assert mild.program.pair is not RODAS5P
+
+
+@dataclass(frozen=True)
+class Relaxations(Component):
+    """Forty states that decay at rates from 1 to 3e4 1/s, each alone, or mixed by a rotation so that all depend on all."""
+
+    mixed: bool = False
+
+    def equations(self, signal):
+        x = state("many.x", "1", 40)
+        rotation = np.linalg.qr(np.random.default_rng(0).standard_normal((40, 40)))[0] if self.mixed else np.eye(40)
+        matrix = rotation @ np.diag(np.geomspace(1.0, 3e4, 40)) @ rotation.T
+        return Equations(flow={x: -ca.sparsify(ca.SX(ca.DM(matrix))) @ (x - signal("many.goal", "1", default=1.0))})
+
+
+def test_an_elimination_that_would_take_longer_than_the_run_is_not_written():
+    # 2/3 40^3 instructions where all states depend on all; the twin without that is stepped by the stiff method
+    runs = {mixed: simulate(compose(Relaxations(mixed)), 10.0) for mixed in (True, False)}
+    programs = {mixed: {key[2] for key in run.program.system.kernels if key[0] == "program"} for mixed, run in runs.items()}
+    assert "rodas5p" not in programs[True] and runs[True].run.method == "event"
+    assert runs[False].program.pair is RODAS5P
+    assert stiff_size(runs[True].program) > 40**3 * 2 / 3 > 100 * stiff_size(runs[False].program)
+
+
+@pytest.mark.parametrize("law", [LQG(reference=8.0), HInfinity(reference=8.0), LQR(reference=8.0)], ids=lambda law: type(law).__name__)
+def test_the_stiff_step_under_a_law_that_knows_the_whole_string_grows_with_its_length_alone(law):
+    # a feedback and an observer gain fill a row and a column: an arrow, whose elimination stays linear when it comes last
+    sizes = []
+    for n in (8, 16):
+        run = simulate(compose(string(n), BitRock()), 0.0, controller=law, method="explicit")
+        sizes.append(stiff_size(run.program))
+    assert sizes[1] < 2.3 * sizes[0]
 
 
 def test_the_choice_is_the_same_with_output_times():

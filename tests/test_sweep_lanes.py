@@ -213,7 +213,8 @@ def test_lanes_are_taken_for_many_runs_of_what_they_carry():
     assert not pays(RIG, FEWEST_LANES - 1)
     assert not pays(RIG, FEWEST_LANES, steps=1)
     assert not pays(RIG, FEWEST_LANES, method="stiff")
-    assert not pays(RIG, FEWEST_LANES, controller=Sampled(StiffPI(), 0.01))
+    assert pays(RIG, FEWEST_LANES, controller=Sampled(StiffPI(), 0.01))
+    assert not pays(RIG, FEWEST_LANES, controller=Sampled(lambda t, y: 0.0, 0.01))
 
 
 def test_an_input_may_vary_as_well_as_a_parameter():

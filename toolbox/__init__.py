@@ -1,14 +1,17 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
+from toolbox.branch import Bifurcation, Branch
 from toolbox.closed_loop import Controller, Sampled, Takeover
 from toolbox.compose import compose
-from toolbox.continuation import Bifurcation, Branch, follow
+from toolbox.continuation import follow
 from toolbox.cycle import Cycle, CycleError, limit_cycle
-from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time
+from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state
+from toolbox.elements import time as time  # not in __all__: a star import must not shadow the module `time`
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
 from toolbox.export import export_c, to_control
 from toolbox.fit import Fit, fit
 from toolbox.fmu import export_fmu
+from toolbox.hopf import hopf_curve, hopf_points
 from toolbox.hybrid import HybridSystem
 from toolbox.impedance import impedance, reflection
 from toolbox.inputs import ramp, sine, square, step, triangle
@@ -23,7 +26,8 @@ from toolbox.sensitivity import Sensitivity, sensitivity
 from toolbox.severity_map import SeverityMap, severity_map
 from toolbox.simulate import Budget, simulate
 from toolbox.smoothed import smoothed
-from toolbox.stability import equilibria, hopf_curve, hopf_points, pole_locus
+from toolbox.stability import pole_locus
+from toolbox.steady_states import equilibria
 from toolbox.sweep import Sweep, sweep
 from toolbox.trajectory import Event, Trajectory
 from toolbox.tune import tune
@@ -98,7 +102,6 @@ __all__ = [
     "step",
     "stick_intervals",
     "sweep",
-    "time",
     "to_control",
     "triangle",
     "tune",

@@ -1,4 +1,4 @@
-"""A word on stderr before numba compiles something for the first time on a machine, so that nobody takes the pause for a hang."""
+"""A word on stderr before something long is compiled, so that nobody takes the pause for a hang."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import sys
 from typing import Any
 
 _SAID: set[Any] = set()
+
+LONG = 100_000
+"""Instructions of a model from which on writing and optimising them is announced: 2 to 5 s."""
 
 
 def announced(name: str, *functions: Any) -> bool:
@@ -19,6 +22,13 @@ def announced(name: str, *functions: Any) -> bool:
         return False
     print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
     return True
+
+
+def announced_code(instructions: int) -> bool:
+    """Say that the equations of a model are being written in so many instructions, where that takes seconds; returns whether it was said."""
+    if instructions > LONG:
+        print(f"stickslip: writing the equations as {instructions:,} machine instructions ...", file=sys.stderr, flush=True)
+    return instructions > LONG
 
 
 def _known(function: Any) -> bool:

@@ -124,11 +124,11 @@ ALONE = 75_000
 def pays_in_lanes(task: Task, steps: int) -> bool:
     """Whether the runs of a task, of about so many steps each, are done sooner in lanes, and can be: decided by counts, so that every machine decides alike.
 
-    Lanes take explicit methods without sampled laws. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
+    Lanes take explicit methods and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
     load; and while the step is a straight line of instructions.
     """
     run = task.run
-    if run.method != "explicit" or run.system.updates or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if run.method != "explicit" or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
     if not all(isinstance(measure, Measure) for measure in task.measures):
         return False
@@ -150,11 +150,12 @@ def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> Non
     starts = task.starts
     if starts is None:
         starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
-    batch = lanes.run(numbers, starts)
+    batch = lanes.run(numbers, starts, task.memories, task.held)
     values[:] = batch.values
     again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
     if again.size:
-        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], first=0)
+        memories, held = (None if array is None else array[again] for array in (task.memories, task.held))
+        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], memories=memories, held=held, first=0)
         rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
         _in_a_row(alone, rows, found)
         values[again] = rows
@@ -197,7 +198,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             if run.budget.events < np.inf:
                 switches += np.bincount(work.ev_i[: work.ints[loop.EVENTS]], minlength=switches.size)
             tally.read(work, status == loop.DONE)
-            work = limited(whole, run.budget, int(switches.sum()))
+            work = limited(whole, program, run.budget, int(switches.sum()))
             if status == loop.DONE:
                 broken = tally.broken_bound
                 if broken is None:

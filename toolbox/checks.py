@@ -18,7 +18,8 @@ from toolbox import measure
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
-from toolbox.onset import Onset, onset
+from toolbox.onset import onset
+from toolbox.onset_report import Onset
 from toolbox.trajectory import Trajectory
 
 

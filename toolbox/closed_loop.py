@@ -12,16 +12,17 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from toolbox.elements import is_finite_number, quantity, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
-from toolbox.parts import Component, Equations, Signal, Update
+from toolbox.parts import Component, Equations, Signal, Update, check_fields
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,25 @@ class Controller(Component):
 
     def equations(self, signal: Signal) -> Equations:
         return self.continuous(signal)
+
+
+def designed(law: Any, plant: HybridSystem) -> Any:
+    """What `design(plant)` of a law returns.
+
+    Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
+    """
+    if not hasattr(law, "design"):
+        raise SceneError(f"A control law must be a Controller, but it is {law!r}.")
+    if type(law).design is Controller.design:
+        return law
+    check_fields(law)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
+            return law.design(plant)
+    except (SceneError, NotImplementedError):
+        raise
+    except (ArithmeticError, ValueError) as error:  # of numpy and scipy
+        raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -85,10 +105,11 @@ class Sensors(Component):
 class Sampled:
     """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
-    law: a Controller, or any callable (t, y) -> u with attributes `measures` and `drives`, y in the order of `measures`, u a number
-    or a sequence in the order of `drives`; with an attribute `stand_ins` {signal: (value, unit)} these follow in y, as inputs that take that value where
-    nobody gives them, such as `top.reference`.  period, delay in s. A callable object is copied for every run, so that each starts from the
-    state it was given in; a plain function is called as it is and should keep no state.  noise: {measured signal: standard deviation of
+    law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
+    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `stand_ins`
+    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
+    callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
+    state.  noise: {measured signal: standard deviation of
     white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
     Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
     before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
@@ -100,9 +121,18 @@ class Sampled:
     noise: Mapping[str, float] = field(default_factory=dict)
     resolution: Mapping[str, float] = field(default_factory=dict)
     seed: int = 0
+    measures: str | Sequence[str] | None = None
+    drives: str | Sequence[str] | None = None
 
     def check(self) -> None:
-        """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0 and seed is an integer >= 0."""
+        """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
+        for word, told in (("measures", self.measures), ("drives", self.drives)):
+            if told is None:
+                continue
+            if isinstance(self.law, Controller):
+                raise SceneError(f"Argument `{word}` must be left to a callable: {type(self.law).__name__} declares what it {word}.")
+            if not isinstance(told, (str, list, tuple)) or not told or not all(isinstance(name, str) for name in told):
+                raise SceneError(f"Argument `{word}` must be the name of a signal, or several, but it is {told!r}.")
         if not is_finite_number(self.period) or self.period <= 0:
             raise SceneError(f"Argument `sample_time` must be > 0 s, but it is {self.period!r}.")
         if not is_finite_number(self.delay) or self.delay < 0:
@@ -186,8 +216,11 @@ def held(sampled: Sampled, law: Controller) -> Held:
 
 
 def names(value: str | Sequence[str]) -> tuple[str, ...]:
-    """A tuple of names from one name or several."""
-    return (value,) if isinstance(value, str) else tuple(value)
+    """A tuple of names from one name or several. Raises SceneError for anything else."""
+    listed = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(name, str) for name in listed):
+        raise SceneError(f"A name, or several, must be given as strings, but it is {value!r}.")
+    return listed
 
 
 def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
@@ -199,17 +232,17 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         pass
     except TypeError as error:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
-    asked = names(getattr(law, "measures", ("top.speed",)))
+    asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measures is None else sampled.measures)
     measures = tuple(plant.routes.get(name, name) for name in asked)
-    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",))))
+    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",)) if sampled.drives is None else sampled.drives))
     for name in measures:
         if not plant.has_signal(name):
-            raise SceneError(f"The controller measures `{name}`, which the plant does not give; set its attribute `measures`.")
+            raise SceneError(f"The controller measures `{name}`, which the plant does not give: {_told(name, plant.signals, sampled, plant)}")
         if name in plant.states and plant.states[name][1] is not None:
             raise SceneError(f"The controller measures `{name}`, which is a vector: name its entries in `measures`, `{name}.0` and so on.")
     for name in drives:
         if name not in plant.inputs:
-            raise SceneError(f"The controller drives `{name}`, which is no input of the plant; set its attribute `drives`.")
+            raise SceneError(f"The controller drives `{name}`, which is no input of the plant: {_told(name, plant.inputs, sampled, plant)}")
     units = tuple(plant.inputs[name].unit for name in drives)
     more: dict[str, tuple[float, str]] = dict(getattr(law, "stand_ins", {}))
     places = measures + tuple(plant.routes.get(name, name) for name in more)
@@ -222,6 +255,14 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         stand_ins=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
     )
+
+
+def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem) -> str:
+    """How to tell a callable its signals, with signals of the plant."""
+    scalars = [each for each, (expression, _) in plant.signals.items() if expression.numel() == 1] or ["..."]
+    measured = next((each for each in scalars if each.endswith(".speed")), scalars[0])
+    driven = next(iter(plant.inputs), "...")
+    return f'write `Sampled(law, {sampled.period:g}, measures="{measured}", drives="{driven}")`, with a tuple of names for several; {suggest(name, known)}'
 
 
 @dataclass(frozen=True)
@@ -244,7 +285,7 @@ class Takeover(Controller):
 
     def design(self, plant: HybridSystem) -> Controller:
         """Both laws designed on the plant."""
-        return dataclasses.replace(self, before=self.before.design(plant), after=self.after.design(plant))
+        return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         if set(self.before.drives) != set(self.after.drives):

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import copy
 import math
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.closed_loop import designed
 from toolbox.elements import Element, State, UnilateralContact, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, Input, Parameter, SampledUpdate
@@ -42,7 +44,7 @@ def compose(*components: Component) -> HybridSystem:
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
         declared = compose(*plant)
-        components = tuple(c.design(declared) if hasattr(c, "design") else c for c in components)
+        components = tuple(designed(c, declared) if hasattr(c, "design") else c for c in components)
     return assembled(components)
 
 
@@ -74,6 +76,7 @@ def assembled(components: tuple[Component, ...]) -> HybridSystem:
     system.values = shared.values.copy()
     system.values[: len(numbers)] = numbers
     _check_gain(system)
+    _check_push(system)
     return system
 
 
@@ -131,8 +134,16 @@ class _Composer:
             needs.append((name, unit, default, placeholder))
             return placeholder
 
+        mode = ca.GlobalOptions.getNumpyMode()
+        ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
         try:
             equations = symbolic.equations(signal)
+        except RecursionError as error:
+            if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
+                raise
+            raise SceneError(
+                f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
+            ) from error
         except RuntimeError as error:
             if "truth value" not in str(error):
                 raise
@@ -140,6 +151,8 @@ class _Composer:
                 f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
                 "or declare what they decide on as int, str or bool."
             ) from error
+        finally:
+            ca.GlobalOptions.setNumpyMode(mode)
         if not isinstance(equations, Equations):
             raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
         for variable in equations.flow:
@@ -230,18 +243,18 @@ class _Composer:
             expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
         for expression in expressions:
             expression = ca.SX(expression)
-            function = ca.Function("scan", ca.symvar(expression), [expression])
+            function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
             for k in range(function.n_instructions()):
                 if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
-                    raise SceneError(f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`.")
+                    raise SceneError(
+                        f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`."
+                    )
 
     def _add_parameter(self, path: str, slot: Slot, unit: str) -> None:
         if path in self.parameters:
             raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
         metadata = slot.spec.metadata
-        self.parameters[path] = Parameter(
-            path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata
-        )
+        self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata)
         self.symbols.append(slot.symbol)
         self.defaults.extend([math.nan] * slot.symbol.numel())
 
@@ -292,7 +305,9 @@ class _Composer:
                 raise SceneError(f"The stand-in of `{name}` must be a finite number in {unit}, but it is {default!r}.")
             else:
                 if name in self.parameters:
-                    raise SceneError(f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in.")
+                    raise SceneError(
+                        f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in."
+                    )
                 expression = ca.SX.sym(name)
                 self.parameters[name] = Parameter(name, unit, "stand-in of a signal", None, self._n_parameters, {})
                 self.symbols.append(expression)
@@ -341,7 +356,9 @@ class _Composer:
         memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _, _ in self.updates]
         noises = [ca.vertcat(*u.noise.values()) if u.noise else ca.SX(0, 1) for u, _, _, _ in self.updates]
         system.updates = tuple(
-            SampledUpdate(z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise))
+            SampledUpdate(
+                z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise)
+            )
             for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
         )
         system.routes = self.routes
@@ -393,6 +410,33 @@ def _topological(expressions: dict[str, ca.SX], links: dict[str, ca.SX]) -> list
     return order
 
 
+def _check_push(system: HybridSystem) -> None:
+    """The force of every elastic contact must act against its closure, where the force enters the rate of the gap and three states agree on its sign.
+
+    Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
+    """
+    elastic = {i: element for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds}
+    if not elastic:
+        return
+    found = system.kernels.get("push")
+    if found is None:
+        shares = []
+        for i, element in elastic.items():
+            grows = ca.jtimes(element.rate, system.x, system.flow)
+            closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
+            shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
+        symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
+        found = system.kernels["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+    n = system.x.numel()
+    tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
+    seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
+    for element, row in zip(elastic.values(), seen, strict=True):
+        if (row > 0.0).all() and np.ptp(row) < 1e-6 * row.max():
+            raise SceneError(
+                f"The force of `{element.name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
+            )
+
+
 def _check_gain(system: HybridSystem) -> None:
     """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
     gain = system.switching.gain
@@ -422,4 +466,6 @@ def _check_gain(system: HybridSystem) -> None:
     if abs(values[weakest]) < 1e-12:
         share = np.abs(vectors[:, weakest])
         names = ", ".join(f"`{e.name}`" for e, part in zip(holding, share, strict=True) if part > 1e-6 * share.max())
-        raise SceneError(f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force.")
+        raise SceneError(
+            f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force."
+        )

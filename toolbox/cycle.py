@@ -6,7 +6,8 @@ The cycle starts where the fewest elements stick, midway between two events, so 
 makes M singular, which is a Floquet multiplier of exactly zero and no trouble: the equations hold M - I. States that only add up others, such as the angle of
 a free shaft, need not return and are left out.
 
-What a sampled law remembers returns with the states, and so does a held signal that a law reads before it holds it anew. Its clock makes the machine a driven
+What a sampled law remembers returns with the states, and so does a held signal that a law reads before it holds it anew, or that acts on while the next
+one is on its way (a delay shorter than the sample time). Its clock makes the machine a driven
 one: the period must be a whole multiple of every sample time, and a free cycle, whose period is what it is, comes round with its clock by chance only.
 """
 
@@ -159,7 +160,10 @@ def limit_cycle(
     else:
         length = period if settle is None else settle
         if length is None:
-            raise SceneError("Argument `settle` must be given for a plant, in s, or a guess of the `period` with a `start` near the cycle.")
+            raise SceneError(
+                "Argument `settle` must be given for a plant: the seconds in which its motion settles, some tens of periods, as in "
+                "`limit_cycle(plant, 200.0)`; or a guess of the `period` with a `start` near the cycle."
+            )
         run = simulate(
             plant,
             length,
@@ -170,6 +174,8 @@ def limit_cycle(
             sample_time=sample_time,
             accuracy=1e-8,
         )
+    if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
+        raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
     if period is not None and not (is_finite_number(period) and period > 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     orbit = Orbit.of(run, (), accuracy, period)
@@ -187,16 +193,27 @@ def limit_cycle(
         if orbit.clocked and rounds * given > run.end * (1 - 1e-9):
             rounds -= 1.0  # at its end a run takes no sample
         return orbit.solved(orbit.within(run, max(rounds, 0.0) * given), given)
-    begin, length = (0.0, float(period)) if period is not None and settle is None and run is not plant else _round(run, orbit, period)
-    anchor = anchored(run, begin, begin + length, orbit)
-    return orbit.solved(run.at(anchor).states[0], length)
+    guessed = period is not None and settle is None and run is not plant
+    try:
+        begin, length = (0.0, float(period)) if guessed and period is not None else _round(run, orbit, period)
+        anchor = anchored(run, begin, begin + length, orbit)
+        return orbit.solved(run.at(anchor).states[0], length)
+    except CycleError as error:
+        if not guessed and _dies_out(run, orbit):
+            raise CycleError(
+                "The run comes to rest, so that there is no cycle at its end: its swing dies out without a switch. Where stick-slip lives beside smooth "
+                "running, start inside of it, such as with a bit at rest under a turning string, or `follow` a cycle of another parameter value.",
+                run,
+            ) from error
+        raise
 
 
 @dataclass
 class Orbit:
     """The equations of a cycle: arguments of its runs, compiled derivatives, and which states return.
 
-    A point of it holds the states, the memory of sampled laws, and the held signals that these read.  columns: entries of the parameter vector that are
+    A point of it holds the states, the memory of sampled laws, and the held signals `read`: those that laws read, and those of a law with a delay, which
+    act on until its next output arrives.  columns: entries of the parameter vector that are
     directions behind those of the point;  scale: size of every entry of a point;  held: all held signals before the first sample;  approach: how fast the last
     run met its slowest event, 0 at grazing.
     """
@@ -208,6 +225,7 @@ class Orbit:
     forced: bool
     scale: np.ndarray
     held: np.ndarray
+    read: np.ndarray
     approach: float = np.inf
 
     @staticmethod
@@ -216,11 +234,12 @@ class Orbit:
         from toolbox.variation import variation_of
 
         check_laws(run)
-        if any(delay > 0.0 for _, delay in run.run.clocks):
-            raise SceneError(
-                "Argument `controller` must act without delay in a periodic motion, where outputs on their way would have to return as well: "
-                "let the law remember its output for a sample, as `Observed(..., late=1)` lets its observer."
-            )
+        for sample_time, delay in run.run.clocks:
+            if delay >= sample_time:
+                raise SceneError(
+                    f"Argument `delay` must be shorter than the sample time {sample_time:g} s in a periodic motion, but it is {delay:g} s: what is on its way "
+                    "for longer would have to return as well. Let the law remember its output for whole samples, as `Observed(..., late=1)` lets its observer."
+                )
         if any(update.channels for update in run.program.system.updates):
             raise SceneError("Argument `controller` must be without noise in a periodic motion.")
         for name, value in run.run.inputs.items():
@@ -238,17 +257,26 @@ class Orbit:
         variation = variation_of(again(arguments).program, columns)  # type: ignore[arg-type]
         returning = np.flatnonzero(~variation.drifting)
         size = [np.abs(run.states).max(axis=0)]
+        read = np.empty(0, int)
         if variation.laws is not None:
-            returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + variation.laws.read.size))
+            late = [
+                update.first_held + np.arange(len(update.names))
+                for update, (_, delay) in zip(run.program.system.updates, run.run.clocks, strict=True)
+                if delay > 0.0
+            ]
+            read = np.unique(np.concatenate([variation.laws.read, *late]))
+            returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + read.size))
             for update in run.program.system.updates:
                 first = update.first_held + len(update.names)
                 found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
-                size.append(np.where(found > 1e-9 * size[0].max(), found, 0.0))  # of an integral that has come to rest at 0 round-off is left
-            size.append(np.abs(run.held[:, variation.laws.read]).max(axis=0))
+                size.append(
+                    np.where(found > 1e-9 * size[0].max(), found, 0.0)
+                )  # of an integral that has come to rest at 0 round-off is left
+            size.append(np.abs(run.held[:, read]).max(axis=0))
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
         held = begun(run.run, run.program.system)[1]
-        return Orbit(arguments, variation, columns, returning, variation.forced or variation.laws is not None, scale, held)  # type: ignore[arg-type]
+        return Orbit(arguments, variation, columns, returning, variation.forced or variation.laws is not None, scale, held, read)  # type: ignore[arg-type]
 
     @property
     def _holding(self) -> np.ndarray:
@@ -281,11 +309,11 @@ class Orbit:
         system = run.program.system
         if t == 0.0:
             memory, held = begun(run.run, system)
-            return np.concatenate([run.nodes.states[0], memory, held[self.variation.laws.read]])
+            return np.concatenate([run.nodes.states[0], memory, held[self.read]])
         at, before = run.at(t * (1 + 1e-15)), run.at(t * (1 - 1e-13))
         self.held = before.held[0, : self.held.size].copy()
         places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in system.updates]
-        return np.concatenate([at.states[0], at.held[0, np.concatenate(places)], self.held[self.variation.laws.read]])
+        return np.concatenate([at.states[0], at.held[0, np.concatenate(places)], self.held[self.read]])
 
     def begins(self, run: Trajectory) -> np.ndarray:
         """The point at the start of a shot."""
@@ -295,7 +323,7 @@ class Orbit:
         """The point at the end of a shot."""
         if not self.clocked:
             return run.states[-1]
-        return np.concatenate([run.states[-1], run.memory, run.held[-1, self.variation.laws.read]])
+        return np.concatenate([run.states[-1], run.memory, run.held[-1, self.read]])
 
     def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
         """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
@@ -310,13 +338,13 @@ class Orbit:
             return run, tangent.end
         laws, every = self.variation.laws, np.eye(x.size)
         behind, held = n + laws.memory, self.held.copy()
-        held[laws.read] = x[behind:]
+        held[self.read] = x[behind:]
         run = again(self.run, start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
         first = np.zeros((held.size, x.size))
-        first[laws.read] = every[behind:]
+        first[self.read] = every[behind:]
         tangent = self.variation.along(run, every[:n], memory=every[n:behind], held_first=first)
         self.approach, self.held = tangent.approach, run.held[-1, : held.size].copy()
-        return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][laws.read]])
+        return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][self.read]])
 
     def slopes(self, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         """dx/dt at begin and end of a run."""
@@ -370,6 +398,12 @@ class Orbit:
             move = np.linalg.lstsq(matrix, -residual(run), rcond=1e-13)[0]
             step = float(np.linalg.norm(move))
             if step < CONVERGED:
+                if size > 1e-7 * max(1.0, float(np.linalg.norm(matrix))):  # no start mends what is missing
+                    raise CycleError(
+                        f"No cycle was found: from round to round the motion changes by {size:.2g} of its size wherever near it starts. It dies out, or "
+                        "grows; start elsewhere, or give what drives it.",
+                        run,
+                    )
                 break
             share, tried = min(1.0, 0.5 / step), None
             for attempt in range(8):
@@ -458,6 +492,18 @@ def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
             turned = int(((mode != initial) & ~holding).sum())
             pieces.append((turned, int(((mode == 0) & holding).sum()), -(b - a), (a + b) / 2))
     return min(pieces)[3]
+
+
+def _dies_out(run: Trajectory, orbit: Orbit) -> bool:
+    """Whether the last two thirds of a run shrink to nothing, without a switch: what is left of the swing, extrapolated from its three thirds, is less than
+    half of the last (Aitken; exactly 0 for a geometric decay, and 0.8 of it where 1/sqrt(t) is on its way to a cycle born at a Hopf point); or has shrunk below
+    what the run resolves."""
+    begin = run.end / 3
+    if any(event.time > begin for event in run.events):
+        return False
+    states = run.at(np.linspace(begin, run.end, 6000)).states[:, orbit.returning] / orbit.scale[orbit.returning]
+    a, b, c = (float(np.ptp(part, axis=0).max(initial=0.0)) for part in np.split(states, 3))
+    return c < 1e-8 or (a > b > c and c - b > b - a and c - (c - b) ** 2 / ((c - b) - (b - a)) < c / 2)
 
 
 def _round(run: Trajectory, orbit: Orbit, guess: float | None) -> tuple[float, float]:

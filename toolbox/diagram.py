@@ -16,7 +16,7 @@ from toolbox.plot import LINES, PAPER, WIDTH, in_words
 
 if TYPE_CHECKING:
     from toolbox.fit import Fit
-    from toolbox.onset import Onset
+    from toolbox.onset_report import Onset
     from toolbox.severity_map import SeverityMap
     from toolbox.tuned import Tuned
 
@@ -222,11 +222,25 @@ def fitted(found: Fit) -> Any:
                 element = misfit.plant.elements[misfit.place]
                 x, slides = misfit.slip[misfit.rows], ~misfit.released
                 resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)
-                top.plot(misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest")
+                top.plot(
+                    misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest"
+                )
                 top.plot(x[slides], measured[slides], **dots, label="measured, slipping")
-                top.plot(x[slides], model[name][slides], **{**dots, "color": LINES[0]["color"], "markersize": 1.8}, label="law, at the measured load")
+                top.plot(
+                    x[slides],
+                    model[name][slides],
+                    **{**dots, "color": LINES[0]["color"], "markersize": 1.8},
+                    label="law, at the measured load",
+                )
                 if misfit.released.any():
-                    top.plot(x[misfit.released], measured[misfit.released], marker="^", linestyle="none", color=LINES[1]["color"], label="break-away")
+                    top.plot(
+                        x[misfit.released],
+                        measured[misfit.released],
+                        marker="^",
+                        linestyle="none",
+                        color=LINES[1]["color"],
+                        label="break-away",
+                    )
                 bottom.set_xlabel(f"slip of {element.name} [{element.slip_unit}]")
             else:
                 x = time

@@ -10,6 +10,7 @@ price beyond the budget ends in an AccuracyError at once, with the best run.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -45,11 +46,19 @@ def refined(run: Run) -> Trajectory:
     else:
         knob, sizes = 0.03, slips(run)
 
+    left = run.budget.seconds
+
     def attempt(knob: float, output_times: Any = None) -> Trajectory:
+        nonlocal left
+        budget = dataclasses.replace(run.budget, seconds=max(left, 1e-9))
         if stepping:
-            return again(run, step=knob, output_times=output_times)
-        widths = {name: knob * size for name, size in sizes.items()}
-        return again(run, widths=widths, tolerance=max(min(run.accuracy / 10, SHARE * knob), 1e-13), output_times=output_times)
+            done = again(run, step=knob, output_times=output_times, budget=budget)
+        else:
+            widths = {name: knob * size for name, size in sizes.items()}
+            tolerance = max(min(run.accuracy / 10, SHARE * knob), 1e-13)
+            done = again(run, widths=widths, tolerance=tolerance, output_times=output_times, budget=budget)
+        left -= done.wall_time
+        return done
 
     coarse, error, price, falls, before = attempt(knob), math.inf, 0.0, 1.0, 4.0
     if run.duration == 0.0:

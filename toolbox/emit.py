@@ -207,19 +207,23 @@ _LOADED: dict[str, Any] = {}
 _MACHINE: list[Any] = []
 
 
-def compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, int]:
+LARGE = 20_000
+"""Instructions above which code that is compiled for one run is generated in a hurry, which makes it run half as fast."""
+
+
+def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE) -> dict[str, int]:
     """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
 
-    instructions: size of the module, which decides how hard the code generator works.
+    instructions: size of the module, above `large` of which the code generator hurries.
     """
     with _COMPILING:  # else two threads load the same code, and that of the first is freed while it still runs
-        return _compiled(text, names, instructions)
+        return _compiled(text, names, instructions > large)
 
 
 _COMPILING = threading.Lock()
 
 
-def _compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, int]:
+def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
     import llvmlite.binding as llvm
 
     if not _MACHINE:
@@ -227,12 +231,12 @@ def _compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, i
         llvm.initialize_native_asmprinter()
         _MACHINE.append(llvm.Target.from_default_triple())
     host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
-    key = hashlib.sha256(f"{host}\n{text}".encode()).hexdigest()[:32]
+    key = hashlib.sha256(f"{host} {large}\n{text}".encode()).hexdigest()[:32]
     if key not in _LOADED:
         path = cache_directory() / "objects" / f"{key}.o"
         image = _cached(path)
         if image is None:
-            image = _object_code(llvm, text, instructions)
+            image = _object_code(llvm, text, large)
             _write_atomically(path, hashlib.sha256(image).digest() + image)
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
@@ -243,8 +247,7 @@ def _compiled(text: str, names: Sequence[str], instructions: int) -> dict[str, i
     return {name: _LOADED[key][1][name] for name in names}
 
 
-def _object_code(llvm: Any, text: str, instructions: int) -> bytes:
-    large = instructions > 20_000
+def _object_code(llvm: Any, text: str, large: bool) -> bytes:
     machine = _MACHINE[0].create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=llvm.get_host_cpu_features().flatten(),

@@ -16,6 +16,9 @@ from toolbox.emit import FLAGS, Body, literal
 LARGEST_ANGLE = 1e6
 """Arguments of sin and cos beyond which libm reduces them."""
 
+SELDOM = '!0 = !{!"branch_weights", i32 1, i32 10000}'
+"""What the metadata !0 of a branch says: that it is hardly ever taken, so that nothing is moved out of registers on its account."""
+
 
 class VectorBody(Body):
     """Text of one LLVM function on vectors of `width` doubles, a power of two; arrays are [item][width]."""
@@ -42,6 +45,12 @@ class VectorBody(Body):
     def store(self, value: str, pointer: str, index: int) -> None:
         self.lines.append(f"  store {self.type} {value}, ptr {self._place(pointer, index)}, align {min(8 * self.width, 64)}")
 
+    def store_bits(self, truth: str, pointer: str, index: int) -> None:
+        """Write truths as one integer, the first lane in its lowest bit, where an item of a block begins."""
+        bits = self.value(f"bitcast {self.truths} {truth} to i{self.width}")
+        bits = self.value(f"zext i{self.width} {bits} to i64") if self.width < 64 else bits
+        self.lines.append(f"  store i64 {bits}, ptr {self._place(pointer, index)}")
+
     def _place(self, pointer: str, index: int) -> str:
         return self.value(f"getelementptr double, ptr {pointer}, i64 {index * self.width}")
 
@@ -58,12 +67,45 @@ class VectorBody(Body):
         return self.lane_by_lane(name, *args)
 
     def lane_by_lane(self, name: str, *args: str) -> str:
-        """Call a scalar function of libm for every lane."""
+        """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""
+        given = [f"%x{i}" for i in range(len(args))]
+        each = VectorBody(self.width)
         result = "poison"
         for lane in range(self.width):
-            numbers = [self.value(f"extractelement {self.type} {a}, i64 {lane}") for a in args]
-            result = self.value(f"insertelement {self.type} {result}, double {super().call(name, *numbers)}, i64 {lane}")
-        return result
+            numbers = [each.value(f"extractelement {self.type} {a}, i64 {lane}") for a in given]
+            result = each.value(f"insertelement {self.type} {result}, double {super(VectorBody, each).call(name, *numbers)}, i64 {lane}")
+        head = f"define internal {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in given)}) noinline nounwind readnone willreturn {{"
+        self.functions[f"each {name}"] = "\n".join([head, "entry:", *each.lines, f"  ret {self.type} {result}", "}"])
+        self.intrinsics |= each.intrinsics
+        return self.value(f"call {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in args)})")
+
+    # --- memory that every lane reads at a place of its own
+    def gather(self, pointer: str, places: str, flag: str) -> str:
+        """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
+        self.intrinsics.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
+        target = self._pointed(pointer, places)
+        last = f"<{self.width} x ptr> {target}, i32 8, {self.truths} {flag}, {self.type} zeroinitializer"
+        return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
+
+    def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
+        """Write to `places` (integers) of an array from the lanes where it is true."""
+        self.intrinsics.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
+        target = self._pointed(pointer, places)
+        given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.truths} {flag}"
+        self.lines.append(f"  call void @llvm.masked.scatter.{self.suffix}.v{self.width}p0({given})")
+
+    def _pointed(self, pointer: str, places: str) -> str:
+        return self.value(f"getelementptr double, ptr {pointer}, {self.integers} {places}")
+
+    def _pointers(self, gathers: bool) -> str:
+        """Name and arguments of the intrinsics on vectors of pointers."""
+        given = [f"<{self.width} x ptr>", "i32", self.truths]
+        given = [*given, self.type] if gathers else [self.type, *given]
+        return f"v{self.width}p0({', '.join(given)})"
+
+    def as_integers(self, a: str) -> str:
+        """Whole numbers as integers."""
+        return self.value(f"fptosi {self.type} {a} to {self.integers}")
 
     # --- words for what casadi has no instruction for
     def sub(self, a: str, b: str) -> str:
@@ -129,9 +171,10 @@ class VectorBody(Body):
         return self.add(base, total) if base and total else base or total
 
 
-def function_text(name: str, body: VectorBody) -> str:
-    """One exported function on a block of lanes, with the vector functions that it calls in `body.functions`."""
-    return "\n".join([f"define void @{name}(ptr %lanes) nounwind alignstack(64) {{", "entry:", *body.lines, "  ret void", "}"])
+def function_text(name: str, body: VectorBody, others: Sequence[str] = ()) -> str:
+    """One exported function on a block of lanes and `others` arrays, with the vector functions that it calls in `body.functions`."""
+    pointers = ", ".join(f"ptr %{word}" for word in ("lanes", *others))
+    return "\n".join([f"define void @{name}({pointers}) nounwind alignstack(64) {{", "entry:", *body.lines, "  ret void", "}"])
 
 
 @cache
@@ -139,7 +182,7 @@ def _function(name: str, width: int) -> tuple[dict[str, str], frozenset[str]]:
     """Texts of a vector function and those it calls, and what they declare."""
     body = VectorBody(width)
     value = FUNCTIONS[name](body, "%x")
-    head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind {'alwaysinline' if name in ('exp', 'log') else ''} {{"
+    head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind readnone willreturn {'alwaysinline' if name in ('exp', 'log') else ''} {{"
     text = "\n".join([head, "entry:", *body.lines, f"  ret {body.type} {value}", "}"])
     return {**body.functions, name: text}, frozenset(body.intrinsics)
 
@@ -227,7 +270,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
         odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
         any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {odd})")
         body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
-        body.lines += [f"  br i1 {any_odd}, label %odd, label %usual", "odd:"]
+        body.intrinsics.add(SELDOM)
+        body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
         slow = body.lane_by_lane(which, x)
         body.lines += [f"  ret {body.type} {slow}", "usual:"]
         n, bits = _nearest(body, body.mul(x, body.number(2 / np.pi)))

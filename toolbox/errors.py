@@ -41,7 +41,7 @@ class GrazingError(SimulationError):
 def suggest(name: str, known: Iterable[str]) -> str:
     """The tail of an error message about an unknown name: the nearest known names."""
     known = sorted(set(known))
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if isinstance(name, str) else []
     if near:
         return "did you mean " + " or ".join(f"`{word}`" for word in near) + "?"
     return "known are " + ", ".join(f"`{word}`" for word in known[:30]) + ("." if len(known) <= 30 else ", ...")

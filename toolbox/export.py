@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller, Sampled, names
+from toolbox.closed_loop import Controller, Sampled, designed, names
 from toolbox.elements import State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
@@ -69,7 +69,7 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     if not isinstance(controller, Controller):
         beside = " with its `period` beside it" if isinstance(controller, Sampled) else ""
         raise SceneError(f"Argument `controller` must be a Controller{beside}, but it is {controller!r}.")
-    law = controller if plant is None else controller.design(plant)
+    law = controller if plant is None else designed(controller, plant)
     title = type(controller).__name__
     if not isinstance(law, Controller):
         raise SceneError(f"Argument `controller` must be a law that casadi expressions hold, but {title} is designed as a Python callable.")
@@ -169,10 +169,12 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
 
 def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
     """Write a law as `export_c` does, and return what its header lists."""
+    if not is_finite_number(period) or period <= 0:
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     c, h = c_paths(path)
-    designed = controller.design(plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
-    if hasattr(designed, "export_c"):
-        return designed.export_c(c, h, period)
+    made = designed(controller, plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
+    if hasattr(made, "export_c"):
+        return made.export_c(c, h, period)
     law = opened(controller, plant, period)
     driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])

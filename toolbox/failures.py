@@ -49,14 +49,17 @@ def exhausted(
     """
     so_far = trajectory_so_far(loop, run, program, work, began, answers)
     t, steps, events = progress(loop, work)
+    before = 0 if switches is None else int(switches.sum())
     spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
     if spent:
         cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
     else:
         names = [element.name for element in program.system.elements]
         often = np.bincount(work.ev_i[:events], minlength=len(names)) + (0 if switches is None else switches)
-        spent = f"{often.sum()} events"
+        spent = f"its {int(run.budget.events)} events"
         cause = f"most of them are of `{names[int(np.argmax(often))]}`"
+    if before + events > run.budget.events:
+        so_far.end_before(int(run.budget.events) - before)
     return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
 
 

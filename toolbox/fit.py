@@ -22,6 +22,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolbox.arguments import mapping, whole
+from toolbox.closed_loop import names as names_of
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.hybrid import HybridSystem, checked_plant
@@ -212,12 +214,18 @@ def fit(
     Raises SceneError for unknown names, numbers that the data cannot tell apart or do not depend on (the message names them), and bad data;
     SimulationError where no start can be simulated. Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley 1989.
     """
+    inputs, start, parameters = mapping("inputs", inputs), mapping("start", start), mapping("parameters", parameters)
+    bounds = mapping("bounds", bounds)
+    noise = None if noise is None else mapping("noise", noise)
+    whole("seed", seed, 0)
     plant, law, given, begin = _machine(machine, controller, inputs, start, parameters)
-    names = (free,) if isinstance(free, str) else tuple(free)
+    names = names_of(free)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"Argument `free` must name at least one number, and each once, but it is {names!r}.")
     for word, number, low, high in (("confidence", confidence, 0.0, 1.0), ("still", still, 0.0, math.inf)):
-        if number is not None and not (is_finite_number(number) and low < number < high):
+        if number is None and word == "still":
+            continue
+        if number is None or not (is_finite_number(number) and low < number < high):
             raise SceneError(f"Argument `{word}` must be > {low:g}{'' if high == math.inf else f' and < {high:g}'}, but it is {number!r}.")
     if not isinstance(starts, int) or starts < 1:
         raise SceneError(f"Argument `starts` must be an integer >= 1, but it is {starts!r}.")

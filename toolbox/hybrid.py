@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import mapping
 from toolbox.elements import Element
 from toolbox.errors import SceneError, suggest
 from toolbox.parts import Component, bounds_broken, checked, numbers_of, rebuilt
@@ -162,6 +163,8 @@ class HybridSystem:
 
     def rows(self, name: str) -> tuple[int, int | None, str] | None:
         """(first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`); None for any other name."""
+        if not isinstance(name, str):
+            return None
         if name in self.states:
             return self.states[name]
         head, _, tail = name.rpartition(".")
@@ -171,7 +174,7 @@ class HybridSystem:
 
     def has_signal(self, name: object) -> bool:
         """True for a signal, an input, or one entry of a vector state."""
-        return name in self.signals or name in self.inputs or self.rows(str(name)) is not None
+        return isinstance(name, str) and (name in self.signals or name in self.inputs or self.rows(name) is not None)
 
     def has_parameter(self, name: str) -> bool:
         """True for a parameter, or one entry of a tuple of them."""
@@ -179,18 +182,26 @@ class HybridSystem:
         return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
 
     def unit(self, name: str) -> str:
-        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for an unknown name."""
+        """Unit of a signal, an input, a parameter, or one entry of a vector state or tuple; raises SceneError for an unknown name."""
+        if isinstance(name, str) and self.has_signal(name):
+            return self.signal_unit(name)
+        if not isinstance(name, str) or not self.has_parameter(name):
+            raise SceneError(f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}")
+        return self._parameter(name).unit
+
+    def signal_unit(self, name: str) -> str:
+        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""
         rows = self.rows(name)
         if rows is not None:
             return rows[2]
-        return self.signals[name][1] if name in self.signals else self._input(name).unit
+        return self.signals[name][1] if isinstance(name, str) and name in self.signals else self._input(name).unit
 
     def expression(self, name: str) -> ca.SX:
         """A signal or input in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
-        return self.signals[name][0] if name in self.signals else self._input(name).symbol
+        return self.signals[name][0] if isinstance(name, str) and name in self.signals else self._input(name).symbol
 
     def _input(self, name: str) -> Input:
-        if name not in self.inputs:
+        if not isinstance(name, str) or name not in self.inputs:
             raise SceneError(f"There is no signal `{name}`: {suggest(name, [*self.signals, *self.inputs])}")
         return self.inputs[name]
 
@@ -217,7 +228,7 @@ class HybridSystem:
         """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
         changed = copy.copy(self)
         changed.values = self.values.copy()
-        for name, value in values.items():
+        for name, value in mapping("parameters", values).items():
             entry = self._parameter(name)
             if isinstance(value, np.ndarray) and not value.ndim:
                 value = value.item()
@@ -242,6 +253,8 @@ class HybridSystem:
         Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends on: changing a spring or an inertia
         in time does work that no part accounts for.
         """
+        if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+            raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
         key = ("varying", *names)
         found = self.kernels.get(key)
         if found is None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.closed_loop import Controller, Sampled
+from toolbox.closed_loop import Controller, Sampled, designed
 from toolbox.compose import compose
 from toolbox.elements import finite_array, is_finite_number, quantity, state
 from toolbox.errors import SceneError
@@ -65,6 +65,10 @@ def impedance(
     for word, number in (("inertia", inertia), ("drag", drag)):
         if not is_finite_number(number) or number < 0:
             raise SceneError(f"Argument `{word}` must be >= 0, but it is {number!r}.")
+    if not is_finite_number(speed):
+        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
+    if plant is not None and not isinstance(plant, HybridSystem):
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
     late, own = 0.0, []
     for part in parts:
         law = part
@@ -75,7 +79,7 @@ def impedance(
         if not isinstance(law, Component):
             raise SceneError(f"Argument `parts` must be control laws and parts of a drive, but one is {law!r}.")
         if isinstance(law, Controller) and plant is not None:
-            law = law.design(plant)
+            law = designed(law, plant)
         own.append(law)
     from toolbox.compose import assembled
 
@@ -84,7 +88,7 @@ def impedance(
         if plant is not None
         else compose(_Turned(motion=motion, start=float(speed)), *own)
     )
-    if effort not in driven.signals:
+    if not isinstance(effort, str) or effort not in driven.signals:
         raise SceneError(f"Argument `parts` must give the signal `{effort}`, but they do not.")
     system = linearise(driven, at, inputs="imposed.speed", outputs=effort)
     response = np.array([np.ravel(system(1j * each))[0] for each in w.ravel()]).reshape(w.shape)
@@ -98,5 +102,10 @@ def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
     """
     if not is_finite_number(characteristic) or characteristic <= 0:
         raise SceneError(f"Argument `characteristic` must be > 0 N m s/rad, but it is {characteristic!r}.")
-    z = np.asarray(impedance, complex)
+    try:
+        z = np.asarray(impedance, complex)
+    except (TypeError, ValueError):
+        z = np.array(np.nan)
+    if not np.isfinite(z).all():
+        raise SceneError(f"Argument `impedance` must be finite complex numbers in N m s/rad, but it is {impedance!r}.")
     return (characteristic - z) / (characteristic + z)

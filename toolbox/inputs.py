@@ -1,4 +1,7 @@
-"""Inputs in time: tables and named shapes."""
+"""Inputs in time: tables and named shapes.
+
+All shapes but one are names of `toolbox`, too: the swept sine is `toolbox.inputs.sweep`, because `toolbox.sweep` varies the numbers of a machine.
+"""
 
 from __future__ import annotations
 

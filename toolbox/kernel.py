@@ -18,9 +18,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from toolbox.announce import announced_code
 from toolbox.elements import Element
 from toolbox.emit import Body, compiled, function_text, inline, literal
-from toolbox.rosenbrock import Rosenbrock, factors
+from toolbox.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
 from toolbox.runge_kutta import Pair
 from toolbox.switching import Switching
 from toolbox.time_stepping import Theta, trial_step
@@ -81,6 +82,7 @@ def machine(
         cost = trial.n_instructions()
     elif isinstance(pair, Rosenbrock):
         force = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
+        announced_code(implicit_size(x, force, form))
         factor, solve = _factor(pair, t, x, p, m, force, form)
         bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
         cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
@@ -106,6 +108,8 @@ def machine(
         texts.append(function_text(name, body))
         declared |= body.intrinsics
     count = sum(body.count for body in bodies.values())
+    if not isinstance(pair, Rosenbrock):
+        announced_code(count)
     found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
     return Machine(
         n,
@@ -208,19 +212,30 @@ def _internal(body: Body, inner: dict[str, Body]) -> str:
 
 
 def _factor(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.Function, ca.Function]:
-    """Functions (t, x, p, m, h) -> [df/dt | factors of the matrix of a step] and (factors, right side) -> solution.
+    """Functions (t, x, p, m, h) -> [df/dt | factors of the matrix of a step | > 0 where it may stand] and (factors, right side) -> solution.
 
     Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
     """
     h = ca.SX.sym("h")
+    jacobian = ca.jacobian(*_linearised(x, force, form))
     if form.balance.numel():
-        jacobian = ca.jacobian(ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force))
         jacobian = ca.substitute(jacobian, force, form.force)
-    else:
-        jacobian = ca.jacobian(form.field, x)
-    values, solve = factors(jacobian, 1 / (method.gamma * h), form.balance.numel())
+    values, solve, least = factors(jacobian, 1 / (method.gamma * h), form.balance.numel())
     drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
-    return ca.Function("factor", [t, x, p, m, h], [ca.vertcat(drift, values)]), solve
+    sound = least - (1 / method.gamma - FASTEST_GROWTH) / h
+    return ca.Function("factor", [t, x, p, m, h], [ca.vertcat(drift, values, sound)]), solve
+
+
+def _linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
+    """What the matrix of a step is the derivative of, and by what."""
+    if form.balance.numel():
+        return ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force)
+    return form.field, x
+
+
+def implicit_size(x: ca.SX, force: ca.SX, form: Switching) -> int:
+    """Number of instructions that a step of a Rosenbrock method is written in beside the field, from the sparsity of the equations alone."""
+    return sum(elimination(ca.jacobian_sparsity(*_linearised(x, force, form))))
 
 
 def _implicit_step(
@@ -242,7 +257,7 @@ def _implicit_step(
         back.store(value, "%y", i)
 
     body = Body()
-    matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size, n, *[n] * len(method.a)))
+    matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size + 1, n, *[n] * len(method.a)))
     rate = body.value(f"fdiv double {literal(1.0)}, %h")
     body.lines.append(f"  call void @prepare(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {matrix})")
     for s, (nodes, a, c, weight) in enumerate(zip(method.alpha, method.a, method.c, method.slope_weights, strict=True)):
@@ -261,7 +276,9 @@ def _implicit_step(
     body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
     _loop(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
-    _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), u[-1], (), ())
+    # where some mode grows too fast for the step, which the estimate would not show, there is none
+    sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
+    _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
     inner = {"slope": plain_body(rhs, 0), "ends": plain_body(field, n), "prepare": prepare, "solve": back}
     text = _internal(body, inner)
     body.count += sum(function.count for function in inner.values())

@@ -15,8 +15,8 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.program import program_of
-from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.simulate import Run, compiled_loop
+from toolbox.runge_kutta import DOP853
+from toolbox.simulate import Run, compiled_loop, pair_of
 from toolbox.tally import Layout, Measure, Readings
 from toolbox.work_arrays import work_arrays
 
@@ -55,44 +55,69 @@ class Lanes:
     """A checked run (`toolbox.simulate.checked_run`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
 
     measures: of `toolbox.tally`, as accurate as the run;  width: number of lanes, a power of two. The method is explicit, whatever the run says.
-    Raises SceneError for sampled laws and for measures of what is not there.
+    Raises SceneError for laws in Python and for measures of what is not there.
     """
 
     def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
         from toolbox import lanes_loop, loop
         from toolbox.announce import announced
         from toolbox.lanes_kernel import block
+        from toolbox.lanes_sample import noise_table
 
         system = run.system
-        if system.updates:
-            raise SceneError("Argument `run` must have no sampled laws to be run in lanes.")
+        if run.laws:
+            raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
         for measure in measures:
             measure.check(system, run.duration)
         self.loops, self.loop, self.states, self.values = lanes_loop, loop, system.x.numel(), system.values.size
-        self.program = program_of(system, run.kinds, DOPRI5 if run.accuracy > 1e-5 and not measures else DOP853)
-        self.layout = Layout(self.program, measures, run.duration)
         explicit = dataclasses.replace(run, method="explicit", output_times=None)
+        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else pair_of(explicit))
+        self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(explicit, self.program)
         self.work = work_arrays(loop, explicit, self.program)
         width = width or host_width(self.program.machine.states)
-        self.block = block(self.program, width, self.layout.signals, len(self.layout.windows))
+        late = tuple(delay > 0.0 for _, delay in run.clocks)
+        self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
+        self.noise = noise_table(loop, self.work, run.duration)
+        self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in lanes_loop.ITEMS], np.int64)
         self.scalar = lanes_loop.scalar_address(self.work)
         if not lanes_loop.run.signatures:  # the first use in this process
             announced("loop of lanes", lanes_loop.run)
             self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))
 
-    def run(self, parameters: np.ndarray, starts: np.ndarray, *, most_events: int = 0, threads: int = 1) -> Batch:
+    def run(
+        self,
+        parameters: np.ndarray,
+        starts: np.ndarray,
+        memories: np.ndarray | None = None,
+        held: np.ndarray | None = None,
+        *,
+        most_events: int = 0,
+        threads: int = 1,
+    ) -> Batch:
         """Run n scenarios.
 
         parameters: values of the closed system, and behind them coefficients of inputs where they vary, in the layout of `Program`, one row per scenario;
-        starts: states, shape (n, states);  most_events: switches per scenario to be kept;  threads: how many work at once, without the interpreter's
+        starts: states, shape (n, states);  memories, held: of the sampled laws and the signals they hold at the start, as in `toolbox.batch.Task`, None for
+        those of the run;  most_events: switches per scenario to be kept;  threads: how many work at once, without the interpreter's
         lock. Values are not checked against their bounds. Raises SceneError for arrays of another shape.
         """
+        from toolbox.lanes_sample import clock_numbers
+
         n, ne = len(parameters), self.program.machine.elements
         parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
         columns = parameters.shape[-1] if parameters.shape[-1] == self.program.first_held else self.values
-        for name, array, wanted in (("parameters", parameters, columns), ("starts", starts, self.states)):
+        memories, held = (
+            np.tile(own, (n, 1)) if given is None else np.ascontiguousarray(given, float)
+            for given, own in ((memories, self.work.memory), (held, self.held))
+        )
+        for name, array, wanted in (
+            ("parameters", parameters, columns),
+            ("starts", starts, self.states),
+            ("memories", memories, self.work.memory.size),
+            ("held", held, self.held.size),
+        ):
             if array.shape != (n, wanted):
                 raise SceneError(f"Argument `{name}` must have shape ({n}, {wanted}), but it has {array.shape}.")
         found = Readings.of(self.layout, (n,))
@@ -107,9 +132,12 @@ class Lanes:
             lanes = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
             own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
             own_work.ints[self.loop.NODES] = 0
+            waiting, due = (lanes[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
+            queue = np.zeros((own_work.queue.size, made.width))
+            clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)
             self.loops.run(
-                made.address, made.settle, made.observe, self.scalar, lanes, lanes[made.rows["waiting"]].view(np.int64), self.rows, own_work,
-                parameters, starts, first, last, self.layout.windows, self.layout.asked, states, modes, statuses, counts,
+                made.address, made.settle, made.observe, made.sample, self.scalar, lanes, waiting, due, clocks, self.noise, queue, self.rows, own_work,
+                parameters, starts, memories, held, first, last, self.layout.windows, self.layout.asked, states, modes, statuses, counts,
                 found.lowest, found.highest, found.integral, found.ends, doubtful, found.spent, found.number, found.latest,
                 found.switches, *events,
             )  # fmt: skip

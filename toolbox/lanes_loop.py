@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 from toolbox import loop, tally_loop
 from toolbox.loop import (
     ACCEPTED,
+    APPLIED,
     BUDGET,
     CLOSE,
     DONE,
@@ -26,6 +27,8 @@ from toolbox.loop import (
     ENDLESS,
     ERROR_OLD,
     EVENTS,
+    FIRST_HELD,
+    FIRST_OUTPUT,
     FRICTION,
     INCONSISTENT,
     JUMP,
@@ -36,6 +39,7 @@ from toolbox.loop import (
     NE,
     NG,
     OUTPUT,
+    OUTPUTS,
     PAUSED,
     RECORDS,
     REJECTED,
@@ -44,6 +48,7 @@ from toolbox.loop import (
     STEP,
     STEP_OLD,
     STEP_SIZE,
+    TAKEN,
     TIME,
     N,
     _borrowed_all,
@@ -56,14 +61,14 @@ from toolbox.loop import (
     _round_off,
     advance,
 )  # fmt: skip
-from toolbox.machine_cache import checksum
+from toolbox.machine_cache import checksum, inlined
 from toolbox.tally_loop import note_end
 
-GOES_ON, EVENT, ALONE, ROUND_OFF, STOP = range(5)
-"""Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar."""
+GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
+"""Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar; a sample."""
 (TIME_ROW, WANTED_ROW, STOP_ROW, ERROR_OLD_ROW, STEP_OLD_ROW, REJECTED_ROW, SEARCHING_ROW, WHOLE_ROW, LOW_ROW, HIGH_ROW, FRACTION_ROW, TRIES_ROW,
  LONGEST_ROW, END_ROW, RTOL_ROW, ACCEPTED_ROW, REFUSED_ROW, FLAG_ROW, LOCATED_ROW, WAITING_ROW) = range(20)  # fmt: skip
-(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT) = range(15)
+(X, K, P, M, G, SIDE, ARMED, GUARD_SCALE, SCALE, GROUP_SCALE, NOISE, OTHER_SCALE, EDGES, MEASURED, DOUBT, CALENDAR, DUE, SAMPLES, MEMORY) = range(19)
 ITEMS = (
     "x",
     "k",
@@ -80,6 +85,10 @@ ITEMS = (
     "edges",
     "measured",
     "doubt",
+    "calendar",
+    "due",
+    "samples",
+    "memory",
 )
 """Items of a block whose first rows the loop is told, in this order."""
 ENDLESS_FLAG = 9
@@ -106,6 +115,24 @@ def call_block(typingctx, address, block):  # pragma: no cover - compiled
 
 
 @intrinsic
+def call_sample(typingctx, address, block, clocks, noise, queue):  # pragma: no cover - compiled
+    """Call void f(double *, double *, double *, double *) at a raw address with the data of arrays."""
+
+    def codegen(context, builder, sig, args):
+        from llvmlite import ir
+
+        pointer = ir.IntType(8).as_pointer()
+        data = [
+            builder.bitcast(cgutils.create_struct_proxy(sig.args[i])(context, builder, value=args[i]).data, pointer) for i in range(1, 5)
+        ]
+        function = builder.inttoptr(args[0], ir.FunctionType(ir.VoidType(), [pointer] * 4).as_pointer())
+        builder.call(function, data)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, block, clocks, noise, queue), codegen
+
+
+@intrinsic
 def _call_scalar(typingctx, address, w):  # pragma: no cover - compiled
     """Call `toolbox.loop.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
 
@@ -129,7 +156,7 @@ def scalar_address(w):
     return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _gather_point(block, rows, lane, w, p):
     """Where a lane stands, in the arrays of the scalar loop."""
     w.reals[TIME] = block[TIME_ROW, lane]
@@ -144,7 +171,7 @@ def _gather_point(block, rows, lane, w, p):
         w.m[i] = block[rows[M] + i, lane]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _gather_history(block, rows, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
     ne, ng = w.ints[NE], w.ints[NG]
@@ -168,7 +195,7 @@ def _gather_history(block, rows, lane, w):
             w.guard_scale[2 * j + ng - w.slot[j]] = block[rows[OTHER_SCALE] + j, lane]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _scatter(block, rows, lane, w, stop):
     """The arrays of the scalar loop back in their lane."""
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
@@ -201,14 +228,52 @@ def _scatter(block, rows, lane, w, stop):
         block[rows[OTHER_SCALE] + j, lane] = w.guard_scale[2 * j + ng - w.slot[j]]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put_parameters(block, rows, lane, w, p):
     for i in range(w.p.size):
         p[lane, i] = w.p[i]
         block[rows[P] + i, lane] = w.p[i]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
+def _gather_samples(block, rows, lane, w, queue):
+    """What the sampled laws of a lane remember, hold and have on the way, in the arrays of the scalar loop."""
+    depth, widest = w.queue.shape[1], w.queue.shape[2]
+    for c in range(w.samplers.shape[0]):
+        s = w.samplers[c]
+        s[TAKEN] = np.int64(block[rows[SAMPLES] + 2 * c, lane])
+        s[APPLIED] = np.int64(block[rows[SAMPLES] + 2 * c + 1, lane])
+        for i in range(s[OUTPUTS]):
+            w.p[s[FIRST_OUTPUT] + i] = block[rows[P] + s[FIRST_OUTPUT] + i, lane]
+        for q in range(s[APPLIED], s[TAKEN]):
+            for i in range(s[OUTPUTS]):
+                w.queue[c, q % depth, i] = queue[(c * depth + q % depth) * widest + i, lane]
+    for i in range(w.memory.size):
+        w.memory[i] = block[rows[MEMORY] + i, lane]
+
+
+@inlined
+def _scatter_samples(block, rows, lane, w, queue):
+    """The same back in their lane, and the stop that is next after the calendar's."""
+    depth, widest = w.queue.shape[1], w.queue.shape[2]
+    stop = block[STOP_ROW, lane]
+    block[rows[CALENDAR], lane] = stop
+    for c in range(w.samplers.shape[0]):
+        s = w.samplers[c]
+        block[rows[SAMPLES] + 2 * c, lane] = s[TAKEN]
+        block[rows[SAMPLES] + 2 * c + 1, lane] = s[APPLIED]
+        stop = min(stop, s[TAKEN] * w.clocks[c, 0])
+        if s[APPLIED] < s[TAKEN]:
+            stop = min(stop, s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
+        for q in range(s[APPLIED], s[TAKEN]):
+            for i in range(s[OUTPUTS]):
+                queue[(c * depth + q % depth) * widest + i, lane] = w.queue[c, q % depth, i]
+    for i in range(w.memory.size):
+        block[rows[MEMORY] + i, lane] = w.memory[i]
+    block[STOP_ROW, lane] = stop
+
+
+@inlined
 def _next_stop(w, edges):
     """The next instant of the calendar at which a step must end: an edge of a window, a jump of a parameter or the end."""
     stop = w.reals[END]
@@ -220,7 +285,7 @@ def _next_stop(w, edges):
     return stop
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, values):
     """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
     h = w.reals[TIME] - t
@@ -247,7 +312,7 @@ def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, val
                     block[place + 2, lane] += weight * value
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     ne = w.ints[NE]
@@ -271,11 +336,14 @@ def _event(w, t):
     return PAUSED
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _begin(scalar, w, rest, parameters, start, steps):
+@inlined
+def _begin(scalar, w, rest, parameters, start, memory, held, steps):
     """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
     w.p[: parameters.size] = parameters
     w.p[parameters.size :] = rest[parameters.size :]
+    w.p[w.ints[FIRST_HELD] : w.ints[FIRST_HELD] + held.size] = held
+    w.memory[:] = memory
+    w.samplers[:, TAKEN], w.samplers[:, APPLIED] = 0, 0
     w.x[:] = 0.0
     w.x[: start.size] = start
     for array in (w.k, w.m, w.scale, w.noise, w.group_scale, w.g, w.guard_scale, w.before):
@@ -289,7 +357,7 @@ def _begin(scalar, w, rest, parameters, start, steps):
     return _alone(scalar, w, steps)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
     w.ints[BUDGET], w.ints[RECORDS] = steps, 0
@@ -301,13 +369,14 @@ def _made(stamp: int) -> Any:
 
     # fmt: off
     @njit(cache=True, nogil=True, error_model="numpy")
-    def run(address, settle, observe, scalar, block, waiting, rows, w, parameters, starts, first, last, windows, asked, x_end, m_end, statuses, counts,
-            lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
+    def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, noise, queue, rows, w, parameters, starts, memories, held, first,
+            last, windows, asked, x_end, m_end, statuses, counts, lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
         # fmt: on
         """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-        address, settle, observe, scalar: of the pass, the settling of events (0 for none), the signals and the scalar loop;  waiting: the row of that name as
-        integers;  parameters, starts: one row per scenario;
+        address, settle, observe, sample, scalar: of the pass, the settling of events (0 for none), the signals, the samples (0 for none) and the scalar
+        loop;  waiting, due: the rows of these names as integers;  clocks, noise, queue: see `toolbox.lanes_sample`;  parameters, starts, memories, held: one
+        row per scenario, the last two of sampled laws;
         windows: (begin, end) of each, whose inner edges the steps end on;  asked: rows (element, mode, begin, end of the window);  x_end, m_end, statuses:
         what each ends with;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the arrays of a
         `toolbox.tally.Readings`;  doubt: whether extrema are doubtful (see `toolbox.lanes_observe`);  ev_*: the first switches of every scenario, as many
@@ -323,6 +392,7 @@ def _made(stamp: int) -> Any:
         since = np.zeros((width, ne))
         happened = np.zeros(width, np.bool_)
         x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+        p_old, p_new = np.zeros(w.p.size), np.zeros(w.p.size)
         signals, views = lowest.shape[1], lowest.shape[2]
         values = np.zeros((3, signals))
         cuts = windows.ravel() if stamp >= 0 else np.zeros(0)  # the number has to be used
@@ -386,6 +456,8 @@ def _made(stamp: int) -> Any:
                 elif s >= 0:
                     t = block[TIME_ROW, lane]
                     _gather_point(block, rows, lane, w, p)
+                    if sample != 0:
+                        _gather_samples(block, rows, lane, w, queue)
                     if flag == ROUND_OFF:
                         _round_off(w)
                         for i in range(n):
@@ -394,7 +466,7 @@ def _made(stamp: int) -> Any:
                         if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
                             continue
                         status = PAUSED
-                    elif flag != STOP or t < end:
+                    elif flag != STOP or t < end or sample != 0:
                         _gather_history(block, rows, lane, w)
                         w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
                         if flag == EVENT:
@@ -406,12 +478,17 @@ def _made(stamp: int) -> Any:
                                 x_old[i], k_old[i] = w.x[i], w.k[i]
                             for i in range(ne):
                                 m_old[i] = w.m[i]
+                            for i in range(w.p.size):
+                                p_old[i] = w.p[i]
                             for cut in cuts:
                                 if flag == ALONE and t < cut * (1.0 - SLACK) < t + w.reals[STEP_SIZE]:
                                     w.reals[STEP_SIZE] = cut - t
                             status = _alone(scalar, w, 1 if flag == ALONE else 0)
                             if signals > 0 and w.reals[TIME] > t:
+                                p_new[:] = w.p  # which may have jumped at the end of the step
+                                w.p[:] = p_old
                                 _observe(block, rows, lane, views, observe, w, t, x_old, k_old, m_old, values)
+                                w.p[:] = p_new
                             _put_parameters(block, rows, lane, w, p)
                 while True:  # ends with a lane that goes on, or with none left to begin
                     if s >= 0:
@@ -426,6 +503,8 @@ def _made(stamp: int) -> Any:
                         counts[s, 3] += w.ints[MERGED]
                         if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
                             _scatter(block, rows, lane, w, _next_stop(w, cuts))
+                            if sample != 0:
+                                _scatter_samples(block, rows, lane, w, queue)
                             for i in range(ne):
                                 modes[lane, i] = w.m[i]
                             last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
@@ -443,6 +522,8 @@ def _made(stamp: int) -> Any:
                             for v in range(views):
                                 place = rows[MEASURED] + 3 * (q * views + v)
                                 lowest[s, q, v], highest[s, q, v], integral[s, q, v] = block[place, lane], block[place + 1, lane], block[place + 2, lane]
+                                if windows[v, 1] >= w.reals[TIME]:  # the far side of a jump there
+                                    lowest[s, q, v], highest[s, q, v] = min(lowest[s, q, v], values[0, q]), max(highest[s, q, v], values[0, q])
                         statuses[s] = status
                         counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
                         running -= 1
@@ -456,7 +537,7 @@ def _made(stamp: int) -> Any:
                     running += 1
                     scenario[lane] = s
                     w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                    status = _begin(scalar, w, rest, parameters[s], starts[s], 0)
+                    status = _begin(scalar, w, rest, parameters[s], starts[s], memories[s], held[s], 0)
                     _put_parameters(block, rows, lane, w, p)
                     for i in range(ne):
                         since[lane, i] = 0.0
@@ -470,6 +551,8 @@ def _made(stamp: int) -> Any:
             if running == 0:
                 return
             call_block(address, block)
+            while due[0] != 0:
+                call_sample(sample, block, clocks, noise, queue)
 
     return run
 

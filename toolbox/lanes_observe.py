@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.emit import inline
-from toolbox.lanes_value import Truth, Value, largest, when_any
+from toolbox.lanes_value import Rows, Truth, Value, largest, when_any
 from toolbox.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
 
 POINTS, WEIGHTS = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
@@ -67,14 +67,14 @@ class Path:
         rhs: ca.Function,
         t: Value,
         h: Value,
-        state: dict[str, list[Value]],
+        was: Rows,
         slopes: list[list[str]],
         x: list[Value],
         k: list[Value],
     ) -> None:
         assert pair is DOP853
-        self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, state["x"], state["k"]
-        self.others = [[value.name for value in state[name]] for name in ("p", "m")]
+        self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, was["x"], was["k"]
+        self.others = [[value.name for value in was[name]] for name in ("p", "m")]
         self.slopes, self.x, self.k = slopes, x, k
         self.terms: list[list[Value]] = []
 

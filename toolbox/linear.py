@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import mapping
+from toolbox.closed_loop import names as names_of
 from toolbox.elements import Element, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, checked_plant
@@ -87,7 +89,7 @@ def equilibrium(
     plant = _checked(_closed(plant, controller), parameters)
     u = input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
-    place_starts(plant, given, start or {})
+    place_starts(plant, given, mapping("start", start))
     free = _free(plant)
     guesses = [given] if start else [_frictionless(plant, free, u), given]
     residual, jacobian = residual_functions(plant)
@@ -139,7 +141,7 @@ def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
     """The plant with its controllers as parts, each in its continuous form."""
     if controller is None:
         return plant
-    from toolbox.stability import continuous_loop
+    from toolbox.knob import continuous_loop
 
     return continuous_loop(plant, controller)
 
@@ -246,7 +248,7 @@ def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
     """All inputs, those given and the others at their stand-ins, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
-    for name, value in given.items():
+    for name, value in mapping("inputs", given).items():
         if name not in plant.inputs:
             if name in plant.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
@@ -267,7 +269,7 @@ def _modes_at(
     resting: a steady state is sought, and then a relay is on its surface wherever the search begins.
     """
     names = [element.name for element in plant.elements]
-    for name, word in (mode or {}).items():
+    for name, word in mapping("mode", mode).items():
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
         _code(plant.elements[names.index(name)], word)
@@ -332,7 +334,7 @@ def _point(
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """(t, x, u, m) of `linearise`."""
     x = np.zeros(plant.x.numel())
-    t, own, given = 0.0, dict(mode or {}), dict(values)
+    t, own, given = 0.0, mapping("mode", mode), dict(values)
     placed = np.zeros(x.size, bool)
     if isinstance(at, Equilibrium):
         x[:] = at.states
@@ -446,7 +448,9 @@ def _constrained(slope: np.ndarray) -> tuple[list[int], np.ndarray]:
 def _kept(plant: HybridSystem, wanted: Any, everything: list[str], kind: str, known: Sequence[str] | None = None) -> list[str]:
     if wanted is None or isinstance(wanted, Mapping):
         return everything
-    names = [wanted] if isinstance(wanted, str) else list(wanted)
+    names = list(names_of(wanted))
+    if not names:
+        raise SceneError(f"There must be at least one {kind}, but none is named.")
     for name in names:
         if name not in (known or everything):
             raise SceneError(f"There is no {kind} `{name}`: {suggest(str(name), known or everything)}")

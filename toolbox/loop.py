@@ -21,6 +21,8 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from toolbox.machine_cache import inlined
+
 # --- status codes of `advance`
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
 
@@ -141,7 +143,7 @@ def _borrowed(typingctx, array):  # pragma: no cover - compiled
     return array(array), codegen
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _borrowed_all(w):
     return Work(
         _borrowed(w.ints),
@@ -196,7 +198,7 @@ def _borrowed_all(w):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _log2(x):
     """Binary logarithm of a positive number to one part in a hundred, which is all that step sizes need."""
     bits = np.float64(x).view(np.int64)
@@ -204,7 +206,7 @@ def _log2(x):
     return float((bits >> 52) - 1023) + fraction * (1.3465 - 0.3465 * fraction)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _exp2(x):
     """Two to the power of x, |x| < 1000, to one part in two hundred."""
     whole = math.floor(x)
@@ -212,7 +214,7 @@ def _exp2(x):
     return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _scrambled(z):
     """The 64 bits of an unsigned integer scrambled: the finaliser of splitmix64."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -235,7 +237,7 @@ def normal(key, sample):
     return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _first_descent(a, da, b, db):
     """First fraction in (0, 1] at which the cubic Hermite interpolant, once positive, is no longer; 2 where there is none.
 
@@ -287,25 +289,25 @@ def _first_descent(a, da, b, db):
     return 2.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _size(w, j):
     """Size of guard j so far; a contact's first guard is a speed in slip and a force in stick, so each has a slot per kind of mode."""
     return w.guard_scale[w.slot[j]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _close(w, j):
     """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
     return min(max(1e-5 * w.reals[RTOL], 1e-13), 1e-9) * _size(w, j)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _flies(w, i):
     """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
     return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
     ne = w.ints[NE]
@@ -343,7 +345,7 @@ def _consistent(w, t, change, one):
     return consistent
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _decide(w, t):
     """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
 
@@ -367,7 +369,7 @@ def _decide(w, t):
     return settled
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
     for i in range(w.ints[NE]):
@@ -378,7 +380,7 @@ def _project(w, t):
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _refresh(w):
     """Slopes, guards and armed flags at the current point."""
     n, ng = w.ints[N], w.ints[NG]
@@ -400,12 +402,12 @@ def _refresh(w):
         w.armed[j] = w.side[j] * w.g[j] > 1e-13 * _size(w, j)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _tolerance(w, i):
     return w.reals[RTOL] * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _nudge(w):
     """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
     for i in range(w.ints[N]):
@@ -414,7 +416,7 @@ def _nudge(w):
         w.q[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _round_off(w):
     """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
     _nudge(w)
@@ -426,7 +428,7 @@ def _round_off(w):
         w.noise[i] += w.z[i] * 32.0 * EPS
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _first_step(w):
     """A first step size by Hairer's rule."""
     n, t = w.ints[N], w.reals[TIME]
@@ -453,7 +455,7 @@ def _first_step(w):
     w.reals[STEP_OLD] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _record(w, t, x):
     r = w.ints[RECORDS]
     w.rec_t[r] = t
@@ -467,7 +469,7 @@ def _record(w, t, x):
     w.ints[RECORDS] = r + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _settle(w, t):
     """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent."""
     if not _decide(w, t):
@@ -486,7 +488,7 @@ def _settle(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _inputs_changed(w, t):
     """After a parameter jumped: elements whose slip jumped away from zero slide, the others are decided by force."""
     ne = w.ints[NE]
@@ -514,7 +516,7 @@ def _inputs_changed(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _jumps(w, t):
     """Apply the parameter jumps due at time t; returns whether there were any."""
     changed = False
@@ -527,7 +529,7 @@ def _jumps(w, t):
     return changed
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _samples(w, t):
     """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set)."""
     for c in range(w.samplers.shape[0]):
@@ -559,7 +561,7 @@ def _samples(w, t):
     return DONE, changed
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _next_stop(w):
     """The next instant at which a step must end: end of the run, parameter jump, sample or application of a delayed output."""
     stop = w.reals[END]
@@ -573,7 +575,7 @@ def _next_stop(w):
     return stop
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
@@ -613,7 +615,7 @@ def _error(w, h):
     return error
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _outputs_before(w, end, t_new):
     """Record the output times inside the step (t, t_new) by stepping to each of them."""
     t = w.reals[TIME]
@@ -634,7 +636,7 @@ def _outputs_before(w, end, t_new):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _lowest(a, da, b, db):
     """Place and value of the minimum of the cubic Hermite interpolant between a falling start (da < 0) and a rising end (db > 0)."""
     c2 = 3.0 * (b - a) - 2.0 * da - db
@@ -646,7 +648,7 @@ def _lowest(a, da, b, db):
     return s, a + s * (da + s * (c2 + s * c3))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _dip(w, h, j):
     """Whether guard j, positive at both ends of the step h but falling at first and rising at last, dips below zero inside it.
 
@@ -678,7 +680,7 @@ def _dip(w, h, j):
     return 2.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _candidate(w, h, low, high, width):
     """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
     ng = w.ints[NG]
@@ -699,7 +701,7 @@ def _candidate(w, h, low, high, width):
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _rise(w, h, j):
     """Where guard j, at zero now and negative after the step h, is positive in between: a fraction, or 0 where it only falls.
 
@@ -716,7 +718,7 @@ def _rise(w, h, j):
     return 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _locate(w, h, low):
     """Step from the current point to the first event inside the step h, whose end guards are in `g_high`; its result is left in `y`.
 
@@ -762,7 +764,7 @@ def _locate(w, h, low):
     return fraction * h
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _mark(w, again):
     """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again.
 
@@ -782,7 +784,7 @@ def _mark(w, again):
         w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[LOCATED]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _balanced(w, t):
     """Impulses in `y` of an impact of the held elements: unilateral ones that push, friction within its bound. Returns the energy they add.
 
@@ -815,7 +817,7 @@ def _balanced(w, t):
     return energy if energy > 1e-12 * size else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _strike(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
     n, ne = w.ints[N], w.ints[NE]
@@ -863,7 +865,7 @@ def _strike(w, t):
     _project(w, t)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
@@ -901,7 +903,7 @@ def _fire(w, t):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 
@@ -982,21 +984,21 @@ def advance(w):
             return EVENTS_FULL
         # --- everything due at this instant: events came first, then samples, then updates, then hold
         recorded = False
-        if _jumps(w, t):
+        for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
+            if sampling:
+                status, changed = _samples(w, t)
+                if status == SAMPLE_DUE:
+                    return SAMPLE_DUE
+            else:
+                changed = _jumps(w, t)
+            if not changed:
+                continue
             if not _inputs_changed(w, t):
                 return INCONSISTENT
-            _first_step(w)
+            if not sampling:
+                _first_step(w)
             if every_node:
-                _record(w, t, w.x)
-                recorded = True
-        status, held = _samples(w, t)
-        if status == SAMPLE_DUE:
-            return SAMPLE_DUE
-        if held:
-            if not _inputs_changed(w, t):
-                return INCONSISTENT
-            if every_node:
-                if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
+                if sampling and w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
                     w.ints[RECORDS] -= 1
                 _record(w, t, w.x)
                 recorded = True

@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -146,7 +146,7 @@ def severity(
     a signal that stays exactly 0 has no severity: nan. Raises SceneError for an unknown definition or signal, and for a missing
     or needless reference.
     """
-    if definition not in SEVERITIES:
+    if not isinstance(definition, str) or definition not in SEVERITIES:
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
     if definition == "reference":
         if not is_finite_number(reference) or reference == 0:
@@ -349,6 +349,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     whose physics and equations disagree, or a part that exchanges power without saying so. Integrals are Gauss-Legendre with 8 points on every
     step (order 16, so that the quadrature adds nothing to the error of the run), with the modes and held signals of that step.
     """
+    _check_run(run)
     nodes = run.nodes
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
@@ -390,7 +391,10 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
 def window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
     """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
+    _check_run(run)
     last = float(run.nodes.time[-1])
+    if last == 0.0:
+        raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
     if not is_finite_number(after) or not 0 <= after < last:
         raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
     if until is None:
@@ -398,6 +402,11 @@ def window(run: Trajectory, after: float, until: float | None) -> tuple[float, f
     if not is_finite_number(until) or not after < until <= last:
         raise SceneError(f"Argument `until` must be after {after:g} s and at most {last:g} s, but it is {until!r}.")
     return float(after), float(until)
+
+
+def _check_run(run: Any) -> None:
+    if not isinstance(run, Trajectory):
+        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
 
 
 def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:

@@ -92,7 +92,7 @@ def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: in
             if name in elements:
                 seen.add(first + elements.index(name))
                 continue
-            system.unit(name)
+            system.signal_unit(name)
             row = system.rows(name)
             signal = system.expression(name) if row is None else system.x[row[0] : row[0] + (row[1] or 1)]
             read = ca.vertcat(read, ca.substitute(signal, system.F, form.force) if elements else signal)

@@ -15,11 +15,11 @@ from typing import Any, ClassVar, Protocol
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller
+from toolbox.closed_loop import Controller, designed
 from toolbox.elements import State, state
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
-from toolbox.parts import Equations, Signal, Update
+from toolbox.parts import Equations, Signal, Update, check_fields
 
 
 class Estimator(Protocol):
@@ -53,6 +53,10 @@ class Observer(Controller):
         return self
 
 
+MOST_LATE = 1000
+"""Commands on their way that an observer can remember."""
+
+
 @dataclass(frozen=True)
 class Observed(Controller):
     """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
@@ -65,6 +69,10 @@ class Observed(Controller):
     observer: Observer = field(default_factory=Observer)
     late: int = 0
 
+    def check(self) -> None:
+        if not 0 <= self.late <= MOST_LATE:
+            raise SceneError(f"Argument `late` must be between 0 and {MOST_LATE} samples, but it is {self.late}.")
+
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]
         """What the law drives."""
@@ -72,14 +80,15 @@ class Observed(Controller):
 
     def design(self, plant: HybridSystem) -> Any:
         """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
+        check_fields(self.observer)
         estimator = self.observer.estimator(plant)
         if estimator is not None:
             if self.late:
                 raise SceneError(
                     f"Argument `late` must be 0, but it is {self.late}: {type(self.observer).__name__} has a delay of its own."
                 )
-            return EstimatedLaw(self.law.design(plant), estimator, self.observer.measures)
-        return dataclasses.replace(self, law=self.law.design(plant), observer=self.observer.design(plant))
+            return EstimatedLaw(designed(self.law, plant), estimator, self.observer.measures)
+        return dataclasses.replace(self, law=designed(self.law, plant), observer=designed(self.observer, plant))
 
     def continuous(self, signal: Signal) -> Equations:
         if self.late:

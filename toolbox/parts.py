@@ -89,9 +89,17 @@ class _Field:
     tuples: bool
     law: bool
     optional: bool
+    kind: str
 
 
 _FIELDS: dict[type, tuple[_Field, ...]] = {}
+_KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "int": (lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool), "an integer"),
+    "str": (lambda value: isinstance(value, str), "a string"),
+    "bool": (lambda value: isinstance(value, (bool, np.bool_)), "True or False"),
+    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a tuple of strings"),
+}
+"""Whether a value is of the kind that a field declares, and the words for it."""
 
 
 def law_of(part: Component) -> Component:
@@ -110,7 +118,9 @@ def fields_of(kind: type) -> tuple[_Field, ...]:
         declared = str(spec.type)
         tuples = declared.startswith("tuple[float")
         numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
-        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, spec.default is None or "None" in declared))
+        optional = spec.default is None or "None" in declared
+        word = "" if numeric else declared.removesuffix(" | None").removeprefix("<class '").removesuffix("'>")
+        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, optional, word))
     return _FIELDS.setdefault(kind, tuple(found))
 
 
@@ -209,10 +219,15 @@ def _check_kind(part: Any, field: _Field, value: Any) -> None:
         return
     if field.law and not isinstance(value, FrictionLaw):
         raise SceneError(f"{where} must be a friction law such as Coulomb(), but it is {value!r}.")
+    holds, words = _KINDS.get(field.kind, (None, ""))
+    if holds is not None and not holds(value):
+        raise SceneError(f"{where} must be {words}, but it is {value!r}.")
     if not field.numeric:
         return
     if field.tuples and not isinstance(value, tuple):
         raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+    if isinstance(value, tuple) and not field.tuples:
+        raise SceneError(f"{where} must be one number in {field.spec.metadata.get('unit', '1')}, but it is {value!r}.")
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
             raise SceneError(f"{where} must be a number in {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")

@@ -24,7 +24,8 @@ class Program:
 
     layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
     signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.loop`), `varying` those whose bound
-    is not constant, and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it.
+    is not constant, and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
+    next memory, outputs) of every sampled law in terms of t, x, p and the modes.
     """
 
     system: HybridSystem
@@ -45,6 +46,7 @@ class Program:
     groups: np.ndarray
     group_count: int
     outputs: dict[str, Any]
+    updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
 
@@ -129,6 +131,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         groups=np.array([known.index(unit) for unit in units], np.int64),
         group_count=len(known),
         outputs={},
+        updates=updates,
         expressions=(p, u, form.force),
         form=form,
     )

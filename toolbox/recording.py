@@ -1,4 +1,4 @@
-"""Measured signals: read from a CSV or TOML table, a MAT file or a mapping, under the names and in the units of a plant."""
+"""Measured signals: read from a CSV or TOML table, a MAT file, a mapping or a run, under the names and in the units of a plant."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from toolbox import table
+from toolbox.arguments import mapping
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem
+from toolbox.saved import SavedRun
+from toolbox.trajectory import Trajectory
 from toolbox.units import parse
 
 _NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
@@ -32,10 +35,10 @@ class Recording:
 
     @staticmethod
     def of(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None = None) -> Recording:
-        """The recording in a file (CSV or TOML as `toolbox.table` reads them, MAT up to version 7) or in a mapping {name: values}.
+        """The recording in a file (CSV or TOML as `toolbox.table` reads them, MAT up to version 7), a mapping {name: values} or a run.
 
         columns: {signal of the plant, or "time": what it is called in the data}; without, data use the plant's names. Units stand in the headings of
-        a table; in a MAT file or a mapping numbers are SI, unless `columns` says otherwise: {"bit.speed": "rpm_bit [rpm]"}. Times are shifted to begin
+        a table; in a MAT file, a mapping or a run numbers are SI, unless `columns` says otherwise: {"bit.speed": "rpm_bit [rpm]"}. Times are shifted to begin
         at 0. Columns that `columns` does not name are not read.
 
         Raises SceneError for files that cannot be read, unknown or missing columns, units that do not fit, numbers that are not finite, times that do not
@@ -43,6 +46,9 @@ class Recording:
         """
         if isinstance(data, Recording):
             return data
+        columns = None if columns is None else mapping("columns", columns)
+        if not all(isinstance(label, str) for label in (columns or {}).values()):
+            raise SceneError(f"Argument `columns` must name the column of every signal, but it is {columns!r}.")
         for name in columns or {}:
             if name != "time":
                 _scalar_unit(plant, name)
@@ -52,11 +58,13 @@ class Recording:
                 values, source = _of_arrays(_mat(path), f"File `{path}`", plant, columns), path.name
             else:
                 values, source = _of_table(path, plant, columns), path.name
+        elif isinstance(data, (Trajectory, SavedRun)):
+            values, source = _of_arrays(_recorded(data, plant if columns is None else None), "Argument `data`", plant, columns), "a run"
         elif hasattr(data, "keys") and hasattr(data, "__getitem__"):
             values, source = _of_arrays({str(key): data[key] for key in data.keys()}, "Argument `data`", plant, columns), "given data"  # noqa: SIM118
         else:
             raise SceneError(
-                f"Argument `data` must be the path of a table or MAT file, or a mapping of names to values, but it is {data!r}."
+                f"Argument `data` must be the path of a table or MAT file, a run, or a mapping of names to values, but it is {data!r}."
             )
         time = values.pop("time")
         if time.size < 3:
@@ -81,7 +89,7 @@ class Recording:
 
 def _scalar_unit(plant: HybridSystem, name: str) -> str:
     """Unit of a scalar signal or input; raises SceneError for an unknown name and for a vector."""
-    unit = plant.unit(name)
+    unit = plant.signal_unit(name)
     rows = plant.rows(name)
     size = rows[1] if rows is not None else None
     if size is not None or (rows is None and name in plant.signals and plant.signals[name][0].numel() > 1):
@@ -103,9 +111,20 @@ def _of_table(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None
     else:
         for name, heading in columns.items():
             if name != "time":
-                wanted.append(table.Column(name, plant.unit(name), (heading,)))
+                wanted.append(table.Column(name, plant.signal_unit(name), (heading,)))
     rows = table.read(path, wanted, others=columns is not None).rows
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[str, np.ndarray]:
+    """The recorded signals of a run, those that a plant knows where one is given, as `Trajectory.to_csv` writes them: right-hand limits at events."""
+    once = np.append(np.diff(run.time) > 0.0, True)[: run.time.size]
+    found = {"time": run.time[once]}
+    for name in run.names:
+        values = run[name][once]
+        entries = {name: values} if values.ndim == 1 else {f"{name}.{i}": column for i, column in enumerate(values.T)}
+        found |= {each: array for each, array in entries.items() if plant is None or plant.has_signal(each)}
+    return found
 
 
 def _mat(path: Path) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def missing_peak(base: Callable[[np.ndarray], Any], width: float) -> float:
     plain, extra, bound = (np.array(value).ravel() for value in base(grid))
     if not plain.max() < bound[0]:
         return 0.0
-    low, high = 0.0, float(bound[0])
+    low, high = 0.0, abs(float(bound[0])) or 1.0
     while (plain + high * extra).max() < bound[0]:
         high *= 2.0
     for _ in range(60):

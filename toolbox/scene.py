@@ -146,7 +146,7 @@ class Scene:
         element = element or next(iter(contacts), None)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
         signal = signal or judged_signal(plant, element or "")
-        wished = {_reference(case.law, plant.unit(signal)) for case in cases}
+        wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference
         scene = Scene(
             title or ", ".join(type(part).__name__ for part in plant.parts), plant.parts, cases, float(duration), element, signal,
@@ -250,7 +250,7 @@ class Scene:
         if self.element is not None and self.element not in contacts:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
         for name in (self.signal, self.effort):
-            plant.unit(name)
+            plant.signal_unit(name)
             if name in plant.signals and plant.signals[name][0].numel() > 1:
                 raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
         if not 0 <= self.after < self.duration:

@@ -111,7 +111,7 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
     signal = _text(verdict.get("signal", judged_signal(plant, element)), "verdict.signal")
     reference = data.get("reference")
     if reference is not None:
-        reference = parse(reference, plant.unit(signal), "reference")
+        reference = parse(reference, plant.signal_unit(signal), "reference")
     cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
     return Scene(
         title=_text(data["title"], "title"),
@@ -122,10 +122,10 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
         signal=signal,
         effort=_text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
         after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
-        standstill=parse(verdict["standstill"], plant.unit(signal), "verdict.standstill") if "standstill" in verdict else None,
+        standstill=parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
         accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
         reference=reference,
-        start={name: _number(value, plant.unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
+        start={name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
         inputs=_inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
         parameters={
             name: _number(value, plant._parameter(name).unit, name)
@@ -204,7 +204,7 @@ def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSys
 
 def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
     """Numbers by signal, each in the unit of its signal."""
-    return {name: parse(value, plant.unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
+    return {name: parse(value, plant.signal_unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
 
 
 def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] = ()) -> Any:
@@ -306,10 +306,8 @@ def _number(value: Any, unit: str, name: str) -> Number:
 
 
 def _input_unit(system: HybridSystem, name: str) -> str:
-    if system.has_signal(name):
+    if system.has_signal(name) or system.has_parameter(name):  # one that changes in time
         return system.unit(name)
-    if system.has_parameter(name):  # one that changes in time
-        return system._parameter(name).unit
     raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
 
 

@@ -14,7 +14,7 @@ import concurrent.futures
 import dataclasses
 import json
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
 from toolbox.hybrid import HybridSystem, checked_plant
+from toolbox.knob import Knob, continuous_loop
 from toolbox.linear import (
     closed_signal,
     equilibrium,
@@ -43,7 +44,6 @@ from toolbox.linear import (
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import Run
-from toolbox.stability import Knob, continuous_loop
 from toolbox.store import Store, folder_of
 from toolbox.swept import Sweep
 from toolbox.varied import run_fingerprint, varied_numbers, varied_run
@@ -256,7 +256,7 @@ def severity_map(
     """
     began = clock.perf_counter()
     loop = _Loop.of(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
-    if len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
+    if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
         raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
@@ -377,12 +377,14 @@ class _Loop:
         m = mode_numbers(closed, rest.modes)
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:
             raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
+        speed = signal or judged_speed(closed, contact)
+        closed.signal_unit(speed)  # an unknown signal is refused here
         notes = []
         if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return _Loop(
             title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
-            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=signal or judged_speed(closed, contact), after=float(after),
+            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=speed, after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip
 

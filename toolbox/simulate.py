@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.announce import announced
-from toolbox.closed_loop import Controller, External, Sampled, callable_law, held
+from toolbox.arguments import mapping
+from toolbox.closed_loop import Controller, External, Sampled, callable_law, designed, held
 from toolbox.compose import assembled
 from toolbox.elements import finite_array, is_finite_number
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -38,7 +39,8 @@ from toolbox.work_arrays import grown, work_arrays
 class Budget:
     """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
 
-    steps: tried, accepted or not;  events: switches of elements;  seconds: on the clock in the event loop, looked at about ten times a second.
+    steps: tried, accepted or not;  events: switches of elements: a run that has exactly so many finishes, one that has more ends where the next is due and
+    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second.
     Raises SceneError, when a run is given it, for anything but positive numbers.
     """
 
@@ -107,8 +109,9 @@ def simulate(
     """Simulate a plant from rest for `duration` seconds, with every switch between stick and slip located as an event.
 
     start: {state or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`) or an `equilibrium`, whose states are taken.  inputs:
-    {signal, or parameter of the plant that changes in time: number, (times, values), a shape of `toolbox.inputs`, or a casadi expression of
-    `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared values.  controller: a Controller, a
+    {signal, or parameter of the plant that changes in time: number, (times, values), a shape of `toolbox.inputs` (step, ramp, sine, square, triangle,
+    `inputs.sweep`), or a casadi expression of `toolbox.time`}.  parameters: {name: value} for this run only; the controller keeps the plant's declared
+    values.  controller: a Controller, a
     callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them; without `sample_time` [s] a Controller acts continuously.
     method: "event" steps by an explicit method, or by a linearly implicit one where that is cheaper (see `toolbox.stiffness`; runs with a law in
     Python stay explicit); "explicit" and "stiff" prescribe one of the two. All three locate every switch as an event. "time-stepping" locates none
@@ -173,8 +176,7 @@ def checked_run(
     elif isinstance(start, Equilibrium):
         start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
-        if given is not None and not (isinstance(given, Mapping) and all(isinstance(name, str) for name in given)):
-            raise SceneError(f"Argument `{word}` must map names to values, but it is {given!r}.")
+        mapping(word, given)
     grid = None
     if output_times is not None:
         grid = finite_array(output_times)
@@ -273,7 +275,7 @@ def _closed(
         if sampled is not None:
             sampled.check()
         if isinstance(law, Controller):
-            law = law.design(declared)
+            law = designed(law, declared)
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
@@ -339,7 +341,10 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             kinds.append((name, "number"))
             value = float(value)
         else:
-            raise SceneError(f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}.")
+            hint = ": the swept sine is `toolbox.inputs.sweep`" if getattr(value, "__name__", "") == "sweep" else ""
+            raise SceneError(
+                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}{hint}."
+            )
         if name in system.parameters:
             system.parameters[name].check(np.array(_range(value)))
         values[name] = value
@@ -432,7 +437,7 @@ def carry_out(run: Run) -> Trajectory:
             if status == loop.EVENTS_FULL and work.ints[loop.EVENTS] > run.budget.events:
                 raise exhausted(loop, run, program, work, began, answers)
             if status == loop.RECORDS_FULL or status == loop.EVENTS_FULL:
-                work = grown(loop, work, status == loop.RECORDS_FULL, run.budget)
+                work = grown(work, program, status == loop.RECORDS_FULL, run.budget)
             elif status == loop.SAMPLE_DUE:
                 _sample(loop, run, program, work, laws, answers, began)
             elif status == loop.PAUSED:

@@ -71,6 +71,8 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
     """
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    if not isinstance(matched, bool):
+        raise SceneError(f"Argument `matched` must be True or False, but it is {matched!r}.")
     widths = checked_widths(plant, width)
     key = ("smoothed", tuple(widths))
     template = plant.kernels.get(key)

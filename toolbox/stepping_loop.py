@@ -46,10 +46,10 @@ from toolbox.loop import (
     _record,
     _samples,
 )  # fmt: skip
-from toolbox.machine_cache import checksum
+from toolbox.machine_cache import checksum, inlined
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _event(w, t, i, before, after):
     """Note a switch of element i."""
     e = w.ints[EVENTS]
@@ -58,7 +58,7 @@ def _event(w, t, i, before, after):
     w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _switches(w, t):
     """Turn the switches whose guards are negative at the begin of a step; those that turn others follow."""
     n, ne = w.ints[N], w.ints[NE]
@@ -76,7 +76,7 @@ def _switches(w, t):
             _event(w, t, i, w.before[i], w.m[i])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _agrees(w, i):
     """Whether the mode of element i agrees with the trial step in `y`; where it does not, it is changed. held[i]: 1 where a contact is thrown back."""
     n, ne = w.ints[N], w.ints[NE]
@@ -108,7 +108,7 @@ def _agrees(w, i):
     return False
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _step(w, t, h):
     """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
     n, ne = w.ints[N], w.ints[NE]

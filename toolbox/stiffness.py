@@ -2,7 +2,8 @@
 
 The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then after twice as many again and again,
 
-    1. the explicit method needs at least 3e8 instructions for the rest of the run, about 0.1 s (else compiling another step does not pay);
+    1. the explicit method needs at least 3e8 instructions for the rest of the run, about 0.1 s, and 1e5 for every instruction that the other step would be
+       written in (else compiling it does not pay: of n states that all depend on each other its elimination takes 2/3 n^3 of them);
     2. its mean step is longer than 0.25/rho, rho the spectral radius of df/dx (else accuracy asks for these steps, and any method needs them);
     3. in a trial of 100 steps from the same point the stiff method needs at most half the instructions per simulated second.
 
@@ -12,8 +13,10 @@ The run then begins anew with the stiff method.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from toolbox.program import Program, program_of
@@ -24,6 +27,9 @@ FIRST_LOOK = 1_000
 
 WORTH = 3e8
 """Remaining instructions below which it is left alone."""
+
+COMPILING = 1e5
+"""Instructions in the time that writing and optimising one takes, some 30 us."""
 
 NEAR = 0.25
 """Mean step, in units of 1/rho, below which stability does not limit it (events cut some steps short; the limit itself is 3 to 6)."""
@@ -42,8 +48,13 @@ def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m:
         field(t, 0.0, at.ctypes.data, at.ctypes.data, p.ctypes.data, m.ctypes.data, out.ctypes.data)
         return out[n : 2 * n].copy()
 
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _growth(slope, x, iterations)
+
+
+def _growth(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, iterations: int) -> float:
     start, size = slope(x), 1e-7 * max(float(np.abs(x).max(initial=0.0)), 1e-6)
-    direction = np.random.default_rng(0).standard_normal(n)
+    direction = np.random.default_rng(0).standard_normal(x.size)
     growth = []
     for _ in range(iterations):
         length = float(np.linalg.norm(direction))
@@ -61,9 +72,12 @@ def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, i
     """
     t, steps, events = (now - then for now, then in zip(progress(loop, work), since, strict=True))
     left = run.duration - float(work.reals[loop.TIME])
-    if t <= 0.0 or left / t * steps * program.machine.cost < WORTH:
+    rest = left / t * steps * program.machine.cost if t > 0.0 else 0.0
+    if rest < WORTH:
         return False
     if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < NEAR:
+        return False
+    if rest < COMPILING * stiff_size(program):
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))
@@ -77,6 +91,15 @@ def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, i
     t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(loop, trial), begin, strict=True))
     explicit = program.machine.cost * (steps + SEARCH * events) / t
     return other.machine.cost * (steps_trial + SEARCH * events_trial) <= 0.5 * explicit * t_trial
+
+
+def stiff_size(program: Program) -> int:
+    """Number of instructions that the linear algebra of a stiff step would be written in."""
+    from toolbox.kernel import implicit_size
+
+    system = program.system
+    x = ca.vertcat(system.x, ca.SX.sym("hidden", program.machine.states - system.x.numel()))
+    return implicit_size(x, ca.vertcat(ca.SX(0, 1), *[element.multiplier for element in system.elements]), program.form)
 
 
 SEARCH = 5

@@ -15,7 +15,7 @@ from toolbox.errors import SimulationError
 if TYPE_CHECKING:
     from toolbox.fit import Fit
     from toolbox.hybrid import HybridSystem
-    from toolbox.onset import Onset
+    from toolbox.onset_report import Onset
     from toolbox.scene import Scene
     from toolbox.severity_map import SeverityMap
     from toolbox.trajectory import Trajectory

@@ -4,7 +4,7 @@
     found["severity"]          array of shape (len(weights), len(speeds))
 
 Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.tally`), so that no
-trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs without sampled laws step side by side in the
+trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs of laws in machine code step side by side in the
 lanes of a vector (`toolbox.batch.pays_in_lanes`), several times as many in a second. Laws in machine code run in threads, for the event loop
 releases the interpreter; laws in Python run in processes.
 """
@@ -23,10 +23,10 @@ from toolbox.designs import Variations, grid, latin_hypercube, listed, sobol, un
 from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.hybrid import HybridSystem, checked_plant
+from toolbox.knob import Knob
 from toolbox.onset import judged_contact, judged_speed
 from toolbox.parts import law_of
 from toolbox.simulate import UNHURRIED, Budget
-from toolbox.stability import Knob
 from toolbox.store import Store
 from toolbox.swept import Sweep
 from toolbox.tally import Measure
@@ -85,8 +85,8 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
 def sweep(
     machine: HybridSystem | Scene,
     vary: Any,
-    *,
     duration: float | None = None,
+    *others: Any,
     controller: Any = None,
     sample_time: float | None = None,
     start: Any = None,
@@ -119,6 +119,11 @@ def sweep(
     """
     from toolbox.scene import Scene
 
+    if others or is_finite_number(machine):
+        raise SceneError(
+            "`sweep` varies the numbers of a machine, `sweep(machine, {name: values}, duration)`, and its other arguments are named; "
+            "the swept sine of an input is `toolbox.inputs.sweep`."
+        )
     variations = variations_of(vary)
     scene, title = None, ""
     if isinstance(machine, Scene):

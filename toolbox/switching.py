@@ -287,7 +287,7 @@ def kink_arguments(expression: ca.SX) -> list[ca.SX]:
     jumps = {ca.OP_SIGN: "sign", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==",
              ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_REMAINDER: "remainder"}  # fmt: skip
     expression = ca.densify(expression)
-    function = ca.Function("scan", ca.symvar(expression), [expression]) if not expression.is_constant() else None
+    function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9}) if not expression.is_constant() else None
     if function is None or not any(
         function.instruction_id(k) in jumps or function.instruction_id(k) in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
         for k in range(function.n_instructions())

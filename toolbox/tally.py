@@ -60,7 +60,7 @@ class Measure:
         if self.until is not None and not (is_finite_number(self.until) and self.after < self.until <= duration):
             raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
         if self.kind in _OF_SIGNALS:
-            system.unit(self.of)
+            system.signal_unit(self.of)
             if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[
                 1
             ] is not None:
@@ -384,14 +384,17 @@ def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] 
     key = f"tally of {signals} and {list(bounds)}"
     found = program.outputs.get(key)
     if found is None:
-        system, p = program.system, program.expressions[0]
-        value = observed(program, signals, bounds)
-        field = program.form.field[: system.x.numel()]
-        terms = [value]
-        for _ in range(2):
-            terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
-        function = ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])
-        body = plain_body(function, 0)
+        body = plain_body(with_derivatives(program, signals, bounds), 0)
         text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
         found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
     return found
+
+
+def with_derivatives(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.Function:
+    """(t, x, p, m) -> signals and bounds of elements, then their first, then their second derivatives in time."""
+    system, p = program.system, program.expressions[0]
+    field = program.form.field[: system.x.numel()]
+    terms = [observed(program, signals, bounds)]
+    for _ in range(2):
+        terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
+    return ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -15,6 +15,9 @@ import numpy as np
 from toolbox.elements import finite_array
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.parts import law_of
+
+if TYPE_CHECKING:
+    from toolbox.saved import SavedRun
 
 
 class Event(NamedTuple):
@@ -24,6 +27,50 @@ class Event(NamedTuple):
     element: str
     before: str
     after: str
+
+
+class Stays:
+    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
+
+    end: float
+    events: list[Event]
+
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        """{element: {mode: its word}}."""
+        raise NotImplementedError
+
+    def _at_last(self, element: str) -> str:
+        """Mode of an element at the end of the run."""
+        raise NotImplementedError
+
+    def intervals(self, element: str) -> list[tuple[float, float, str]]:
+        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
+        if element not in self._legends:
+            raise SceneError(f"There is no element `{element}`: {suggest(element, self._legends)}")
+        own = [event for event in self.events if event.element == element]
+        end = self.end
+        mode = own[0].before if own else self._at_last(element)
+        out, begin = [], 0.0
+        for event in own:
+            out.append((begin, event.time, mode))
+            begin, mode = event.time, event.after
+        out.append((begin, end, mode))
+        return [piece for piece in out if piece[1] > piece[0]]
+
+    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
+        intervals = self.intervals(element)
+        known = self._legends[element].values()
+        if mode not in known:
+            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
+        for word, value in (("after", after), ("until", until)):
+            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
+                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
+        if after > self.end:  # no stick in no time would read as cured
+            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
+        last = np.inf if until is None else until
+        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 
 
 class Modes(dict[str, Any]):
@@ -69,7 +116,7 @@ class Samples:
 
     def unit(self, name: str) -> str:
         """Unit of a signal; raises SceneError for an unknown name."""
-        return self.program.system.unit(name)
+        return self.program.system.signal_unit(name)
 
     @cached_property
     def modes(self) -> dict[str, np.ndarray]:
@@ -109,7 +156,7 @@ class Samples:
 def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
     """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
     system = program.system
-    found = program.outputs.get(name)
+    found = program.outputs.get(name) if isinstance(name, str) else None
     if found is not None:
         return found
     p, u, force = program.expressions
@@ -142,7 +189,7 @@ ROUND_OFF = 1e-12
 """A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
 
 
-class Trajectory(Samples):
+class Trajectory(Stays, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
@@ -200,6 +247,19 @@ class Trajectory(Samples):
         data = {name: getattr(self, name) for name in names}
         return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
+    def end_before(self, event: int) -> None:
+        """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
+        times, index, modes = self._event_arrays
+        first = int(np.searchsorted(times, times[event]))
+        for i, (before, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
+            self._last_mode[i] = before
+        self.end = float(times[event])
+        self._event_arrays = times[:first], index[:first], modes[:first]
+        kept = int(np.searchsorted(self.time, self.end)) + 1  # its left side
+        self.time, self.states, self.mode, self.held = (array[:kept] for array in (self.time, self.states, self.mode, self.held))
+        if self.time.size and self.time[-1] == self.end:
+            self.mode[-1] = self._last_mode
+
     @property
     def duration(self) -> float:
         """Duration asked for [s]."""
@@ -211,7 +271,7 @@ class Trajectory(Samples):
         return self.run.accuracy
 
     @cached_property
-    def events(self) -> list[Event]:
+    def events(self) -> list[Event]:  # type: ignore[override]
         """Every switch of every element, in order of time."""
         elements = self.program.system.elements
         times, index, modes = self._event_arrays
@@ -220,34 +280,12 @@ class Trajectory(Samples):
             for t, i, (b, a) in zip(times, index, modes, strict=True)
         ]
 
-    def intervals(self, element: str) -> list[tuple[float, float, str]]:
-        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
-        if element not in self._elements:
-            raise SceneError(f"There is no element `{element}`: {suggest(element, self._elements)}")
-        index = self._elements.index(element)
-        own = [event for event in self.events if event.element == element]
-        end = self.end
-        mode = own[0].before if own else self.program.system.elements[index].legend[int(self._last_mode[index])]
-        out, begin = [], 0.0
-        for event in own:
-            out.append((begin, event.time, mode))
-            begin, mode = event.time, event.after
-        out.append((begin, end, mode))
-        return [piece for piece in out if piece[1] > piece[0]]
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        return {element.name: element.legend for element in self.program.system.elements}
 
-    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
-        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
-        intervals = self.intervals(element)
-        known = self.program.system.elements[self._elements.index(element)].legend.values()
-        if mode not in known:
-            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
-        for word, value in (("after", after), ("until", until)):
-            if value is not None and not value == value:
-                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
-        if after > self.end:  # no stick in no time would read as cured
-            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
-        last = np.inf if until is None else until
-        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
+    def _at_last(self, element: str) -> str:
+        return self._legends[element][int(self._last_mode[self._elements.index(element)])]
 
     def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
@@ -281,7 +319,9 @@ class Trajectory(Samples):
         from toolbox.simulate import UNHURRIED, Budget, again
 
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
-        budget = UNHURRIED if self.end >= self.run.duration else Budget(steps=max(sum(self.steps), 1))  # as far, however long it takes
+        budget = UNHURRIED  # as far, however long it takes
+        if self.end < self.run.duration:
+            budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
         try:
             return again(self.run, output_times=None, laws=laws, budget=budget)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
@@ -291,7 +331,9 @@ class Trajectory(Samples):
     def error(self) -> float:
         """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
 
-        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it.
+        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it. Between
+        units no size tells round-off from motion: a small state that sums up the difference of large speeds, such as the twist of a string that turns
+        nearly as a whole, counts with its own size, because loads follow from it.
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """
@@ -305,6 +347,8 @@ class Trajectory(Samples):
 
     def difference(self, better: Trajectory) -> float:
         """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        if not isinstance(better, Trajectory):
+            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {_short(better)}.")
         nodes = self.nodes
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         times = times[times <= min(nodes.end, better.end)]
@@ -383,16 +427,23 @@ class Trajectory(Samples):
         return target
 
     def save(self, path: str | Path) -> Path:
-        """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all.
+        """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
-        Keys: `time` [s]; one array per signal, named by it; `<element>.mode` with 1, 0, -1 for slip+, stick, slip-; `event.time`,
-        `event.element`, `event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal.
+        Keys: `time` [s] and `end` [s]; one array per signal, named by it; `<element>.mode` with 1, 0, -1 for slip+, stick, slip-, or what `modes.element`,
+        `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`, `event.before`,
+        `event.after`; `unit.names` and `unit.values`, the unit of each signal.
         """
         from toolbox.files import replaced
 
         arrays: dict[str, np.ndarray] = {"time": self.time}
         arrays |= {name: self[name] for name in self.names}
         arrays |= {f"{name}.mode": self.mode[:, i] for i, name in enumerate(self._elements)}
+        legend = [(name, mode, word) for name, words in self._legends.items() for mode, word in words.items()]
+        arrays["modes.element"] = np.array([name for name, _, _ in legend], dtype=np.str_)
+        arrays["modes.number"] = np.array([mode for _, mode, _ in legend], dtype=np.int8)
+        arrays["modes.word"] = np.array([word for _, _, word in legend], dtype=np.str_)
+        arrays["modes.last"] = np.array([self._at_last(name) for name in self._elements], dtype=np.str_)
+        arrays["end"] = np.array(self.end)
         arrays["event.time"] = np.array([event.time for event in self.events])
         for field in ("element", "before", "after"):
             arrays[f"event.{field}"] = np.array([getattr(event, field) for event in self.events], dtype=np.str_)
@@ -402,6 +453,13 @@ class Trajectory(Samples):
         with replaced(target) as file:
             np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
         return target
+
+    @staticmethod
+    def load(path: str | Path) -> SavedRun:
+        """What `save` wrote: signals, modes, events and units, at the recorded times. Raises SceneError for a file that `save` did not write."""
+        from toolbox.saved import SavedRun
+
+        return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:
         return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"

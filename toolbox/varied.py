@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import mapping
 from toolbox.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.closed_loop import Held
 from toolbox.designs import Variations
@@ -15,17 +16,19 @@ from toolbox.elements import FrictionLaw
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
 from toolbox.inputs import Table
+from toolbox.knob import Knob
 from toolbox.parts import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.simulate import Run, checked_run
-from toolbox.stability import Knob
 from toolbox.tally import Measure
 from toolbox.work_arrays import place_starts
 
 
 def varied_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:
     """The run that all variations share, with what is varied as inputs given as numbers. Raises SceneError as `simulate` does."""
-    arguments["inputs"] = {name: v for name, v in (arguments.get("inputs") or {}).items() if name not in variations.names}
-    arguments["parameters"] = {name: v for name, v in (arguments.get("parameters") or {}).items() if name not in variations.names}
+    arguments["inputs"] = {name: v for name, v in mapping("inputs", arguments.get("inputs")).items() if name not in variations.names}
+    arguments["parameters"] = {
+        name: v for name, v in mapping("parameters", arguments.get("parameters")).items() if name not in variations.names
+    }
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `vary` must name every number once.")
     closed = checked_run(plant, duration, **arguments).system

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import zlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -79,7 +78,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         memory_size = len(keys)
     memory, held = begun(run, system)
     p[program.held_slot : program.held_slot + held.size] = held
-    depth = 2 + int(max((min(np.ceil(d / h), run.duration // h + 1) for h, d in clocks), default=0))
+    depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
@@ -87,7 +86,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
-    events = _event_room(128 + 2 * ne, ne, run.budget)
+    events = _event_room(128 + 4 * ne, program, run.budget.events)
     work = loop.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
@@ -164,26 +163,27 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
     x[target] = array
 
 
-def _event_room(asked: int, elements: int, budget: Budget) -> int:
-    """Room for events, no more than the budget allows and one instant fills: the loop stops when it is full."""
-    return int(min(asked, budget.events + 2 * elements + 1))
+def _event_room(asked: int, program: Program, left: float) -> int:
+    """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
+    instant = (4 if isinstance(program.pair, Theta) else 2) * program.machine.elements
+    return int(min(asked, np.floor(left) + instant + 1))
 
 
-def limited(work: Any, budget: Budget, spent: int) -> Any:
+def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:
     """The same arrays with no more room for events than a budget leaves of which so many are spent: the loop stops when it is full."""
     if budget.events == np.inf:
         return work
-    room = _event_room(work.ev_t.size, work.m.size, dataclasses.replace(budget, events=budget.events - spent))
+    room = _event_room(work.ev_t.size, program, budget.events - spent)
     return work._replace(ev_t=work.ev_t[:room], ev_i=work.ev_i[:room], ev_m=work.ev_m[:room])
 
 
-def grown(loop: Any, work: Any, records: bool, budget: Budget) -> Any:
+def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
     """The work arrays with twice the room for records, or for events."""
     names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
     bigger = {}
     for name in names:
         old = getattr(work, name)
-        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], work.m.size, budget)
+        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], program, budget.events)
         new = np.empty((room, *old.shape[1:]), old.dtype)
         new[: old.shape[0]] = old
         bigger[name] = new

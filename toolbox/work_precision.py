@@ -18,6 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import numbers, whole
+from toolbox.closed_loop import names
+from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.hybrid import HybridSystem
 from toolbox.scene import Scene
@@ -128,17 +131,21 @@ def work_precision(
     can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
+    if not is_finite_number(duration) or not duration > 0:
+        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     if len(plants) > 1 and not signals:
         raise SceneError("Argument `signals` must name what the levels of detail have in common, but it is empty.")
-    for method in methods:
+    for method in names(methods):
         if method not in METHODS:
             raise SceneError(f"Argument `methods` must be among {', '.join(map(repr, METHODS))}, but one is {method!r}.")
-    given = list(accuracies)
-    lengths = list(steps) if steps is not None else [duration / count for count in COUNTS]
-    shares = list(widths)
+    whole("repeats", repeats, 1)
+    given = numbers("accuracies", accuracies)
+    lengths = numbers("steps", steps) if steps is not None else [duration / count for count in COUNTS]
+    shares = numbers("widths", widths)
+    signals = names(signals)
     for name in signals:
         for each in plants.values():
-            each.unit(name)
+            each.signal_unit(name)
     runs = {label: checked_run(each, duration, **arguments) for label, each in plants.items()}
     first = next(iter(runs.values()))
     truth, used = _truth(first, "explicit")
@@ -171,6 +178,8 @@ def _resolved(
             plant.duration if duration is None else duration,
             {**plant.arguments(plant.case(label)), **arguments},
         )
+    if case is not None:
+        raise SceneError(f"Argument `case` must come with a scene, but there is none and it is {case!r}.")
     plants = dict(plant) if isinstance(plant, Mapping) else {"": plant}
     if duration is None:
         raise SceneError("Argument `duration` must be given for a plant, but it is None.")

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from controllers.string_model import StringModel, string_model
+from controllers.string_model import StringModel, entries, string_model, with_entries
 from toolbox import Equations, Observer, SceneError, Update, quantity, state
 
 
@@ -32,9 +32,10 @@ class StringObserver(Observer):
 
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    matrix: tuple[float, ...] | None = quantity(None, "1", "A with the disturbance as last state, row by row; filled in by design")
-    drive: tuple[float, ...] | None = quantity(None, "1", "B with a zero for the disturbance; filled in by design")
-    rows: tuple[float, ...] | None = quantity(None, "1", "rows that give top speed, bit speed and top load; filled in by design")
+    places: tuple[int, ...] = ()
+    model: tuple[float, ...] | None = quantity(
+        None, "1", "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design"
+    )
     gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
     rock: tuple[float, ...] | None = quantity(
         None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
@@ -57,10 +58,12 @@ class StringObserver(Observer):
             rock = (size * kinetic, size * (static - kinetic), decay)
         except SceneError:
             rock = None
-        numbers = {"matrix": A, "drive": B, "rows": rows, "gain": gain}
+        stacked = np.vstack([A, B, rows])
+        places = entries(stacked)
         return replace(
-            self, states=model.states, units=model.units, rock=rock, **{name: tuple(v.ravel().tolist()) for name, v in numbers.items()}
-        )
+            self, states=model.states, units=model.units, rock=rock, places=places, model=tuple(stacked.ravel()[list(places)].tolist()),
+            gain=tuple(gain.ravel().tolist()),
+        )  # fmt: skip
 
     def injection(self, error: Any) -> Any:
         """What the gain is multiplied with, given w_top - w_top_hat."""
@@ -68,11 +71,12 @@ class StringObserver(Observer):
 
     def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
         """State, its rate as a function of the state, and the estimates."""
-        if self.gain is None or self.matrix is None or self.drive is None or self.rows is None:
+        if self.gain is None or self.model is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.gain)
-        A, B, L = ca.reshape(ca.vertcat(*self.matrix), n, n).T, ca.vertcat(*self.drive), ca.vertcat(*self.gain)
-        top, bit, load = (ca.horzcat(*self.rows[i * n : (i + 1) * n]) for i in range(3))
+        stacked = with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
+        A, B, L = stacked[:n, :], stacked[n, :].T, ca.vertcat(*self.gain)
+        top, bit, load = (stacked[i, :] for i in range(n + 1, n + 4))
         x = state("observer.state", "1", n)
         speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
 

@@ -41,9 +41,10 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
-    from toolbox.onset import Comparison, onset
+    from toolbox.knob import Knob, continuous_loop
+    from toolbox.onset import onset
+    from toolbox.onset_report import Comparison
     from toolbox.scene import Scene
-    from toolbox.stability import Knob, continuous_loop
     from toolbox.units import parse
 
     scene = Scene.load(given.scene)

@@ -220,7 +220,7 @@ def _closed(scene: Any, label: str) -> HybridSystem:
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
-    from toolbox.stability import Knob
+    from toolbox.knob import Knob
     from toolbox.units import parse
 
     unit = Knob.of(_closed(scene, label), name).unit

@@ -108,11 +108,12 @@ class SweptDither(NormalDither):
 class PhasedDither(LoadDither):
     """Load phased with the slip: wave = clip((v - reference) / size, -1, 1), v the signal `speed`. Continuous or sampled.
 
-    size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it.
+    size < 0 where the contact slips slower while the signal rises, as a block on a belt that moves with it. `unit` is that of the plant's signal `speed`
+    unless given.
     """
 
     speed: str = "bit.speed"
-    unit: str = "rad/s"
+    unit: str | None = None
     reference: float = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
     size: float = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
 
@@ -124,6 +125,11 @@ class PhasedDither(LoadDither):
     def check(self):
         if self.size == 0:
             raise SceneError("Argument `size` must not be 0.")
+
+    def design(self, plant: HybridSystem) -> Any:
+        """The law with the mean load, and with the unit of the speed where it is not given."""
+        law = super().design(plant)
+        return law if self.unit is not None else replace(law, unit=plant.unit(self.speed))
 
     def _wave(self, signal: Any) -> Any:
         return ca.fmin(ca.fmax((signal(self.speed, self.unit) - self.reference) / self.size, -1.0), 1.0)

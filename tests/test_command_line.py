@@ -485,10 +485,12 @@ def test_files_of_odd_labels_differ_and_stay_in_the_folder():
     assert stems == ["01_etc_passwd", "02_a_b", "03_a_b", "04", "05_" + "x" * 40, "06_con"]
 
 
-def test_a_bar_appears_on_stderr_when_work_takes_more_than_a_second(capsys):
+@pytest.mark.parametrize("on_screen", [True, False])
+def test_a_bar_appears_on_a_terminal_when_work_takes_more_than_a_second_and_never_in_a_file(capsys, monkeypatch, on_screen):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: on_screen)
     with terminal.progress(2) as reached:
         reached(0.5, "quick")
         assert capsys.readouterr().err == ""
         time.sleep(1.05)
         reached(1, "slow")
-        assert "slow" in capsys.readouterr().err
+        assert ("slow" in capsys.readouterr().err) == on_screen

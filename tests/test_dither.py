@@ -105,8 +105,19 @@ def test_a_load_phased_with_the_slip_turns_the_slope_of_friction_round_at_the_cl
         assert math.log(growth) == pytest.approx(expected, rel=0.35, abs=0.02)
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.98, 1.0, 1.02, 2.0])
+def test_a_load_phased_with_the_slip_adds_the_damping_that_the_closed_form_says(ratio):
+    # m s^2 + N_0 (mu' + mu depth / size) s + k = 0
+    law = Exponential(static=0.5, kinetic=0.3, decay=4.0)
+    mu, fall = 0.3 + 0.2 * math.exp(-0.8), 0.8 * math.exp(-0.8)
+    plant = compose(BlockOnBelt(friction=law, load=10.0, mass=2.0, stiffness=100.0, belt_speed=0.2))
+    phased = PhasedDither(load="block.load", speed="belt.slip", reference=-0.2, size=-0.5, depth=ratio * 0.5 * fall / mu)
+    poles = np.linalg.eigvals(linearise(plant, equilibrium(plant, controller=phased), controller=phased).A)
+    np.testing.assert_allclose(poles.real, 10.0 * fall * (1.0 - ratio) / (2 * 2.0), atol=1e-12)
+
+
 def test_a_load_phased_with_the_slip_ends_stick_slip_and_phased_against_it_does_not():
-    with_slip = PhasedDither(load="block.load", depth=0.5, speed="block.speed", unit="m/s", size=-0.2)
+    with_slip = PhasedDither(load="block.load", depth=0.5, speed="block.speed", size=-0.2)
     assert simulate(BLOCK, 400.0).time_in("belt", "stick", after=300.0) > 50.0
     run = simulate(BLOCK, 400.0, controller=with_slip)
     assert run.time_in("belt", "stick", after=300.0) == 0.0 and swing(run) < 1e-6

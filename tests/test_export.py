@@ -44,7 +44,7 @@ class CompiledLaw:
 
     def __init__(self, c, memory, drives, sources=(), flags=()):
         library = c.with_suffix(".so")
-        warnings = ["-Wall", "-Werror", "-Wno-unused-const-variable", "-pedantic", "-std=c99", *flags]
+        warnings = ["-Wall", "-Werror", "-pedantic", "-std=c99", *flags]
         subprocess.run(
             [COMPILER, *warnings, "-O1", "-ffp-contract=off", "-shared", "-fPIC", str(c), *sources, "-lm", "-o", str(library)], check=True
         )
@@ -249,6 +249,7 @@ class InPython(Controller):
         (IdealSlidingMode(), "no sampled form"),
         (InPython(), "Python callable"),
         (lambda t, y: 0.0, "must be a Controller"),
+        (Sampled(PI(), 0.02), "must be a Controller with its `period` beside it"),
         (Takeover(PI(), StiffPI(), 3.0), "time itself"),
         (PI(proportional=-1.0), "proportional"),
     ],

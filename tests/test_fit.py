@@ -44,6 +44,17 @@ def test_without_noise_the_numbers_are_found_to_the_accuracy_of_the_simulation()
     assert [found[name] for name in FREE] == pytest.approx(list(TRUTH.values()), rel=1e-7)
 
 
+@pytest.mark.parametrize("static", [0.9, 1.0])
+def test_a_table_with_rows_at_its_switches_gives_the_numbers_back_from_which_it_was_made(tmp_path, static):
+    # friction jumps there: a row on the wrong side of a switch, by 1e-9 s, must not weigh as much as all the others
+    path = simulate(compose(BlockOnBelt(friction=Coulomb(static=1.0, kinetic=0.6))), 40.0).to_csv(tmp_path / "run.csv")
+    found = fit(
+        compose(BlockOnBelt(friction=Coulomb(static=static, kinetic=0.6 * static))), path, ("belt.friction.static", "belt.friction.kinetic"),
+        {"belt.friction.static": (0.8, 1.3), "belt.friction.kinetic": (0.3, 0.79)}, starts=1,
+    )  # fmt: skip
+    assert found.values == pytest.approx([1.0, 0.6], rel=1e-7)
+
+
 def test_the_law_of_a_contact_is_found_from_its_measured_loop_without_simulation():
     found = fit(RIG, FOLDER / "rig.csv", FREE, columns=COLUMNS, contact="bit")
     assert all(inside(found, TRUTH))

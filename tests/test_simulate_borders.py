@@ -441,3 +441,13 @@ def test_the_same_run_twice_is_the_same_to_the_last_bit():
         first, second = (simulate(BLOCK, 30.0, **settings) for _ in range(2))
         np.testing.assert_array_equal(first.states, second.states)
         assert first.events == second.events
+
+
+@pytest.mark.parametrize("sample_time", [None, 0.1])
+def test_a_number_of_the_law_is_no_parameter_of_the_plant_and_the_error_says_whose_it_is(sample_time):
+    with pytest.raises(SceneError, match=r"`pi\.integral` must be a parameter of the plant, but it is a number of the law"):
+        simulate(RIG, 1.0, controller=PI(), sample_time=sample_time, parameters={"pi.integral": 3.0})
+    with pytest.raises(SceneError, match=r"There is no parameter `pi\.integral`"):
+        simulate(RIG, 1.0, parameters={"pi.integral": 3.0})
+    with pytest.raises(SceneError, match=r"There is no parameter `pi\.integra`"):
+        simulate(RIG, 1.0, controller=PI(), sample_time=sample_time, parameters={"pi.integra": 3.0})

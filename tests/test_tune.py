@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from controllers import LQG, PI, ActiveDamping, StiffPI
-from models import BitRock, TorsionalChain, wells
+from models import BitRock, Block, TorsionalChain, wells
 from toolbox import Controller, Equations, Sampled, SceneError, SimulationError, compose, linearise, measure, quantity, state, tune
 from toolbox.scene import Case, Scene
 
@@ -66,6 +66,26 @@ def test_the_worst_case_of_distances_is_smallest_in_the_middle_and_the_mean_of_s
     assert worst.counted(worst.before)[0] == pytest.approx(max(LOADS) - 1000.0)  # the law as given, on the farthest load
     mean = tune(loads(), Dials(), squared, box, over=statistics.fmean, runs=120)
     assert mean.law.torque == pytest.approx(statistics.fmean(LOADS), rel=1e-3)
+
+
+def test_a_plant_without_friction_is_tuned_to_the_least_integral_of_its_squared_error():
+    @dataclass(frozen=True)
+    class Damper(Controller):
+        measures, drives = ("block.speed",), ("block.force",)
+        damping: float = quantity(0.2, "N s/m", "damping 2 z of x'' + 2 z x' + x = 1", at_least=0)
+
+        def continuous(self, signal):
+            return Equations(gives={"block.force": (1.0 - self.damping * signal("block.speed", "m/s"), "N")})
+
+    def squares(run):  # from rest J = z + 1 / (4 z): least, 1, at z = 1/2; from z = 0.1 2.6
+        return run.end * measure.mean_square(run, "block.position", 1.0)
+
+    found = tune(compose(Block()), Damper(), squares, {"damping": (0.1, 5.0)}, duration=80.0, runs=60)
+    assert found.law.damping == pytest.approx(1.0, rel=1e-3)
+    assert found.counted(found.best)[0] == pytest.approx(1.0, rel=1e-6)
+    assert found.counted(found.before)[0] == pytest.approx(2.6, rel=1e-5)
+    with pytest.raises(SceneError, match="must have a contact that can stick"):
+        tune(compose(Block()), Damper(), "stuck", {"damping": (0.1, 5.0)}, duration=80.0)
 
 
 def test_the_best_damped_pi_drive_on_a_free_string_is_the_optimum_of_jansen_and_van_den_steen():

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.closed_loop import Controller, designed, names
+from toolbox.closed_loop import Controller, Sampled, designed, names
 from toolbox.elements import State, is_finite_number, time
 from toolbox.errors import SceneError, suggest
 from toolbox.files import replaced
@@ -67,7 +67,8 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
     if plant is not None:
         checked_plant(plant)
     if not isinstance(controller, Controller):
-        raise SceneError(f"Argument `controller` must be a Controller, but it is {controller!r}.")
+        beside = " with its `period` beside it" if isinstance(controller, Sampled) else ""
+        raise SceneError(f"Argument `controller` must be a Controller{beside}, but it is {controller!r}.")
     law = controller if plant is None else designed(controller, plant)
     title = type(controller).__name__
     if not isinstance(law, Controller):
@@ -276,6 +277,9 @@ def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
         entry = body.index(f"int {functions[0].name()}(")
         rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
         body = body[: rest if rest > 0 else None].rstrip()
+    for array in re.findall(r"static const casadi_int (casadi_s\d+)\[", body):  # sparsities that only casadi's own description reads: warnings to a compiler
+        if len(re.findall(rf"\b{array}\b", body)) == 2:
+            body = re.sub(rf"^(#define {array} |static const casadi_int {array}\[).*\n", "", body, flags=re.MULTILINE)
     begin = [
         f"void {name}_start(double *memory) {{",
         *([f"  int i;\n  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = 0.0;"] if law.memory else ["  (void)memory;"]),

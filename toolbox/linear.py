@@ -131,7 +131,10 @@ def equilibrium(
             continue
         return Equilibrium(plant, x, u, {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)})
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
-    raise SceneError(f"There is no steady state for {given_inputs}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
+    tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
+    tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
+    words = f" with {', '.join(tried)}" if tried else ""
+    raise SceneError(f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
 
 
 def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:

@@ -95,8 +95,8 @@ class Scene:
     """A plant, the controllers to be compared on it, and what to look at; everything in SI.
 
     parts: of the plant;  cases: one per controller, labels differ;  reference: set-point of `signal`, None for none;  start, inputs, parameters:
-    as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on;  signal: whose
-    severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
+    as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on; None where nothing sticks;  signal:
+    whose severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
     as standing: what is judged then ends there, and a last stick into standstill is none.
     """
 
@@ -104,7 +104,7 @@ class Scene:
     parts: tuple[Component, ...]
     cases: tuple[Case, ...]
     duration: float
-    element: str
+    element: str | None
     signal: str
     effort: str
     after: float
@@ -131,21 +131,21 @@ class Scene:
     ) -> Scene:
         """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
 
-        element: without, the first contact;  signal: `<element>.speed` where the plant has it, else its slip;  effort: `top.torque`, else the first input;
-        after: half of the duration;  reference: that of the laws, where all have one and the same;  others: accuracy, standstill, start, inputs,
-        parameters. Raises SceneError as `check` does, and for a plant without contact.
+        element: without, the first contact, if any;  signal: `<element>.speed` where the plant has it, else its slip; needed without contact;
+        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;
+        others: accuracy, standstill, start, inputs, parameters. Raises SceneError as `check` does.
         """
         checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
         contacts = [each.name for each in plant.elements]
-        if not contacts:
-            raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+        if not contacts and signal is None:
+            raise SceneError("Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none.")
         if element is not None and element not in contacts:
             raise SceneError(f"There is no element `{element}` to be judged: {suggest(element, contacts)}")
-        element = element or contacts[0]
+        element = element or next(iter(contacts), None)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
-        signal = signal or judged_signal(plant, element)
+        signal = signal or judged_signal(plant, element or "")
         wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference
         scene = Scene(
@@ -179,7 +179,7 @@ class Scene:
         return Path(path)
 
     def __str__(self) -> str:
-        lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by `{self.element}` and `{self.signal}`"]
+        lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]
         for case in self.cases:
             law = "no law" if case.law is None else type(case.law).__name__
             every = "" if case.sample_time is None else f", every {case.sample_time:g} s" + (f", {case.delay:g} s late" if case.delay else "")
@@ -207,9 +207,22 @@ class Scene:
         return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
 
     @property
+    def contact(self) -> str:
+        """The element; raises SceneError where nothing sticks."""
+        if self.element is None:
+            raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+        return self.element
+
+    @property
+    def judges(self) -> str:
+        """Element and signal, in words."""
+        return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
+
+    @property
     def measures(self) -> dict[str, tuple[str, ...]]:
         """What the verdict measures, and the signals and elements that each measure reads."""
-        return {"stuck": (self.element,), "severity": (self.signal,), "peak": (self.effort,)}
+        stuck = {"stuck": (self.element,)} if self.element is not None else {}
+        return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
     def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Needs:
         """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
@@ -234,7 +247,7 @@ class Scene:
         if not self.duration > 0:
             raise SceneError(f"Argument `duration` must be > 0 s, but it is {self.duration:g}.")
         contacts = [element.name for element in plant.elements]
-        if self.element not in contacts:
+        if self.element is not None and self.element not in contacts:
             raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
         for name in (self.signal, self.effort):
             plant.signal_unit(name)

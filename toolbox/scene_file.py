@@ -349,7 +349,7 @@ def _resolved(scene: Scene) -> dict[str, Any]:
     data: dict[str, Any] = {"title": scene.title, "duration": float(scene.duration), "accuracy": float(scene.accuracy)}
     if scene.reference is not None:
         data["reference"] = float(scene.reference)
-    data["verdict"] = {"element": scene.element, "signal": scene.signal, "effort": scene.effort, "after": float(scene.after)}
+    data["verdict"] = {"element": scene.contact, "signal": scene.signal, "effort": scene.effort, "after": float(scene.after)}
     if scene.standstill is not None:
         data["verdict"]["standstill"] = float(scene.standstill)
     for key in ("start", "inputs", "parameters"):

@@ -103,19 +103,21 @@ class Sensitivity:
 
         Raises SceneError where the largest value stands at the ends, where it is no peak.
         """
-        from scipy.optimize import minimize_scalar
+        from scipy.optimize import brentq
+
+        from toolbox.measure import extent
 
         nodes = self.run.nodes
-        inside = np.flatnonzero(nodes.time >= after)
-        values = nodes[name][inside]
-        place = int(inside[int(np.argmax(values))])
-        low, high = nodes.time[max(place - 1, inside[0])], nodes.time[min(place + 1, nodes.time.size - 1)]
-        found = minimize_scalar(
-            lambda t: -float(nodes.at(float(t))[name]), bounds=(low, high), method="bounded", options={"xatol": 1e-9 * (high - low)}
-        )
-        t = float(found.x)
+        t = extent(nodes, name, after).time_of_maximum  # the largest node may belong to another peak
+        place = int(np.searchsorted(nodes.time, t, side="right"))
+        low, high = max(nodes.time[max(place - 2, 0)], after), nodes.time[min(place + 1, nodes.time.size - 1)]
         if min(t - max(after, nodes.time[0]), nodes.end - t) < 1e-6 * (high - low):
             raise SceneError(f"Argument `name` must be a signal with a peak inside the run, but `{name}` is largest at its end.")
+        for width in (high - low) * np.logspace(-6, 0, 7):
+            first, last = max(t - width, low), min(t + width, high)
+            if self._rate(name, first) > 0.0 > self._rate(name, last):
+                t = float(brentq(lambda at: self._rate(name, at), first, last, xtol=1e-15 * nodes.end, rtol=1e-14))
+                break
         return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
 
     def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
@@ -142,17 +144,21 @@ class Sensitivity:
         Raises SceneError where the signal does not come to stay in the band during the run, which has no derivative.
         """
         from toolbox.measure import settling
-        from toolbox.variation import variation_of
 
         passed = settling(self.run, name, target, band, after=after, size=size)
         if not 0.0 < passed < np.inf:
             raise SceneError(f"Argument `name` must be a signal that settles during the run, but `{name}` settles after {passed:g} s.")
         nodes, t = self.run.nodes, after + passed
-        at = nodes.at([t])
-        slope = self._slopes(name, at)[0, 0]
+        return -self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0] / self._rate(name, t)
+
+    def _rate(self, name: str, t: float) -> float:
+        """Time derivative of a scalar signal at an instant between switches."""
+        from toolbox.variation import variation_of
+
+        nodes = self.run.nodes
+        slope = self._slopes(name, nodes.at([t]))[0, 0]
         flow = variation_of(nodes.program, self._columns).flow(nodes, t)
-        rate = slope[0] + slope[1 : 1 + flow.size] @ flow
-        return -self._of(name, self._between(np.array([t])), at)[0, 0] / rate
+        return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:
         lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
@@ -217,6 +223,11 @@ def parameter_column(run: Trajectory, name: str) -> int | None:
     try:
         entry = system._parameter(name)
     except SceneError:
+        if name in system.inputs:
+            stand_in = system.inputs[name].default
+            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(stand_in, system.p[entry.offset])]
+            other = f", or name `{owners[0]}`, its stand-in" if owners else ""
+            raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
         if system.has_signal(name):
             return None
         known = [*system.parameters, *system.states, *(n for n, v in arguments.inputs.items() if isinstance(v, float))]

@@ -169,8 +169,10 @@ def checked_run(
         raise SceneError(f"Argument `width` must come with method='smoothed', but the method is {method!r}.")
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    instant: Samples | None = None
     if isinstance(start, Samples):
-        start = _states_of(plant, start)
+        instant = start
+        start = _states_of(plant, instant)
     elif isinstance(start, Equilibrium):
         start = {name: start[name] for name in start.plant.states}
     for word, given in (("start", start), ("inputs", inputs), ("parameters", parameters)):
@@ -186,10 +188,22 @@ def checked_run(
         if len(own) < len(parameters):
             both = next(name for name in parameters if name not in own)
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
-        plant = plant.with_parameters(parameters)
+        try:
+            plant = plant.with_parameters(parameters)
+        except SceneError:
+            sharp = declared.sharp if isinstance(declared, SmoothSystem) else declared
+            closed = _closed(sharp, sharp, controller, sample_time)[0]
+            for name in parameters:
+                if closed.has_parameter(name) and not declared.has_parameter(name):
+                    raise SceneError(f"Argument `{name}` must be a parameter of the plant, but it is a number of the law: give it to the law.") from None
+            raise
     smooth = None if not isinstance(plant, SmoothSystem) else plant
     original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
     system, clocks, laws, seeds = _closed(original, sharp, controller, sample_time)
+    begin = dict(start or {})
+    if instant is not None:
+        known = instant.program.system.states
+        begin |= {name: _value(instant, name, size) for name, (_, size, _) in system.states.items() if name in known}
     changing = [name for name in inputs or {} if not system.has_signal(name) and declared.has_parameter(name)]
     if changing:
         system = system.varying(changing)
@@ -208,7 +222,7 @@ def checked_run(
             plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
     longest = float(duration) / 256
     return Run(
-        plant, system, float(duration), dict(start or {}), values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths,
+        plant, system, float(duration), begin, values, kinds, clocks, laws, float(accuracy), grid, longest, seeds, method, step, widths,
         budget=budget,
     )  # fmt: skip
 
@@ -231,7 +245,11 @@ def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
     for name in plant.states:
         if name not in instant:
             raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
-    return {name: np.squeeze(instant[name]) if size is None else np.ravel(instant[name]) for name, (_, size, _) in plant.states.items()}
+    return {name: _value(instant, name, size) for name, (_, size, _) in plant.states.items()}
+
+
+def _value(instant: Samples, name: str, size: int | None) -> Any:
+    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
 def _closed(

@@ -66,7 +66,7 @@ def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory |
         return _stop(scene, run, row), run
     row = Row(
         controller=label,
-        verdict=verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
+        verdict=verdict(measure.stick_intervals(run, scene.contact, scene.after), scene.after, scene.duration),
         **{name: measured(scene, run, name) for name in MEASURES},
         error=error,
         wall_time=run.wall_time,
@@ -86,7 +86,7 @@ def measured(scene: Scene, run: Trajectory, name: str) -> float:
     if scene.standstill is not None and name in ("stuck", "settling"):
         return getattr(_stop(scene, run, Row("", "")), name)
     if name == "stuck":
-        return run.time_in(scene.element, "stick", after=scene.after)
+        return run.time_in(scene.contact, "stick", after=scene.after)
     if name == "severity":
         return measure.severity(run, scene.signal, after=scene.after)
     if name == "peak":
@@ -105,7 +105,7 @@ def _stop(scene: Scene, run: Trajectory, row: Row) -> Row:
     if stands <= scene.after:
         return dataclasses.replace(row, verdict="stands at once", stuck=0.0, settling=0.0)
     end = min(stands, scene.duration)
-    sticks = measure.stick_intervals(run, scene.element, scene.after, end)
+    sticks = measure.stick_intervals(run, scene.contact, scene.after, end)
     if sticks and sticks[-1][1] >= end and stands < math.inf:
         sticks.pop()  # the stick in which it comes to stand
     word = verdict(sticks, scene.after, end)
@@ -170,7 +170,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
         words = [cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))]
         lines.append("  ".join(words).rstrip())
     lines.insert(1, "-" * max(map(len, lines)))
-    judged_by = f"`{scene.element}` and `{scene.signal}`, judged from {scene.after:g} s to {until}{set_point}."
+    judged_by = f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
     reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
     return "\n".join([scene.title, judged_by, "", *lines, *reasons])
 
@@ -188,12 +188,12 @@ def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -
     _write(plot.traces(run), label, traces)
     position = _position(scene.plant(), scene.signal)
     if position is not None:
-        _write(plot.phase_plane(run, position, scene.signal, scene.element), label, phase)
+        _write(plot.phase_plane(run, position, scene.signal, scene.contact), label, phase)
 
 
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
     """Write the figure of the judged signal under every controller."""
-    _write(_plot().comparison(runs, scene.signal, scene.element), scene.title, path)
+    _write(_plot().comparison(runs, scene.signal, scene.contact), scene.title, path)
 
 
 def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:

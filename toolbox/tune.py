@@ -127,7 +127,7 @@ def _scenes(given: Any, controller: Any, duration: float | None) -> dict[str, Sc
     if any(isinstance(each, HybridSystem) for each in several):
         if isinstance(controller, str):
             raise SceneError(f"Argument `controller` must be a law where a plant is tuned for, not the label of a case, but it is {controller!r}.")
-        several = [Scene.of(each, duration, {"tuned": controller}) if isinstance(each, HybridSystem) else each for each in several]  # type: ignore[arg-type]
+        several = [_scene(each, controller, duration) if isinstance(each, HybridSystem) else each for each in several]
         given = dict(zip(given, several, strict=True)) if isinstance(given, Mapping) else several
     elif duration is not None:
         raise SceneError(f"Argument `duration` must be left out for scenes, which have their own, but it is {duration!r}.")
@@ -142,6 +142,12 @@ def _scenes(given: Any, controller: Any, duration: float | None) -> dict[str, Sc
     if not given or not all(isinstance(label, str) and isinstance(each, Scene) for label, each in given.items()):
         raise SceneError(f"Argument `scene` must hold at least one Scene by its label, but it is {given!r}.")
     return dict(given)
+
+
+def _scene(plant: HybridSystem, controller: Any, duration: Any) -> Scene:
+    """The scene of a plant; where nothing sticks, its first scalar signal stands for the judged one."""
+    scalar = None if plant.elements else next((name for name, (value, _) in plant.signals.items() if value.numel() == 1), None)
+    return Scene.of(plant, duration, {"tuned": controller}, signal=scalar)
 
 
 def _case(scene: Scene, controller: Any) -> Case:
@@ -219,6 +225,8 @@ def _objectives(given: Any, scenes: Sequence[Scene]) -> dict[str, Objective]:
             if each not in MEASURES:
                 raise SceneError(f"There is no objective `{each}`: {suggest(each, MEASURES)}")
             without = next((scene for scene in scenes if not scene.reference), None)
+            if each == "stuck":
+                _ = [scene.contact for scene in scenes]  # raises where nothing sticks
             if each in ("settling", "overshoot") and without is not None:
                 raise SceneError(
                     f"Argument `objective` must not be {each} where a scene has no `reference`, but `{without.title}` has none."

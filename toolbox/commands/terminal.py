@@ -26,10 +26,10 @@ def file_stems(labels: Sequence[str]) -> list[str]:
 
 @contextmanager
 def progress(total: int) -> Iterator[Any]:
-    """A bar on stderr that appears after a second; yields a function of (cases done, what is going on)."""
+    """A bar on stderr, where that is a terminal, that appears after a second; yields a function of (cases done, what is going on)."""
     from tqdm import tqdm
 
-    with tqdm(total=total, delay=1.0, leave=False, file=sys.stderr, bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
+    with tqdm(total=total, delay=1.0, leave=False, disable=None, bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
 
         def reached(done: float, text: str) -> None:
             bar.set_description_str(text, refresh=False)

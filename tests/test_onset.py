@@ -227,3 +227,16 @@ def test_a_cycle_that_sticks_twice_is_judged_over_whole_cycles():
     swing = measure.extent(run, "bit.speed", 500.0)
     expected = (swing.maximum - swing.minimum) / (2 * 1.45)
     assert [each[0].severity for each in (found.smooth, found.sticking)] == pytest.approx([expected] * 2, rel=1e-3)
+
+
+def test_measurement_noise_hides_neither_border():
+    """Smooth running is lost where it is without noise; existing stick-slip is judged with the noise, of which 2 % of swing are left when it has ended."""
+    plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), SoftTorque(reference=6.0)
+    calm, noisy = (
+        onset(plant, "top.reference", (2.5, 9.0), controller=Sampled(law, 0.05, noise=noise, seed=11), values=3) for noise in ({}, {"top.speed": 0.1})
+    )
+    assert noisy.loss == calm.loss
+    assert noisy.end == pytest.approx(calm.end, rel=0.05)
+    assert [each.verdict for each in noisy.smooth] == [each.verdict for each in calm.smooth]
+    assert noisy.sticking[-1].verdict == "smooth" and 0.001 < noisy.sticking[-1].severity < 0.05
+    assert any("without measurement noise" in note for note in noisy.notes)

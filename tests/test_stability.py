@@ -11,7 +11,7 @@ import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
-from toolbox import SceneError, compose, linearise, measure, simulate, sine
+from toolbox import Sampled, SceneError, compose, linearise, measure, simulate, sine
 from toolbox.hopf import hopf_curve, hopf_points
 from toolbox.stability import critical_pole, friction_slopes, pole_locus
 from toolbox.steady_states import equilibria
@@ -268,3 +268,12 @@ def test_a_closed_form_is_refused_outside_of_its_range(call, word):
 def test_a_mistake_is_named(arguments, word):
     with pytest.raises(SceneError, match=word):
         hopf_points(compose(*RIG), **({"parameter": "top.reference", "between": (2.0, 8.0), "controller": StiffPI()} | arguments))
+
+
+@pytest.mark.parametrize("verb", [hopf_points, pole_locus])
+def test_a_sampled_law_is_not_taken_for_its_continuous_form_without_a_word(verb):
+    given = (2.0, 8.0) if verb is hopf_points else [2.0, 8.0]
+    with pytest.raises(SceneError, match="sample time and delay would be left out"):
+        verb(compose(*RIG), "top.reference", given, controller=Sampled(StiffPI(), 0.05, delay=0.3))
+    with pytest.raises(SceneError, match="sample time and delay would be left out"):
+        linearise(compose(*RIG), controller=[Sampled(StiffPI(), 0.05)])

@@ -26,7 +26,7 @@ import numpy as np
 from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
 from toolbox.hybrid import HybridSystem
-from toolbox.knob import Knob, checked_range, continuous_loop
+from toolbox.knob import Knob, check_unsampled, checked_range, continuous_loop
 from toolbox.linear import Equilibrium, equilibrium, holding_elements, mode_numbers
 from toolbox.steady_states import Followed, flow_slopes, state_values
 
@@ -89,6 +89,7 @@ def hopf_points(
     that is none, and a plant without any steady state in the range.
     """
     low, high = checked_range(between)
+    check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)
     followed = Followed(closed, knob, inputs or {}, mode, guess)
@@ -133,6 +134,7 @@ def hopf_curve(
     between: where the first one is looked for;  over, values: the other parameter or input and its values. The outermost Hopf point is given
     where there are several; nan where there is none in the range, or no steady running. Raises SceneError as `hopf_points` does.
     """
+    check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     other, _ = Knob.of(closed, over), Knob.of(closed, parameter)
     checked_range(between)

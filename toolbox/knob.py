@@ -36,6 +36,16 @@ def continuous_loop(
     return checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws or None).system
 
 
+def check_unsampled(controller: Any) -> None:
+    """Raise SceneError for a law with a sample time or a delay, of which its continuous form knows nothing."""
+    for given in controller if isinstance(controller, (list, tuple)) else [controller]:
+        if isinstance(given, Sampled):
+            raise SceneError(
+                "Argument `controller` must hold laws in their continuous form, but it holds a sampled one, whose sample time and delay would be left out: "
+                "give the law itself for the limit of fast sampling; `onset` runs it as it is."
+            )
+
+
 @dataclass(frozen=True)
 class Knob:
     """A number of a plant that is varied: an input, or a parameter of the plant or its law."""

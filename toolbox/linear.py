@@ -171,6 +171,9 @@ def linearise(
     """
     import control
 
+    from toolbox.knob import check_unsampled
+
+    check_unsampled(controller)
     plant = _closed(plant, controller)
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
         if plant.kernels is not at.plant.kernels:

@@ -118,6 +118,8 @@ def onset(
         signal=speed,
         perturbation=float(perturbation),
     )  # fmt: skip
+    noises = {name: entry for name, entry in search.base.system.parameters.items() if name.endswith(".sensors.noise")}
+    search.silence = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
     if low <= at <= high:
         search.followed(at)  # first, because a guess is near this one
     steady = [point for point in (search.followed(float(value)) for value in grid) if point is not None]
@@ -145,6 +147,8 @@ def onset(
             break  # else the search for a border arrived in stick-slip where a larger step of the sweep had lost it
     if laws and any(isinstance(each, Sampled) for each in laws):
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
+    if search.silence:
+        search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
     return Onset(
         title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
         parameter=parameter,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,7 +38,10 @@ class End:
 
 @dataclass
 class Search:
-    """Runs of one closed loop with one knob, judged and counted."""
+    """Runs of one closed loop with one knob, judged and counted.
+
+    silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows.
+    """
 
     base: Run
     knob: Knob
@@ -46,6 +49,7 @@ class Search:
     element: str
     signal: str
     perturbation: float
+    silence: dict[str, Any] = field(default_factory=dict)
     period: float = 1.0
     duration: float = 0.0
     runs: int = 0
@@ -53,13 +57,16 @@ class Search:
     inside: dict[float, dict[str, End]] = field(default_factory=dict)
     found: dict[float, Judged] = field(default_factory=dict)
 
-    def run(self, value: float, begin: End, longer: float = 1.0, finer: float = 1.0) -> tuple[Judged, End | None]:
-        """One run at a value of the knob, and where it ended."""
+    def run(
+        self, value: float, begin: End, numbers: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
+    ) -> tuple[Judged, End | None]:
+        """One run at a value of the knob, and with other numbers, and where it ended."""
         changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
         if self.knob.is_input:
             changes["inputs"] = {**self.base.inputs, self.knob.name: value}
+            changes["system"] = self.base.system.with_parameters(numbers or {})
         else:
-            changes["system"] = self.base.system.with_parameters({self.knob.name: value})
+            changes["system"] = self.base.system.with_parameters({self.knob.name: value, **(numbers or {})})
         duration = longer * self.duration
         self.runs += 1
         for _ in range(3):
@@ -128,7 +135,7 @@ class Search:
         rest = self.followed(value)
         if rest is None:
             return Judged("none")
-        judged, end = self.run(value, self.disturbed(rest), **changes)
+        judged, end = self.run(value, self.disturbed(rest), self.silence, **changes)
         if judged.verdict in STICKING and end is not None:
             self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
         return judged

@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.hybrid import HybridSystem
-from toolbox.knob import Knob, continuous_loop
+from toolbox.knob import Knob, check_unsampled, continuous_loop
 from toolbox.linear import (
     Equilibrium,
     function_of,
@@ -78,6 +78,7 @@ def pole_locus(
     """
     from scipy.optimize import linear_sum_assignment
 
+    check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     followed = Followed(closed, Knob.of(closed, parameter), inputs or {}, mode)
     rows: list[np.ndarray | None] = []

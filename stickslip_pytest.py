@@ -5,7 +5,7 @@
         run = simulate(rig, 200.0, controller=MyDrive(), parameters=perturbed(rig))
         stickslip.no_stick_slip(run, after=100.0)
 
-The assertions are those of `toolbox.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
+The assertions are those of `toolbox.onsets.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
 
 Why a module of its own, beside the packages: pytest imports its plugins at every start, and importing anything below `toolbox` imports casadi. Here
 everything heavy is imported by the fixtures, when a test asks for them.
@@ -54,15 +54,15 @@ def pytest_generate_tests(metafunc):
 @pytest.fixture
 def perturbed(request):
     """Function of a plant -> {parameter: perturbed value}, to be given to `simulate(..., parameters=perturbed(plant))`."""
-    from toolbox.checks import Perturbation
+    from toolbox.onsets.checks import Perturbation
 
     return Perturbation(getattr(request, "param", {}))
 
 
 @pytest.fixture
 def stickslip(request):
-    """Assertions on runs, see `toolbox.checks.Checks`."""
-    from toolbox.checks import Checks
+    """Assertions on runs, see `toolbox.onsets.checks.Checks`."""
+    from toolbox.onsets.checks import Checks
 
     folder = request.config.getoption("stickslip_figures", None)
     return Checks(folder=Path(folder) if folder else request.getfixturevalue("tmp_path"), name=request.node.name)

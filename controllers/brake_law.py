@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from toolbox import Controller, HybridSystem, SceneError, quantity, state
-from toolbox.elements import State
+from toolbox.modelling.elements import State
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from toolbox.rollout_loop import advance
+from toolbox.prediction.rollout_loop import advance
 
 
 @njit(cache=True, nogil=True)

@@ -18,7 +18,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.announce import announced
+from toolbox.compilation.notices import announced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ class PlannedNonlinear(PredictiveLaw):
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from controllers import condensing
-        from toolbox import rollout_loop
-        from toolbox.rollout import Rollout, regularised
+        from toolbox.prediction import rollout_loop
+        from toolbox.prediction.rollout import Rollout, regularised
 
         compiled = (rollout_loop.advance, condensing.cost, condensing.condense, condensing.wound_up, condensing.regulated)
         announced("nonlinear predictive law", *compiled)

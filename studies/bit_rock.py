@@ -25,7 +25,7 @@ from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock,
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
 from toolbox import compose, measure, plot, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 FOLDER = Path(__file__).parent / "figures"
 MASS, WEIGHT = 34_000.0, 40_000.0

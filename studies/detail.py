@@ -33,7 +33,7 @@ from controllers import PI
 from models import DrillString, Section, Transition, WhirlingCollar, read_sections, shaft_frequencies
 from models.shaft import chain_frequencies
 from toolbox import compose, measure, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 LEVELS = (2, 4, 10, 20, 50)
 RPM = math.pi / 30

@@ -18,7 +18,7 @@ import numpy as np
 from models import DiskStack
 from studies.disks import FIGURES, rest_of
 from toolbox import compose, measure, plot, ramp, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 
 def stack_stop(stack: DiskStack | None = None, speed: float = 3.0, clamping: float = 0.05, accuracy: float = 1e-10) -> Trajectory:

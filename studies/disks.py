@@ -30,8 +30,8 @@ import numpy as np
 from models import Coulomb, PressedDisks, TwoDisks
 from studies.critical_curve import critical_curve
 from toolbox import compose, measure, plot, ramp, simulate
-from toolbox.measure import Cycle
-from toolbox.trajectory import Trajectory
+from toolbox.measuring.measure import Cycle
+from toolbox.simulation.trajectory import Trajectory
 
 FIGURES = Path(__file__).parent / "figures"
 

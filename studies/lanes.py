@@ -2,7 +2,7 @@
 
 A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then seven other
 plants, and laws sampled at 100 Hz on the drill string. One by one is the scalar loop, called from machine code for one scenario after another, with
-nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.run_lanes`. Swept is what a run of a
+nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.lanes.run_lanes`. Swept is what a run of a
 sweep costs that asks for the extrema and the mean of one signal, one by one and in lanes. All are timed in turns, as processor time of one thread,
 and the least of five counts. Switches of the first scenarios are compared one by one.
 
@@ -24,13 +24,16 @@ from controllers import IdealSlidingMode, SlidingMode, SoftTorque
 from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.cases import DRIVE, cases
 from studies.maps import string_map
-from toolbox import Controller, Sampled, batch, compose, loop, tally
-from toolbox.batch import Task, finished, numbers_of_run
-from toolbox.lanes import run_lanes
-from toolbox.lanes_loop import _begin, scalar_address
-from toolbox.program import program_of
-from toolbox.simulate import Run, checked_run, pair_of
-from toolbox.work_arrays import place_start, work_arrays
+from toolbox import Controller, Sampled, compose
+from toolbox.compilation.program import program_of
+from toolbox.lanes.lanes import run_lanes
+from toolbox.lanes.loop import _begin, scalar_address
+from toolbox.measuring import measures as tally
+from toolbox.simulation import event_loop as loop
+from toolbox.simulation.simulate import Run, checked_run, pair_of
+from toolbox.simulation.work_arrays import place_start, work_arrays
+from toolbox.sweeps import batch
+from toolbox.sweeps.batch import Task, finished, numbers_of_run
 
 COMPARED = 1000
 """Scenarios whose switches are compared."""

@@ -37,10 +37,11 @@ from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.disks import braking_decision, critical_drop
-from toolbox import Component, Equations, HybridSystem, Sampled, compose, plot, quantity, sweep, tally, time
-from toolbox.borders import border
-from toolbox.severity_map import SeverityMap, severity_map
-from toolbox.sweep import Sweep, Variations
+from toolbox import Component, Equations, HybridSystem, Sampled, compose, plot, quantity, sweep, time
+from toolbox.measuring import measures as tally
+from toolbox.onsets.borders import border
+from toolbox.onsets.severity_map import SeverityMap, severity_map
+from toolbox.sweeps.sweep import Sweep, Variations
 
 FIGURES = Path(__file__).parent / "figures"
 SPEEDS, WEIGHTS = (3.0, 14.0), (50e3, 110e3)  # [rad/s], [N]
@@ -166,7 +167,7 @@ def region(ax: Any, axes: Any, segments: np.ndarray, beyond: str, label: str, st
     """The border of a region, and the region in grey: all that lies "right" of it, "above" or "below"."""
     from matplotlib.collections import LineCollection
 
-    from toolbox.diagram import chained
+    from toolbox.onsets.figures import chained
 
     x, y = axes
     lines = chained(segments)
@@ -257,7 +258,7 @@ def main() -> None:
         with plt.rc_context(plot.PAPER):
             from matplotlib.collections import LineCollection
 
-            from toolbox.diagram import chained
+            from toolbox.onsets.figures import chained
 
             figure, ax = plt.subplots(figsize=(5.4, 3.5), layout="constrained")
             shade = ax.pcolormesh(*grid, np.clip(swing, 0, None).T, cmap="Greys", vmin=0.0, vmax=1.5, shading="nearest", rasterized=True)

@@ -25,7 +25,7 @@ from models.flow_line import nozzle_loss
 from models.gears import Train, steady_gears
 from models.hand_arm import daily_exposure, weighted_acceleration
 from toolbox import Scene, compose, measure, plot, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 SCENES = Path(__file__).parent / "scenes"
 PATH = Path(__file__).parent / "figures" / "networks.png"

@@ -30,7 +30,7 @@ import numpy as np
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import Branch, Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate
-from toolbox.onset_report import Onset
+from toolbox.onsets.report import Onset
 
 FOLDER = Path(__file__).parent / "figures"
 RPM = math.pi / 30

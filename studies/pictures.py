@@ -16,7 +16,7 @@ from typing import Any
 from controllers import SoftTorque
 from models import BitRock, wells
 from toolbox import compose, measure, plot, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 DURATION, SETTLED = 120.0, 80.0  # [s]
 PATH = Path(__file__).parent / "figures" / "stick_slip.png"

@@ -21,7 +21,7 @@ import numpy as np
 from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider
 from studies.critical_curve import critical_curve
 from toolbox import compose, plot, ramp, simulate, sine
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 FIGURES = Path(__file__).parent / "figures"
 ACCELERATION = 0.01 / 4.0

@@ -25,9 +25,10 @@ import numpy as np
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, Scene, compose, sweep, tally, tune
-from toolbox.scene import Case
-from toolbox.sweep import uniform
+from toolbox import Sampled, Scene, compose, sweep, tune
+from toolbox.measuring import measures as tally
+from toolbox.scenes.scene import Case
+from toolbox.sweeps.sweep import uniform
 
 RUNS = 1_000_000
 

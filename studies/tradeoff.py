@@ -30,9 +30,9 @@ import numpy as np
 from studies import reference
 from studies.cases import Case, cases
 from toolbox import WorkPrecision, simulate, smoothed, work_precision
-from toolbox.dial import slips
-from toolbox.simulate import checked_run
-from toolbox.work_precision import Point
+from toolbox.scenes.work_precision import Point
+from toolbox.simulation.refinement import slips
+from toolbox.simulation.simulate import checked_run
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 SHARES = tuple(10.0**-k for k in range(1, 7))
@@ -177,7 +177,7 @@ def picture(trades: Sequence[WorkPrecision], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    from toolbox.plot import PAPER
+    from toolbox.simulation.plot import PAPER
 
     with pyplot.rc_context(PAPER):
         figure, axes = pyplot.subplots(1, len(trades), figsize=(10.5, 4.6), sharey=True, layout="constrained")

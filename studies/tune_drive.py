@@ -32,7 +32,7 @@ from models import BitRock, WhirlingCollar, wells
 from studies import whirl
 from studies.drives import DELAY, LIMITS, NOISE, WEIGHT
 from toolbox import Sampled, Scene, Trajectory, Tuned, compose, measure, tune
-from toolbox.scene import Waveform
+from toolbox.scenes.scene import Waveform
 
 SET_POINT = 8.0
 STARTED = 60.0

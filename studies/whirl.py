@@ -27,7 +27,7 @@ import numpy as np
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
 from toolbox import HybridSystem, compose, measure, plot, simulate
-from toolbox.trajectory import Trajectory
+from toolbox.simulation.trajectory import Trajectory
 
 WEIGHT, REFERENCE = 160_000.0, 88 * math.pi / 30  # [N], [rad/s]
 DURATION, SETTLED = 120.0, 80.0  # [s]

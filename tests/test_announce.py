@@ -22,7 +22,7 @@ def twice(x):
 """
 PROGRAM = """
 import doubling
-from toolbox.announce import announced
+from toolbox.compilation.notices import announced
 
 print(announced("doubling", doubling.twice), announced("doubling", doubling.twice), doubling.twice(2.0))
 """
@@ -46,7 +46,7 @@ def test_long_machine_code_is_announced_before_it_is_written_and_short_is_not(mo
 
     simulate(chain(3), 0.0, method="stiff")
     assert capfd.readouterr().err == ""
-    monkeypatch.setattr("toolbox.announce.LONG", 50)
+    monkeypatch.setattr("toolbox.compilation.notices.LONG", 50)
     for method in ("stiff", "explicit"):
         simulate(chain(4), 0.0, method=method)
         assert "stickslip: writing the equations as" in capfd.readouterr().err

@@ -7,7 +7,8 @@ import pytest
 
 import controllers
 import models
-from toolbox import Component, Controller, FrictionLaw, SceneError, catalogue
+from toolbox import Component, Controller, FrictionLaw, SceneError
+from toolbox.scenes import catalogue
 
 FOREIGN = '''
 import os

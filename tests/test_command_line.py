@@ -12,10 +12,11 @@ import time
 import numpy as np
 import pytest
 
-from toolbox import ZenoError, study
-from toolbox.command_line import main
+from toolbox import ZenoError
 from toolbox.commands import terminal
-from toolbox.scene import Scene
+from toolbox.commands.command_line import main
+from toolbox.scenes import verdicts as study
+from toolbox.scenes.scene import Scene
 
 RIG = """
 title = "Two inertias"

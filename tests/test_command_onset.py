@@ -7,7 +7,7 @@ import re
 import pytest
 
 from models import oscillators
-from toolbox.command_line import main
+from toolbox.commands.command_line import main
 
 RIG = """
 title = "Two inertias"

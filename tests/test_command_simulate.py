@@ -7,8 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from toolbox import Recording, Scene, ZenoError, study
-from toolbox.command_line import main
+from toolbox import Recording, Scene, ZenoError
+from toolbox.commands.command_line import main
+from toolbox.scenes import verdicts as study
 
 BELT = """
 title = "Block on a belt"
@@ -142,7 +143,7 @@ def test_an_unknown_method_prints_the_usage(belt, capsys):
 def test_a_case_that_fails_is_reported_and_does_not_stop_the_others_and_when_all_fail_the_exit_code_is_1(
     belt, tmp_path, capsys, no_figures, monkeypatch
 ):
-    module = sys.modules["toolbox.simulate"]  # as an attribute of the package the verb hides it
+    module = sys.modules["toolbox.simulation.simulate"]  # as an attribute of the package the verb hides it
     simulate, out = module.simulate, tmp_path / "out"
 
     def failing(plant, duration, **arguments):

@@ -4,8 +4,8 @@ import csv
 
 import pytest
 
-from toolbox.command_line import main
-from toolbox.scene import Scene
+from toolbox.commands.command_line import main
+from toolbox.scenes.scene import Scene
 
 RIG = """
 title = "Two inertias, {weight} kN"

@@ -12,21 +12,8 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
-from toolbox import (
-    Component,
-    Controller,
-    DryFriction,
-    Equations,
-    FrictionLaw,
-    SceneError,
-    Update,
-    compose,
-    emit,
-    quantity,
-    simulate,
-    state,
-    time,
-)
+from toolbox import Component, Controller, DryFriction, Equations, FrictionLaw, SceneError, Update, compose, quantity, simulate, state, time
+from toolbox.compilation import emitter as emit
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -460,7 +447,7 @@ def no_compiler(monkeypatch):
     """From now on, compiling anything is a failure."""
 
     def start():
-        monkeypatch.setattr("toolbox.kernel.compiled", lambda *_: pytest.fail("compiled again"))
+        monkeypatch.setattr("toolbox.compilation.kernel.compiled", lambda *_: pytest.fail("compiled again"))
         monkeypatch.setattr(emit, "_object_code", lambda *_: pytest.fail("compiled again"))
 
     return start

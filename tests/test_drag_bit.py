@@ -14,7 +14,7 @@ from controllers import PI
 from models import AxialChain, DragBit, TorsionalPendulum, wells
 from models.drag_bit import radau
 from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
-from toolbox.measure import extent
+from toolbox.measuring.measure import extent
 
 MASS, BIT = 34_000.0, DragBit()
 FORWARD = {"bit": "slip+", "bit.axial": "slip+"}

@@ -11,7 +11,7 @@ import pytest
 
 from models import AxialChain, BitRock, Coulomb, ElasticRock, HystereticBitRock, TorsionalChain, TorsionalPendulum, wells
 from toolbox import SceneError, compose, energy_audit, equilibrium, simulate, sine, time
-from toolbox.measure import extent
+from toolbox.measuring.measure import extent
 
 MASS, WEIGHT = 34_000.0, 60_000.0
 STRING = AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - WEIGHT)

@@ -11,11 +11,13 @@ import pytest
 from scipy import special
 
 from models import Coulomb
-from toolbox import Component, DryFriction, Equations, SceneError, compose, emit, kernel, simulate, state
-from toolbox.elements import time
-from toolbox.emit_vector import LARGEST_ANGLE, VectorBody, function_text
-from toolbox.runge_kutta import DOP853, DOPRI5
-from toolbox.switching import switching
+from toolbox import Component, DryFriction, Equations, SceneError, compose, simulate, state
+from toolbox.compilation import emitter as emit
+from toolbox.compilation import kernel
+from toolbox.compilation.runge_kutta import DOP853, DOPRI5
+from toolbox.compilation.vector_emitter import LARGEST_ANGLE, VectorBody, function_text
+from toolbox.modelling.elements import time
+from toolbox.modelling.switching import switching
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -36,7 +36,7 @@ from toolbox import (
     quantity,
     state,
 )
-from toolbox.parts import fields_of
+from toolbox.modelling.components import fields_of
 
 pytestmark = pytest.mark.timeout(60)
 

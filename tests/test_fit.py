@@ -15,7 +15,7 @@ from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
 from toolbox import Recording, Sampled, Scene, SceneError, compose, fit, simulate
-from toolbox.command_line import main
+from toolbox.commands.command_line import main
 
 FREE = list(TRUTH)
 RIG = compose(wells.JANSEN_2, BitRock())

@@ -97,7 +97,7 @@ def test_the_description_names_variables_units_and_start_values(tmp_path):
 
 
 def test_without_a_compiler_or_with_one_that_fails_the_error_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("toolbox.fmu.shutil.which", lambda name: None)
+    monkeypatch.setattr("toolbox.export.fmu.shutil.which", lambda name: None)
     monkeypatch.delenv("CC", raising=False)
     with pytest.raises(SceneError, match="C compiler"):
         export_fmu(StiffPI(), PLANT, PERIOD, tmp_path / "stiff")

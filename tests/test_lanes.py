@@ -11,12 +11,13 @@ import pytest
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.cases import cases
-from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state, tally
-from toolbox.lanes import run_lanes
-from toolbox.loop import INCONSISTENT, UNDERFLOW
-from toolbox.measure import extent
-from toolbox.simulate import checked_run
-from toolbox.work_arrays import place_start
+from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
+from toolbox.lanes.lanes import run_lanes
+from toolbox.measuring import measures as tally
+from toolbox.measuring.measure import extent
+from toolbox.simulation.event_loop import INCONSISTENT, UNDERFLOW
+from toolbox.simulation.simulate import checked_run
+from toolbox.simulation.work_arrays import place_start
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -32,11 +32,11 @@ from toolbox import (
     sweep,
     tally,
 )  # fmt: skip
-from toolbox.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
-from toolbox.lanes import Lanes
-from toolbox.severity_map import STICK_SLIP
-from toolbox.simulate import carry_out, checked_run
-from toolbox.sweep import uniform, varied_numbers, varied_run
+from toolbox.lanes.lanes import Lanes
+from toolbox.onsets.severity_map import STICK_SLIP
+from toolbox.simulation.simulate import carry_out, checked_run
+from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
+from toolbox.sweeps.sweep import uniform, varied_numbers, varied_run
 
 pytestmark = pytest.mark.timeout(120)
 

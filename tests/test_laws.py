@@ -28,7 +28,7 @@ from controllers.z_torque import compensated
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from studies import chatter
 from toolbox import Sampled, SceneError, Takeover, compose, impedance, linearise, overshoot, reflection, simulate, sine
-from toolbox.measure import severity
+from toolbox.measuring.measure import severity
 
 STRING = compose(wells.JANSEN_2)
 RIG = compose(wells.JANSEN_2, BitRock())

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from types import ModuleType
 
-from toolbox import lanes_loop, loop, stepping_loop, tally_loop
-from toolbox.machine_cache import checksum
+from toolbox.compilation.numba_cache import checksum
+from toolbox.lanes import loop as lanes_loop
+from toolbox.measuring import measuring_loop as tally_loop
+from toolbox.simulation import event_loop as loop
+from toolbox.simulation import stepping_loop
 
 
 def module(path, text):

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from models.oscillators import LEINE
 from studies import maps
 from studies.disks import critical_drop
-from toolbox.borders import border
+from toolbox.onsets.borders import border
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Component, Equations, SceneError, SimulationError, compose, measure, quantity, simulate, state
 from toolbox import time as symbol_of_time
-from toolbox.inputs import sine, step
-from toolbox.measure import cycles, energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
+from toolbox.measuring.measure import cycles, energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
+from toolbox.modelling.inputs import sine, step
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -7,8 +7,8 @@ import pytest
 
 from models import BitRock, BlockOnBelt, TorsionalChain
 from toolbox import Scene, SceneError, Update, compose, simulate, state
-from toolbox.closed_loop import Controller
-from toolbox.needs import needs
+from toolbox.modelling.dependencies import needs
+from toolbox.modelling.laws import Controller
 
 SCENES = Path(__file__).parents[1] / "studies" / "scenes"
 
@@ -49,7 +49,7 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
             last = state("echo.last", "m/s")
             return Update({last: signal("block.speed", "m/s")}, {"top.torque": (1000.0 * last, "N m")})
 
-    from toolbox.closed_loop import Held
+    from toolbox.modelling.laws import Held
 
     looped = compose(chain, BitRock(), BlockOnBelt(), Held(Echo()))
     assert "top" in needs(looped, {"top": ("top.speed",)}).parts[2].measures

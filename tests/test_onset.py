@@ -12,8 +12,8 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, compose, hopf_points, measure, onset, simulate
-from toolbox.onset_report import Border, Comparison
-from toolbox.scene import Scene
+from toolbox.onsets.report import Border, Comparison
+from toolbox.scenes.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +210,7 @@ def test_a_mistake_is_named(rig, arguments, word):
 
 def test_a_scene_whose_input_moves_has_no_onset(root):
     scene = Scene.load(root / "studies" / "scenes" / "jansen_2.toml")
-    from toolbox.scene import Waveform
+    from toolbox.scenes.scene import Waveform
 
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("step", {"before": 1.0, "after": 2.0, "at": 1.0})})
     with pytest.raises(SceneError, match=r"bit\.weight.*must be a number"):

@@ -17,8 +17,8 @@ from matplotlib.colors import to_rgb
 from controllers import IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from toolbox import SceneError, compose, simulate
-from toolbox.measure import extent, stick_intervals
-from toolbox.plot import LINES, MANY_EVENTS, TONES, comparison, phase_plane, traces
+from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.simulation.plot import LINES, MANY_EVENTS, TONES, comparison, phase_plane, traces
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("closed_figures")]
 

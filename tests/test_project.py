@@ -43,7 +43,7 @@ def test_imports_go_one_way(root, package):
         assert not wrong, f"{path.relative_to(root)} must not import {', '.join(wrong)}"
 
 
-@pytest.mark.parametrize("module", ["toolbox", "models", "controllers", "toolbox.scene", "toolbox.command_line", "toolbox.catalogue"])
+@pytest.mark.parametrize("module", ["toolbox", "models", "controllers", "toolbox.scenes.scene", "toolbox.commands.command_line", "toolbox.scenes.catalogue"])
 def test_importing_the_language_stays_light(module):
     code = f"import sys, {module}; print(*sorted(name for name in {HEAVY!r} if name in sys.modules))"
     heavy = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60).stdout.split()

@@ -14,7 +14,7 @@ import pytest
 from controllers import SoftTorque, StiffPI
 from models import BitRock, wells
 from toolbox import SceneError, compose, measure, simulate
-from toolbox.checks import Checks, Perturbation
+from toolbox.onsets.checks import Checks, Perturbation
 
 pytest_plugins = "pytester"
 

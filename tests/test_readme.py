@@ -13,8 +13,9 @@ import pytest
 from controllers import SoftTorque
 from models import BitRock, wells
 from studies import pictures
-from toolbox import Component, Equations, compose, measure, quantity, simulate, study
-from toolbox.scene import Scene
+from toolbox import Component, Equations, compose, measure, quantity, simulate
+from toolbox.scenes import verdicts as study
+from toolbox.scenes.scene import Scene
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
 TIMES = re.compile(r"[\d.]+ ms")  # differ from machine to machine, as errors and step counts do

@@ -12,7 +12,7 @@ import pytest
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import Sampled, SceneError, compose, simulate, sine
-from toolbox.scene import Case, Scene, Waveform
+from toolbox.scenes.scene import Case, Scene, Waveform
 
 SCENES = Path(__file__).parents[1] / "studies" / "scenes"
 
@@ -318,7 +318,7 @@ def test_a_file_that_is_missing_or_no_text_is_named(tmp_path, written):
 
 
 def test_loading_a_scene_compiles_and_simulates_nothing(written):
-    code = f"import sys; from toolbox.scene import Scene; Scene.load({str(written(RIG))!r}); print('llvmlite' in sys.modules)"
+    code = f"import sys; from toolbox.scenes.scene import Scene; Scene.load({str(written(RIG))!r}); print('llvmlite' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60).stdout == "False\n"
 
 

@@ -12,9 +12,9 @@ import pytest
 from controllers import PI, StiffPI
 from models import BitRock, wells
 from toolbox import Sampled, Scene, SceneError, compose, hopf_curve, onset, severity_map
-from toolbox.borders import border
-from toolbox.command_line import main
-from toolbox.severity_map import SMOOTH, STICK_SLIP, SeverityMap
+from toolbox.commands.command_line import main
+from toolbox.onsets.borders import border
+from toolbox.onsets.severity_map import SMOOTH, STICK_SLIP, SeverityMap
 
 matplotlib.use("Agg")
 pytestmark = pytest.mark.timeout(120)
@@ -171,7 +171,7 @@ def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
 
 def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):
     scene = Scene.load(SCENES / "jansen_2.toml")
-    from toolbox.scene import Waveform
+    from toolbox.scenes.scene import Waveform
 
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("sine", {"mean": 9e4, "amplitude": 1e3, "frequency": 0.1})})
     with pytest.raises(SceneError, match="`bit.weight` must be a number"):

@@ -11,7 +11,7 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, wells
 from toolbox import Budget, BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, time
-from toolbox.inputs import sweep
+from toolbox.modelling.inputs import sweep
 
 pytestmark = pytest.mark.timeout(60)
 

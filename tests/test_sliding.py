@@ -8,7 +8,7 @@ from scipy.optimize import fsolve
 
 from models import BlockOnBelt, Coulomb
 from toolbox import compose, follow, limit_cycle, sine
-from toolbox.sliding import segments, sliding_kind
+from toolbox.orbits.sliding import segments, sliding_kind
 
 pytestmark = pytest.mark.timeout(120)
 

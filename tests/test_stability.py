@@ -12,9 +12,9 @@ import pytest
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
 from toolbox import Sampled, SceneError, compose, linearise, measure, simulate, sine
-from toolbox.hopf import hopf_curve, hopf_points
-from toolbox.stability import critical_pole, friction_slopes, pole_locus
-from toolbox.steady_states import equilibria
+from toolbox.steady_states.equilibria import equilibria
+from toolbox.steady_states.hopf import hopf_curve, hopf_points
+from toolbox.steady_states.poles import critical_pole, friction_slopes, pole_locus
 
 RIG = (wells.JANSEN_2, BitRock())
 FALL = 97_347.0 * 0.155575 * 0.3 * 0.9

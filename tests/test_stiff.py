@@ -12,8 +12,8 @@ from scipy.linalg import expm
 from controllers import LQG, LQR, PI, HInfinity
 from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
 from toolbox import Component, DryFriction, Equations, compose, energy_audit, equilibrium, linearise, quantity, simulate, sine, state
-from toolbox.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
-from toolbox.stiffness import stiff_size
+from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
+from toolbox.simulation.stiffness import stiff_size
 
 # --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
 
@@ -384,7 +384,7 @@ def test_other_parameters_compile_nothing(monkeypatch):
     def refused(*arguments):
         raise AssertionError("compiled again")
 
-    monkeypatch.setattr("toolbox.kernel.compiled", refused)
+    monkeypatch.setattr("toolbox.compilation.kernel.compiled", refused)
     other = simulate(plant, 1.0, inputs=inputs, method="stiff", parameters={"bit.weight": 50_000.0})
     assert other["bit.speed"].size
 

@@ -28,19 +28,19 @@ from toolbox import (
     Sampled,
     Scene,
     SceneError,
-    columns,
     compose,
     measure,
     quantity,
     simulate,
     state,
-    store,
     sweep,
-    tally,
-    workers,
 )
-from toolbox.inputs import sine
-from toolbox.sweep import Sweep, latin_hypercube, sobol, uniform
+from toolbox.measuring import measures as tally
+from toolbox.modelling.inputs import sine
+from toolbox.sweeps import chunks as columns
+from toolbox.sweeps import executors as workers
+from toolbox.sweeps import store
+from toolbox.sweeps.sweep import Sweep, latin_hypercube, sobol, uniform
 
 pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -565,7 +565,7 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
         ({"a": tally.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 s and before the end"),
         ({"a": tally.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
         ({"a": tally.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
-        ({"a": 3}, "must be a measure of `toolbox.tally` or a function"),
+        ({"a": 3}, "must be a measure of `toolbox.measuring.measures` or a function"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
         ({"bit.weight": "mean"}, "must use names that are free, without a slash, but one is `bit.weight`"),
@@ -577,7 +577,7 @@ def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
 
 
 def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
-    from toolbox.command_line import main
+    from toolbox.commands.command_line import main
 
     pytest.importorskip("zarr")
     command = ["sweep", str(SCENES / "jansen_2.toml"), "--vary", "bit.weight=60kN:97.347kN:2", "--vary", "top.reference=80 rpm:95 rpm:2"]
@@ -600,7 +600,7 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, m
 
 
 def test_the_command_takes_designs_and_tables(tmp_path, capsys):
-    from toolbox.command_line import main
+    from toolbox.commands.command_line import main
 
     pytest.importorskip("zarr")
     command = ["sweep", str(SCENES / "jansen_2.toml"), "--controller", "stiff PI", "--measure", "mean"]
@@ -645,7 +645,7 @@ def test_runs_may_begin_each_in_its_own_state():
 
 
 def test_threads_that_need_the_same_code_at_once_share_it():
-    from toolbox.emit import Body, compiled, function_text
+    from toolbox.compilation.emitter import Body, compiled, function_text
 
     for k in range(3):
         body = Body()

@@ -13,27 +13,14 @@ from scipy.special import j0
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, TorsionalChain, wells
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    Sampled,
-    batch,
-    compose,
-    measure,
-    quantity,
-    simulate,
-    state,
-    store,
-    sweep,
-    tally,
-    time,
-)
-from toolbox.batch import FEWEST_LANES, Task, finished, pays_in_lanes
-from toolbox.inputs import sine
-from toolbox.lanes import Lanes
-from toolbox.sweep import Sweep, uniform
-from toolbox.varied import varied_numbers, varied_run
+from toolbox import Component, DryFriction, Equations, Sampled, compose, measure, quantity, simulate, state, sweep, time
+from toolbox.lanes.lanes import Lanes
+from toolbox.measuring import measures as tally
+from toolbox.modelling.inputs import sine
+from toolbox.sweeps import batch, store
+from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
+from toolbox.sweeps.sweep import Sweep, uniform
+from toolbox.sweeps.variants import varied_numbers, varied_run
 
 pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

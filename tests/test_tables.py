@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from models import DrillString, Section, Survey, read_sections, read_survey
 from toolbox import SceneError
-from toolbox.table import Column, read
+from toolbox.files.tables import Column, read
 
 PIPE = "length [m],OD [in],ID [in],material\n"
 GOOD = PIPE + "1000,5,4.276,steel\n200,6.5,2.8125,steel\n"

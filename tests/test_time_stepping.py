@@ -291,7 +291,7 @@ def test_a_run_of_no_duration_shows_the_start():
 
 
 def test_a_run_with_a_step_can_be_made_again_with_located_events():
-    from toolbox.simulate import again
+    from toolbox.simulation.simulate import again
 
     run = simulate(BELT, 20.0, method="time-stepping", step=1e-5)
     exact = again(run.run, method="explicit")

@@ -22,7 +22,7 @@ from studies.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox.scene import Case
+from toolbox.scenes.scene import Case
 
 
 def run_of(scene, law):

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toolbox import SceneError
-from toolbox.units import USUAL, parse
+from toolbox.files.units import USUAL, parse
 
 EXACT = [
     ("97.3 kN", "N", 97_300.0),

@@ -10,7 +10,7 @@ from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from studies import tradeoff
 from studies.cases import cases
 from toolbox import Component, Equations, Scene, SceneError, UnilateralContact, compose, quantity, simulate, state, work_precision
-from toolbox.command_line import main
+from toolbox.commands.command_line import main
 
 BELT = compose(BlockOnBelt())
 
@@ -108,8 +108,8 @@ def test_casadi_integrates_the_smoothed_law_of_the_study_to_the_same_motion():
 
 
 def _largest_slip(case):
-    from toolbox.dial import slips
-    from toolbox.simulate import checked_run
+    from toolbox.simulation.refinement import slips
+    from toolbox.simulation.simulate import checked_run
 
     return slips(checked_run(case.plant, case.duration, **case.arguments))["belt"]
 
@@ -124,7 +124,7 @@ def test_methods_are_named_or_refused():
 def test_the_figure_of_the_command_says_its_title_once_and_within_the_figure(trade, tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 
-    from toolbox import study
+    from toolbox.scenes import verdicts as study
 
     drawn = []
     monkeypatch.setattr(plt, "close", drawn.append)

@@ -1,38 +1,46 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
-from toolbox.branch import Bifurcation, Branch
-from toolbox.closed_loop import Controller, Sampled, Takeover
-from toolbox.compose import compose
-from toolbox.continuation import follow
-from toolbox.cycle import Cycle, CycleError, limit_cycle
-from toolbox.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state
-from toolbox.elements import time as time  # not in __all__: a star import must not shadow the module `time`
+from typing import TYPE_CHECKING, Any
+
+from toolbox.calibration.fit import Fit, fit
+from toolbox.calibration.recording import Recording
 from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
-from toolbox.export import export_c, to_control
-from toolbox.fit import Fit, fit
-from toolbox.fmu import export_fmu
-from toolbox.hopf import hopf_curve, hopf_points
-from toolbox.hybrid import HybridSystem
-from toolbox.impedance import impedance, reflection
-from toolbox.inputs import ramp, sine, square, step, triangle
-from toolbox.linear import equilibrium, linearise
-from toolbox.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
-from toolbox.observed import Observed, Observer
-from toolbox.onset import onset
-from toolbox.parts import Component, Equations, Update
-from toolbox.recording import Recording
-from toolbox.scene import Scene
-from toolbox.sensitivity import Sensitivity, sensitivity
-from toolbox.severity_map import SeverityMap, severity_map
-from toolbox.simulate import Budget, simulate
-from toolbox.smoothed import smoothed
-from toolbox.stability import pole_locus
-from toolbox.steady_states import equilibria
-from toolbox.sweep import Sweep, sweep
-from toolbox.trajectory import Event, Trajectory
-from toolbox.tune import tune
-from toolbox.tuned import Tuned
-from toolbox.work_precision import WorkPrecision, work_precision
+from toolbox.export.c_code import export_c, to_control
+from toolbox.export.fmu import export_fmu
+from toolbox.measuring import measure as measure
+from toolbox.measuring.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
+from toolbox.modelling import inputs as inputs
+from toolbox.modelling.components import Component, Equations, Update
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state
+from toolbox.modelling.elements import time as time  # not in __all__: a star import must not shadow the module `time`
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.inputs import ramp, sine, square, step, triangle
+from toolbox.modelling.laws import Controller, Sampled, Takeover
+from toolbox.modelling.observers import Observed, Observer
+from toolbox.modelling.regularisation import smoothed
+from toolbox.onsets.onset import onset
+from toolbox.onsets.severity_map import SeverityMap, severity_map
+from toolbox.orbits.branch import Bifurcation, Branch
+from toolbox.orbits.continuation import follow
+from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
+from toolbox.orbits.sensitivity import Sensitivity, sensitivity
+from toolbox.scenes.scene import Scene
+from toolbox.scenes.work_precision import WorkPrecision, work_precision
+from toolbox.simulation.simulate import Budget, simulate
+from toolbox.simulation.trajectory import Event, Trajectory
+from toolbox.steady_states import linear as linear
+from toolbox.steady_states.equilibria import equilibria
+from toolbox.steady_states.hopf import hopf_curve, hopf_points
+from toolbox.steady_states.impedance import impedance, reflection
+from toolbox.steady_states.linear import equilibrium, linearise
+from toolbox.steady_states.poles import pole_locus
+from toolbox.sweeps.sweep import Sweep, sweep
+from toolbox.tuning.results import Tuned
+from toolbox.tuning.tune import tune
+
+if TYPE_CHECKING:
+    from toolbox.simulation import plot as plot
 
 __all__ = [
     "AccuracyError",
@@ -107,3 +115,12 @@ __all__ = [
     "tune",
     "work_precision",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The module `plot`, imported when it is first asked for, because it needs matplotlib."""
+    if name == "plot":
+        from toolbox.simulation import plot
+
+        return plot
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """`python -m toolbox` is the command `stickslip`."""
 
-from toolbox.command_line import script
+from toolbox.commands.command_line import script
 
 script()

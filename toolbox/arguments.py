@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.elements import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.modelling.elements import is_finite_number
 
 
 def mapping(word: str, given: Any) -> dict[str, Any]:

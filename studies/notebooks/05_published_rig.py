@@ -16,7 +16,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 import toolbox
-from toolbox import Scene, plot, study
+from toolbox import Scene, plot
+from toolbox.scenes import verdicts as study
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
 judged = {label: study.judged(scene, label) for label in scene.labels}

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import toolbox
 from toolbox import Scene, equilibrium, onset, plot, simulate
-from toolbox.knob import continuous_loop
-from toolbox.steady_states import state_values
+from toolbox.modelling.free_parameter import continuous_loop
+from toolbox.steady_states.equilibria import state_values
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
 report = onset(scene, "top.reference", (3.0, 14.0), controller="stiff PI", values=8, tolerance=0.05)

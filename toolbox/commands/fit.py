@@ -10,7 +10,7 @@ from typing import Any
 
 from toolbox.commands.terminal import complaint, plain
 from toolbox.errors import SceneError
-from toolbox.files import whole_folder
+from toolbox.files.atomic import whole_folder
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
 
@@ -48,10 +48,10 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Fit parameters to measured signals. Returns the exit code."""
-    from toolbox import study
+    from toolbox.calibration.fit import fit
     from toolbox.errors import SimulationError
-    from toolbox.fit import fit
-    from toolbox.scene import Scene
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
     plant = scene.plant()
@@ -99,7 +99,7 @@ def run(given: argparse.Namespace) -> int:
 
 def _in_unit(plant: Any, name: str, text: str) -> float:
     """A bound of a free number, SI or text with a unit."""
-    from toolbox.units import parse
+    from toolbox.files.units import parse
 
     try:
         unit = plant._parameter(name).unit

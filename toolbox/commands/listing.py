@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Print what there is. Returns the exit code."""
-    from toolbox import catalogue
+    from toolbox.scenes import catalogue
 
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
@@ -57,7 +57,7 @@ HEADINGS = ("Models", "Control laws", "Observers", "Friction laws")
 
 
 def _heading(entry: Any) -> str:
-    from toolbox.observed import Observer
+    from toolbox.modelling.observers import Observer
 
     if not isinstance(entry.item, type):
         return entry.name.rpartition(".")[0].capitalize() or "Ready-made parts"

@@ -9,7 +9,7 @@ from typing import Any
 
 from toolbox.commands.terminal import file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
-from toolbox.files import whole_folder
+from toolbox.files.atomic import whole_folder
 
 ONSET_FILES = ("onset.png", "onset.txt")
 
@@ -41,11 +41,11 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
-    from toolbox.knob import Knob, continuous_loop
-    from toolbox.onset import onset
-    from toolbox.onset_report import Comparison
-    from toolbox.scene import Scene
-    from toolbox.units import parse
+    from toolbox.files.units import parse
+    from toolbox.modelling.free_parameter import Knob, continuous_loop
+    from toolbox.onsets.onset import onset
+    from toolbox.onsets.report import Comparison
+    from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -97,7 +97,7 @@ def run(given: argparse.Namespace) -> int:
                 if label in onsets:
                     onsets[label].save(folder / f"{stem}_onset.csv")
             if onsets:
-                from toolbox import study
+                from toolbox.scenes import verdicts as study
 
                 study.draw_onsets(scene, onsets, folder / "onset.png")
     print(text, end="")

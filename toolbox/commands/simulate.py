@@ -11,8 +11,8 @@ from typing import Any
 
 from toolbox.commands.terminal import file_stems, progress
 from toolbox.errors import SimulationError
-from toolbox.files import whole_folder
-from toolbox.simulate import METHODS
+from toolbox.files.atomic import whole_folder
+from toolbox.simulation.simulate import METHODS
 
 REPORT = "simulate.txt"
 RUN_FILES = (".npz", ".csv", ".png")
@@ -43,9 +43,9 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Simulate cases of a scene. Returns the exit code."""
-    from toolbox import study
-    from toolbox.scene import Scene
-    from toolbox.simulate import simulate
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
+    from toolbox.simulation.simulate import simulate
 
     scene = Scene.load(given.scene)
     changes = {name: value for name, value in (("duration", given.duration), ("accuracy", given.accuracy)) if value is not None}

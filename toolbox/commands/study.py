@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands.terminal import file_stems, progress
-from toolbox.files import whole_folder
+from toolbox.files.atomic import whole_folder
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
         epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
     )
     study.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="what to simulate; see `toolbox/scene_file.py` and studies/scenes for the keys"
+        "scene", type=Path, metavar="SCENE.toml", help="what to simulate; see `toolbox/scenes/scene_file.py` and studies/scenes for the keys"
     )
     study.add_argument(
         "--out",
@@ -39,8 +39,8 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
-    from toolbox import study
-    from toolbox.scene import Scene
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
@@ -70,7 +70,7 @@ def run(given: argparse.Namespace) -> int:
 
 def _earlier_study(path: Path) -> set[str]:
     """Names of the files that an earlier study left in a folder, as its table tells."""
-    from toolbox.study import Row
+    from toolbox.scenes.verdicts import Row
 
     try:
         with (path / "table.csv").open(newline="", encoding="utf-8") as file:

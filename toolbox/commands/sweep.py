@@ -12,8 +12,8 @@ from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
 
 if TYPE_CHECKING:
-    from toolbox.designs import Variations
-    from toolbox.hybrid import HybridSystem
+    from toolbox.modelling.hybrid_system import HybridSystem
+    from toolbox.sweeps.designs import Variations
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 
@@ -77,9 +77,9 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Sweep a scene over a grid, a design or a table. Returns the exit code."""
-    from toolbox.scene import Scene
-    from toolbox.store import folder_of
-    from toolbox.sweep import sweep
+    from toolbox.scenes.scene import Scene
+    from toolbox.sweeps.store import folder_of
+    from toolbox.sweeps.sweep import sweep
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -115,7 +115,7 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
     """What the arguments of `stickslip sweep` vary, under one controller; raises SceneError for arguments that make no sense."""
     import numpy as np
 
-    from toolbox import designs
+    from toolbox.sweeps import designs
 
     if bool(given.vary) == bool(given.rows):
         raise SceneError(
@@ -151,8 +151,8 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
 
 def _rows(path: Path, scene: Any, label: str) -> Variations:
     """The rows of a table of numbers that vary."""
-    from toolbox import designs
-    from toolbox.table import Column, read
+    from toolbox.files.tables import Column, read
+    from toolbox.sweeps import designs
 
     closed = _closed(scene, label)
     units = {name: entry.unit for name, entry in closed.inputs.items()}
@@ -162,10 +162,10 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
 
 def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
-    from toolbox import study
-    from toolbox.scene import Scene
-    from toolbox.severity_map import severity_map
-    from toolbox.store import folder_of
+    from toolbox.onsets.severity_map import severity_map
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
+    from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -213,15 +213,15 @@ def run_map(given: argparse.Namespace) -> int:
 
 
 def _closed(scene: Any, label: str) -> HybridSystem:
-    from toolbox.simulate import checked_run
+    from toolbox.simulation.simulate import checked_run
 
     return checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system
 
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
-    from toolbox.knob import Knob
-    from toolbox.units import parse
+    from toolbox.files.units import parse
+    from toolbox.modelling.free_parameter import Knob
 
     unit = Knob.of(_closed(scene, label), name).unit
     low, high = (parse(plain(end.strip()), unit, name) for end in ends)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands.terminal import complaint
-from toolbox.files import whole_folder
+from toolbox.files.atomic import whole_folder
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
 
@@ -33,10 +33,10 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Measure error against time. Returns the exit code."""
-    from toolbox import study
     from toolbox.errors import SimulationError
-    from toolbox.scene import Scene
-    from toolbox.work_precision import work_precision
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
+    from toolbox.scenes.work_precision import work_precision
 
     scene = Scene.load(given.scene)
     if given.controller:
@@ -57,7 +57,7 @@ def run(given: argparse.Namespace) -> int:
 
 def _earlier_tradeoff(path: Path) -> set[str]:
     """Names of the files that an earlier measurement left in a folder, as its table tells."""
-    from toolbox.work_precision import Point
+    from toolbox.scenes.work_precision import Point
 
     try:
         with (path / "tradeoff.csv").open(newline="", encoding="utf-8") as file:

@@ -10,7 +10,7 @@ from typing import Any
 
 from toolbox.commands.terminal import INTERRUPTED, complaint, plain
 from toolbox.errors import SceneError
-from toolbox.files import whole_folder
+from toolbox.files.atomic import whole_folder
 
 TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
 
@@ -61,9 +61,9 @@ def run(given: argparse.Namespace) -> int:
     """Tune a law. Returns the exit code."""
     import statistics
 
-    from toolbox import study
-    from toolbox.scene import Scene
-    from toolbox.tune import tune
+    from toolbox.scenes import verdicts as study
+    from toolbox.scenes.scene import Scene
+    from toolbox.tuning.tune import tune
 
     scenes = {path: Scene.load(path) for path in given.scenes}
     first = scenes[given.scenes[0]]
@@ -110,15 +110,15 @@ def _pool(processes: int) -> Any:
     import concurrent.futures
     import multiprocessing
 
-    from toolbox.workers import deaf
+    from toolbox.sweeps.executors import deaf
 
     return concurrent.futures.ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
 
 
 def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:
     """(name, (low, high)) of `NAME=LOW:HIGH`; a unit behind HIGH is that of LOW, too, where it has none."""
-    from toolbox.tune import unit_of
-    from toolbox.units import parse
+    from toolbox.files.units import parse
+    from toolbox.tuning.tune import unit_of
 
     match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([^:]+?)\s*:\s*([^:]+?)\s*", text)
     if match is None:

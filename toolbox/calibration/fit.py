@@ -1,0 +1,464 @@
+"""Calibration: parameters of a machine from measured signals, with what is known about them and what is not.
+
+    minimise over q   sum_k sum_i ((y_k(t_i; q) - y_k,i) / s_k)^2
+
+y_k: measured outputs, s_k: their noise. Without a given noise the fit is done twice, the second time with the rms residual of the first, so that signals of
+different units weigh what they are worth. The covariance of the estimates is (J^T J)^-1 times the residual variance, J = dy/dq exact; intervals hold where the
+model is right and residuals are white, which is why whiteness is reported beside them.
+
+Why a fit can be refused: numbers that only enter as a product, or that the data never touch, have no estimates, and the best-looking result would be
+one point of a line of equally good ones. The singular values of J show that, and the error names the numbers along the line.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolbox.arguments import mapping, whole
+from toolbox.calibration.recording import Recording
+from toolbox.calibration.residuals import Loop, Simulated, residuals
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import names as names_of
+from toolbox.simulation.simulate import checked_run
+from toolbox.simulation.work_arrays import place_start
+
+if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
+
+SINGULAR = 1e-6
+"""Ratio of singular values, columns of the Jacobian scaled to length one, below which numbers cannot be told apart."""
+
+MUTE = 1e-9
+"""Change of the residuals, in parts of the signals, below which a number has no influence: for a change by its own size."""
+
+
+DRAWS = 10
+"""Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """What is left of one signal: rms in its unit, its part of the measured range, and the p-value of whiteness (Ljung and Box 1978).
+
+    p below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
+    """
+
+    signal: str
+    unit: str
+    rms: float
+    part: float
+    whiteness: float
+    correlation: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Estimates: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
+
+    names, units, values, errors: of the estimates (errors are standard deviations), shapes (k,);  covariance: (k, k);  confidence, factor: of the
+    intervals, estimate +- factor * error;  residuals: one per measured output;  condition: of the scaled Jacobian;  at_bounds: names that ended at
+    a bound;  agreeing: how many of `starts` ended at this optimum;  misfit: model and data.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    errors: np.ndarray
+    covariance: np.ndarray
+    confidence: float
+    factor: float
+    residuals: tuple[Residual, ...]
+    condition: float
+    at_bounds: tuple[str, ...]
+    agreeing: int
+    starts: int
+    misfit: Any = field(repr=False)
+
+    def __getitem__(self, name: str) -> float:
+        """An estimate in SI."""
+        return float(self.values[self._place(name)])
+
+    def _place(self, name: str) -> int:
+        if name not in self.names:
+            raise SceneError(f"There is no estimate `{name}`: {suggest(name, self.names)}")
+        return self.names.index(name)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """(low, high) of the confidence interval of an estimate."""
+        i = self._place(name)
+        return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the estimates, shape (k, k)."""
+        size = np.sqrt(np.diag(self.covariance))
+        size[size == 0.0] = 1.0
+        return self.covariance / np.outer(size, size)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """{name: estimate} of those that are parameters of the plant."""
+        known = [name for name in self.names if isinstance(self.misfit, Loop) or self.misfit.kind(name) == "parameters"]
+        return {name: self[name] for name in known}
+
+    @property
+    def plant(self) -> HybridSystem:
+        """The calibrated plant."""
+        return self.misfit.plant.with_parameters(self.parameters)
+
+    @property
+    def white(self) -> bool:
+        """Whether no residual has structure at the level 0.05."""
+        return all(residual.whiteness >= 0.05 for residual in self.residuals)
+
+    def __str__(self) -> str:
+        count = sum(values.size for values in self.misfit.measured.values())
+        how = (
+            f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
+            if isinstance(self.misfit, Loop)
+            else "by simulation"
+        )
+        recording = self.misfit.recording
+        lines = [
+            f"Fit of {len(self.names)} number(s) to {count} measured values over {recording.time[-1]:g} s ({recording.source}), {how}",
+            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
+            "",
+        ]
+        rows = []
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            low, high = self.interval(name)
+            part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
+            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
+        widths = [max(len(row[i]) for row in rows) for i in range(5)]
+        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        lines.append("")
+        for left in self.residuals:
+            verdict = (
+                "white"
+                if left.whiteness >= 0.05
+                else f"NOT white: neighbours correlate by {left.correlation:.2f}, so intervals are too narrow"
+            )
+            lines.append(
+                f"  left of {left.signal}: rms {left.rms:.4g} {left.unit}, {100 * left.part:.2g} % of its range; {verdict} (p = {left.whiteness:.2g})"
+            )
+        if len(self.names) > 1:
+            i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
+            lines.append(
+                f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
+            )
+        lines += [f"  `{name}` ended at its bound: its interval means nothing, and the optimum lies outside." for name in self.at_bounds]
+        if not self.misfit.exact:
+            lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> Path:
+        """Write estimates, deviations and intervals as csv in SI units."""
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["name", "unit", "estimate", "standard deviation", "low", "high"])
+            for name, unit, value, error in zip(self.names, self.units, self.values, self.errors, strict=True):
+                table.writerow([name, unit, float(value), float(error), *self.interval(name)])
+        return Path(path)
+
+    def plot(self) -> Any:
+        """Measured against model: traces, what is left of them, and the loop of friction; returns the axes."""
+        from toolbox.onsets.figures import fitted
+
+        return fitted(self)
+
+
+def fit(
+    machine: HybridSystem | Scene,
+    data: Any,
+    free: str | Sequence[str],
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    columns: Mapping[str, str] | None = None,
+    controller: Any = None,
+    contact: str | None = None,
+    still: float | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    noise: Mapping[str, float] | None = None,
+    starts: int = 4,
+    seed: int = 0,
+    confidence: float = 0.95,
+    accuracy: float = 1e-8,
+) -> Fit:
+    """Parameters of a machine, with confidence intervals, from measured signals.
+
+    machine: a plant, or a scene.  data, columns: what was measured, see `toolbox.calibration.recording`. Signals that are inputs of the plant drive it, linear
+    between samples; all others are compared.  free: names of parameters (`bit.friction.static`), constant inputs (`top.torque`) and start values
+    (`bit.speed`, `chain.twist.0`); each begins at its declared value.  bounds: {name: (low, high)}; without, those that the part declares.  controller: a law
+    as in `simulate`, or the label of a controller of the scene; none leaves the plant to its inputs.  inputs, start, parameters: as in `simulate`; those of the
+    scene without. A simulation begins at rest unless `start` says otherwise.
+
+    contact: fit the law of this contact to measured force at measured slip directly, without simulation; slip speeds up to `still` (a hundredth of the largest
+    without) count as stick. The slip must be measured well: its own noise is not modelled.
+
+    noise: {signal: standard deviation}; estimated without.  starts: searches, the first from the declared values, the others drawn between the bounds, or
+    between half and twice the value where there are none.  A simulation that sticks and slips for many cycles has many poor optima: give a window of a
+    few cycles and bounds.
+
+    Raises SceneError for unknown names, numbers that the data cannot tell apart or do not depend on (the message names them), and bad data;
+    SimulationError where no start can be simulated. Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley 1989.
+    """
+    inputs, start, parameters = mapping("inputs", inputs), mapping("start", start), mapping("parameters", parameters)
+    bounds = mapping("bounds", bounds)
+    noise = None if noise is None else mapping("noise", noise)
+    whole("seed", seed, 0)
+    plant, law, given, begin = _machine(machine, controller, inputs, start, parameters)
+    names = names_of(free)
+    if not names or len(set(names)) < len(names):
+        raise SceneError(f"Argument `free` must name at least one number, and each once, but it is {names!r}.")
+    for word, number, low, high in (("confidence", confidence, 0.0, 1.0), ("still", still, 0.0, math.inf)):
+        if number is None and word == "still":
+            continue
+        if number is None or not (is_finite_number(number) and low < number < high):
+            raise SceneError(f"Argument `{word}` must be > {low:g}{'' if high == math.inf else f' and < {high:g}'}, but it is {number!r}.")
+    if not isinstance(starts, int) or starts < 1:
+        raise SceneError(f"Argument `starts` must be an integer >= 1, but it is {starts!r}.")
+    misfit: Any
+    if contact is not None:
+        for name in names:
+            plant._parameter(name)
+        misfit = Loop(plant, Recording.of(data, plant, columns), names, contact, given, still)
+    else:
+        closed = checked_run(plant, 0.0, controller=law).system  # what drives an input of the plant in closed loop is an output of the loop
+        recording = Recording.of(data, closed, columns)
+        driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in closed.inputs}
+        arguments = {"inputs": {**given, **driving}, "start": begin, "parameters": {}, "controller": law, "accuracy": accuracy}
+        checked_run(plant, float(recording.time[-1]), **arguments)
+        misfit = Simulated(plant, recording, names, arguments)
+        if not misfit.outputs:
+            raise SceneError(
+                "The data must hold an output to be compared with, but all their signals are inputs: " + ", ".join(recording.signals) + "."
+            )
+    first, units = zip(*[_declared(misfit, name) for name in names], strict=True)
+    lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
+    return _Search(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+
+
+def _machine(
+    machine: Any, controller: Any, inputs: Mapping[str, Any] | None, start: Mapping[str, Any] | None, parameters: Mapping[str, Any] | None
+) -> tuple[HybridSystem, Any, dict[str, Any], dict[str, Any]]:
+    """(plant, law, inputs, start) of a plant or a scene."""
+    from toolbox.scenes.scene import Case, Scene
+
+    if isinstance(machine, Scene):
+        case = machine.case(controller) if isinstance(controller, str) else Case("given", controller)
+        given = {**machine.arguments(case)["inputs"], **(inputs or {})}
+        plant = machine.plant().with_parameters({**machine.parameters, **(parameters or {})})
+        return plant, case.controller, given, {**machine.start, **(start or {})}
+    return checked_plant(machine, "machine").with_parameters(parameters or {}), controller, dict(inputs or {}), dict(start or {})
+
+
+def _declared(misfit: Any, name: str) -> tuple[float, str]:
+    """(value to begin with, unit) of a free number; raises SceneError for unknown names, vectors and what is measured."""
+    plant = misfit.plant
+    kind = "parameters" if isinstance(misfit, Loop) else misfit.kind(name)
+    if kind == "inputs":
+        value = misfit.arguments["inputs"][name]
+        if not is_finite_number(value):
+            raise SceneError(f"Argument `free` must hold constant inputs, but `{name}` varies in time or is measured.")
+        return float(value), plant.unit(name)
+    if kind == "start":
+        x = np.zeros(plant.x.numel())
+        place_start(plant, x, name, 1.0)
+        if x.sum() != 1.0:
+            raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {x.sum():g} entries.")
+        return float(misfit.arguments["start"].get(name, 0.0)), plant.unit(name)
+    entry = plant._parameter(name)
+    if entry.size is not None:
+        raise SceneError(f"Argument `free` must hold single numbers, such as `{name}.0`, but `{name}` has {entry.size} entries.")
+    if name in misfit.recording.signals:
+        raise SceneError(f"Argument `free` must not hold `{name}`, because it is measured.")
+    return float(plant.parameter(name)) if name in plant.parameters else float(plant.values[entry.offset]), entry.unit
+
+
+def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """(low, high) of every free number: as given, or as the part declares."""
+    for name in bounds:
+        if name not in names:
+            raise SceneError(f"Argument `bounds` has `{name}`, which is not free: {suggest(name, names)}")
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for i, name in enumerate(names):
+        if name in bounds:
+            pair = bounds[name]
+            if len(pair) != 2 or not all(is_finite_number(value) for value in pair) or not pair[0] < pair[1]:
+                raise SceneError(
+                    f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
+                )
+            low[i], high[i] = pair
+        elif isinstance(misfit, Loop) or misfit.kind(name) == "parameters":
+            declared = misfit.plant._parameter(name).bounds
+            lowest = [value for value in (declared["at_least"], declared["above"]) if value is not None]
+            low[i] = max(lowest, default=-np.inf)
+            high[i] = declared["at_most"] if declared["at_most"] is not None else np.inf
+            if declared["above"] is not None and declared["above"] == low[i]:
+                low[i] += 1e-12 * max(abs(first[i]), 1e-300)
+    return low, high
+
+
+@dataclass
+class _Search:
+    """Least squares from several starts, and what the Jacobian at the end says."""
+
+    misfit: Any
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    noise: Mapping[str, float] | None
+    starts: int
+    seed: int
+    confidence: float
+
+    def fit(self) -> Fit:
+        from scipy.stats import t as student
+        from tqdm import tqdm
+
+        misfit = self.misfit
+        sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
+        scales = self._given_noise(sizes)
+        found: list[Any] = []
+        reason: Exception | None = None
+        with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
+            for begin in self._begins():
+                if len(found) == self.starts:
+                    break
+                try:
+                    found.append(self._descend(begin, scales, self.misfit.horizons()))
+                    bar.update()
+                except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
+                    reason = reason or error
+        if not found:
+            raise reason or SimulationError("No start of the fit could be simulated.")
+        best = min(found, key=lambda each: each.cost)
+        agreeing = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found))
+        values = best.x
+        if self.noise is None:
+            left = self._left(values)
+            scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
+            values = self._descend(values, scales, [misfit]).x
+        slopes = misfit.slopes(values, self._size(values))
+        jacobian = np.concatenate([slopes[name] / scales[name] for name in misfit.outputs])
+        condition = self._identifiable(values, np.concatenate([slopes[name] / sizes[name] for name in misfit.outputs]))
+        left = self._left(values)
+        n, k = jacobian.shape
+        if n <= k:
+            raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
+        sum_of_squares = sum(float(((left[name] / scales[name]) ** 2).sum()) for name in left)
+        covariance = np.linalg.inv(jacobian.T @ jacobian) * sum_of_squares / (n - k)
+        factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
+        span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
+        edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
+        return Fit(
+            self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
+            tuple(_residual(misfit, name, left[name]) for name in misfit.outputs), condition,
+            tuple(name for name, at in zip(self.names, edge, strict=True) if at), agreeing, len(found), misfit,
+        )  # fmt: skip
+
+    def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
+        if self.noise is None:
+            return dict(sizes)
+        for name in self.misfit.outputs:
+            value = self.noise.get(name)
+            if not is_finite_number(value) or value <= 0:  # type: ignore[operator]
+                raise SceneError(f"Argument `noise` must give `{name}` a standard deviation > 0, but it is {value!r}.")
+        return {name: float(self.noise[name]) for name in self.misfit.outputs}
+
+    def _size(self, values: np.ndarray) -> np.ndarray:
+        """What a number is measured by: its value, or the declared one, or the width of its bounds where both are zero."""
+        width = np.where(np.isfinite(self.high - self.low), self.high - self.low, 1.0)
+        size = np.maximum(np.abs(values), np.abs(self.first))
+        return np.where(size > 0, size, width)
+
+    def _begins(self) -> list[np.ndarray]:
+        from scipy.stats import qmc
+
+        size = self._size(self.first)
+        around = (self.first - 0.5 * size, self.first + size)  # half and twice
+        low = np.where(np.isfinite(self.high - self.low), self.low, np.maximum(around[0], self.low))
+        high = np.where(np.isfinite(self.high - self.low), self.high, np.minimum(around[1], self.high))
+        inside = np.clip(self.first, self.low + 1e-6 * (high - low), self.high - 1e-6 * (high - low))
+        drawn = qmc.LatinHypercube(len(self.names), rng=self.seed).random(DRAWS * (self.starts - 1))
+        return [inside, *(low + drawn * (high - low))]
+
+    def _descend(self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any]) -> Any:
+        """Where least squares end from some numbers, over longer and longer parts of the data."""
+        from scipy.optimize import least_squares
+
+        size = self._size(self.first)
+        values = begin
+        for misfit in horizons:
+            misfit.model(values)  # raises the error that says why these numbers cannot be simulated
+
+            def slopes(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
+                found = misfit.slopes(q * size, self._size(q * size))
+                return np.concatenate([found[name] / scales[name] for name in misfit.outputs]) * size
+
+            whole = misfit is self.misfit
+            found = least_squares(
+                lambda q, misfit=misfit: residuals(misfit, q * size, scales), values / size, slopes, bounds=(self.low / size, self.high / size),
+                x_scale="jac", xtol=1e-10 if whole else 1e-4, ftol=1e-12 if whole else 1e-4, gtol=1e-12, max_nfev=100 if whole else 30,
+            )  # fmt: skip
+            values = found.x * size
+        found.x = values
+        return found
+
+    def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        model = self.misfit.model(values)
+        return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
+
+    def _identifiable(self, values: np.ndarray, jacobian: np.ndarray) -> float:
+        """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
+        per_part = jacobian * self._size(values)
+        length = np.sqrt((per_part**2).mean(axis=0))
+        mute = [name for name, size in zip(self.names, length, strict=True) if size < MUTE]
+        if mute:
+            words = " and ".join(f"`{name}`" for name in mute)
+            raise SceneError(
+                f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals."
+            )
+        _, singular, directions = np.linalg.svd(per_part / np.linalg.norm(per_part, axis=0), full_matrices=False)
+        if singular[-1] < SINGULAR * singular[0]:
+            direction = directions[-1] / np.linalg.norm(per_part, axis=0)
+            direction /= np.abs(direction).max()
+            involved = [(name, part) for name, part in zip(self.names, direction, strict=True) if abs(part) > 0.05]
+            words = " and ".join(f"`{name}`" for name, _ in involved)
+            changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
+            raise SceneError(
+                f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
+                f"leave every residual as it is (singular values {singular[-1]:.1e} : {singular[0]:.1e}). Fix all of them but one."
+            )
+        return float(singular[0] / singular[-1])
+
+
+def _residual(misfit: Any, name: str, left: np.ndarray) -> Residual:
+    from scipy.stats import chi2
+
+    measured = misfit.measured[name]
+    n = left.size
+    centred = left - left.mean()
+    power = float(centred @ centred)
+    lags = max(1, min(20, n // 5))
+    correlations = [float(centred[i:] @ centred[:-i]) / power if power else 0.0 for i in range(1, lags + 1)]
+    portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
+    span = float(np.ptp(measured))
+    rms = float(np.sqrt(np.mean(left**2)))
+    return Residual(
+        name, misfit.plant.unit(name), rms, rms / span if span else math.nan, float(chi2.sf(portmanteau, lags)), correlations[0]
+    )

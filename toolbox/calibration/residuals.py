@@ -1,0 +1,294 @@
+"""How far a machine with given numbers is from what was measured, and how that changes with the numbers.
+
+Two misfits, one interface (`model`, `slopes`, `measured`, `time`):
+
+    Simulated   the measured inputs drive a simulation; its outputs at the measured times are compared with the measured ones. Slopes are those of
+                `toolbox.sensitivity`, exact through every stick and slip.
+    Loop        the friction law of one contact is compared with measured force at measured slip, sample by sample, without simulation. In stick friction is
+                whatever the machine asks for and says nothing, except at its end: the force at break-away is the static bound.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.calibration.recording import Recording
+from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
+from toolbox.modelling.elements import DryFriction
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.orbits.sensitivity import sensitivity
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.work_arrays import place_start
+
+HORIZONS = (0.25, 0.5)
+"""Parts of the data that a simulation is fitted to before all of them."""
+
+BREAKAWAY_SAMPLES = 10
+"""Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
+
+
+@dataclass
+class Simulated:
+    """Outputs of a simulation against measured ones.
+
+    names: of the free parameters, inputs and start states;  arguments: of `simulate`, beside those that the names change.
+    """
+
+    plant: HybridSystem
+    recording: Recording
+    names: Sequence[str]
+    arguments: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        self.outputs = [name for name in self.recording.signals if name not in self.arguments["inputs"]]
+        self.time = dict.fromkeys(self.outputs, self.recording.time)
+        self.measured = {name: self.recording.signals[name] for name in self.outputs}
+        self.exact = True
+
+    def horizons(self) -> list[Simulated]:
+        """The misfit over the first quarter, the first half and all of the data.
+
+        Over many cycles a small error of the period makes phases drift apart, and the misfit has an optimum for every cycle that is off; over few it has
+        not, and leads to numbers from which the long one is a small step.
+        """
+        end = float(self.recording.time[-1])
+        shorter = [
+            Simulated(self.plant, self.recording.between(0.0, part * end), self.names, self.arguments)
+            for part in HORIZONS
+            if part * self.recording.time.size >= 10 * len(self.names)
+        ]
+        return [*shorter, self]
+
+    def kind(self, name: str) -> str:
+        """What of `simulate` a free name changes: "inputs", "parameters" or "start"."""
+        if name in self.arguments["inputs"]:
+            return "inputs"
+        return "start" if name not in self.plant.parameters and self.plant.has_signal(name) else "parameters"
+
+    def run(self, values: np.ndarray) -> Trajectory:
+        """The simulation with the free numbers at given values; raises what `simulate` raises."""
+        given: dict[str, Any] = {word: dict(self.arguments[word]) for word in ("inputs", "parameters", "start")}
+        for name, value in zip(self.names, values, strict=True):
+            given[self.kind(name)][name] = float(value)
+        given |= {word: value for word, value in self.arguments.items() if word not in given}
+        return simulate(self.plant, float(self.recording.time[-1]), output_times=self.recording.time, **given)
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """Simulated outputs at the measured times; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
+
+        Else every sample that a switch passes would be a step of the misfit, and their edges would hold the search before its optimum.
+        """
+        run = self.run(values)
+        found = {name: np.array(run[name]) for name in self.outputs}
+        nodes, time = run.nodes, self.recording.time
+        gap = np.diff(time)
+        near = np.minimum(np.append(gap, gap[-1]), np.insert(gap, 0, gap[0])) / 2
+        times = np.unique([event.time for event in run.events])
+        at = {name: nodes[name] for name in found} if times.size else {}
+        for t in times:
+            before, after = np.searchsorted(nodes.time, t), np.searchsorted(nodes.time, t, side="right") - 1
+            for k in range(max(np.searchsorted(time, t) - 1, 0), min(np.searchsorted(time, t, side="right") + 1, time.size)):
+                if abs(time[k] - t) < near[k]:
+                    for name, value in found.items():
+                        jump = (at[name][after] - at[name][before]) * (-1.0 if time[k] >= t else 1.0)
+                        if abs(value[k] + jump - self.measured[name][k]) < abs(value[k] - self.measured[name][k]):
+                            value[k] += jump
+        return found
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k): exact, or central differences where a run has none."""
+        if self.exact:
+            try:
+                slopes = sensitivity(self.run(values), list(self.names))
+                return {name: slopes[name] for name in self.outputs}
+            except GrazingError:
+                pass
+            except SceneError:  # a law in Python, or one that reads an encoder
+                self.exact = False
+        columns = []
+        for i, size in enumerate(sizes):
+            step = np.zeros(values.size)
+            step[i] = 1e-5 * size
+            ahead, back = (self.model(values + sign * step) for sign in (1.0, -1.0))
+            columns.append({name: (ahead[name] - back[name]) / (2 * step[i]) for name in self.outputs})
+        return {name: np.stack([column[name] for column in columns], axis=1) for name in self.outputs}
+
+
+class Loop:
+    """The friction law of one contact against measured force at measured slip.
+
+    output: the measured signal that holds the force;  slip: at every sample;  still: slip speed up to which the contact counts as at rest;  rows: indices of
+    the samples that count;  released: True for those of them at break-away.
+    """
+
+    exact = True
+
+    def __init__(
+        self, plant: HybridSystem, recording: Recording, names: Sequence[str], contact: str, inputs: Mapping[str, Any], still: float | None
+    ):
+        elements = [element.name for element in plant.elements]
+        if contact not in elements or not isinstance(plant.elements[elements.index(contact)], DryFriction):
+            raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")
+        self.plant, self.recording, self.names, self.place = plant, recording, names, elements.index(contact)
+        element: Any = plant.elements[self.place]
+        force = plant.F[self.place]
+        self.output = self._holder(contact, force)
+        switches = [elements.index(twin.name) for twin in element.companions]
+        inside = self._inputs(inputs)
+        gain, rest = ca.jacobian(plant.expression(self.output), force), ca.substitute(plant.expression(self.output), force, 0)
+        side = ca.SX.sym("side")
+        law: list[Any] = [element.slip, rest - gain * element.mode * element.kinetic, rest - gain * side * element.static]
+        law += [-gain * side, ca.vertcat(*[twin.high for twin in element.companions])]
+        law = [ca.substitute(each, plant.u, inside) for each in law]
+        self._complain_about_missing(contact, ca.vertcat(*law))
+        free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in names])
+        symbols = [plant.x, self._u_symbol, plant.p, plant.m, side]
+        self._law = ca.Function("law", symbols, law)
+        self._law_slopes = ca.Function("law_slopes", symbols, [ca.densify(ca.jacobian(each, free)) for each in law[1:3]])
+        self._switches = switches
+
+        self._side = np.zeros(recording.time.size)
+        self.slip = self._of(self._law, plant.values)[0]
+        self.still = 0.01 * float(np.abs(self.slip).max()) if still is None else still
+        moving = np.abs(self.slip) > self.still
+        if not moving.any():
+            raise SceneError(
+                f"The data must hold samples in which `{contact}` slips faster than {self.still:g} {element.slip_unit}, but there are none."
+            )
+        self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
+        values, release = recording.signals[self.output].copy(), []
+        toward = np.sign(self._of(self._law, plant.values)[3])
+        for k in np.flatnonzero(moving[1:] & ~moving[:-1]) if self._jumps(element) else []:
+            first = 1 + int(np.max(np.flatnonzero(moving[: k + 1]), initial=-1))
+            if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
+                top, value = _peak(recording.time[first : k + 1], values[first : k + 1], toward[k])
+                values[first + top] = value
+                self._side[first + top] = self._side[k]
+                release.append(first + top)
+        rows = np.sort(np.concatenate([np.flatnonzero(moving), np.array(release, int)]))
+        self.rows, self.released = rows, np.isin(rows, release)
+        self.outputs = [self.output]
+        self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
+
+    def horizons(self) -> list[Loop]:
+        """The misfit itself: samples of a loop do not know of each other."""
+        return [self]
+
+    def _jumps(self, element: Any) -> bool:
+        """Whether the force drops at release: then release is sharp, and the force before it is the static bound; else slip itself tells the bound."""
+        away = self.plant.p * 0 + self.plant.values * (1 + 0.1 * np.cos(np.arange(self.plant.values.size)))
+        law = ca.vertcat(element.load * element.law.sliding(ca.SX(0), *[0] * len(element.companions)), element.static)
+        law = ca.substitute(ca.substitute(law, self.plant.u, ca.SX.ones(self.plant.u.numel())), self.plant.p, away)
+        kinetic, static = np.array(ca.evalf(ca.substitute(law, ca.vertcat(*ca.symvar(law)), 1.0))).ravel()
+        return bool(abs(static - kinetic) > 1e-12 * abs(static))
+
+    def _holder(self, contact: str, force: ca.SX) -> str:
+        """The measured signal that the force of the contact enters."""
+        scalars = {name: expression for name, (expression, _) in self.plant.signals.items() if expression.numel() == 1}
+        able = [name for name, expression in scalars.items() if ca.depends_on(expression, force)]
+        there = [name for name in self.recording.signals if name in able]
+        if len(there) != 1:
+            raise SceneError(
+                f"The data must hold exactly one signal with the force of `{contact}`, such as {' or '.join(f'`{name}`' for name in able)}, but "
+                f"they hold {' and '.join(f'`{name}`' for name in there) or 'none'}."
+            )
+        expression = scalars[there[0]]
+        others = [each.name for i, each in enumerate(self.plant.elements) if i != self.place and ca.depends_on(expression, self.plant.F[i])]
+        if others or ca.depends_on(ca.jacobian(expression, force), force):
+            raise SceneError(
+                f"The signal `{there[0]}` must hold the force of `{contact}` alone, but that of `{others[0]}` enters it as well."
+            )
+        return there[0]
+
+    def _inputs(self, given: Mapping[str, Any]) -> ca.SX:
+        """The inputs of the plant: measured ones as symbols, others as given, or their stand-ins."""
+        measured = [name for name in self.plant.inputs if name in self.recording.signals]
+        self._u_symbol = ca.SX.sym("measured", len(measured))
+        self._u = np.array([self.recording.signals[name] for name in measured]).reshape(len(measured), self.recording.time.size)
+        out = []
+        for name, entry in self.plant.inputs.items():
+            if name in given and not isinstance(given[name], (int, float)) and name not in measured:
+                raise SceneError(f"Argument `{name}` must be a number or be measured for a loop to be fitted, but it varies in time.")
+            out.append(self._u_symbol[measured.index(name)] if name in measured else given.get(name, entry.default))
+        return ca.vertcat(*out) if out else ca.SX(0, 1)
+
+    def _complain_about_missing(self, contact: str, law: ca.SX) -> None:
+        """Lay the measured states in place; raises SceneError where the law needs another."""
+        x = np.zeros((self.plant.x.numel(), self.recording.time.size))
+        there: set[int] = set()
+        for name, values in self.recording.signals.items():
+            mark = np.zeros(x.shape[0])
+            with contextlib.suppress(SceneError):  # a signal that is computed from states
+                place_start(self.plant, mark, name, 1.0)
+            x[mark == 1.0] = values
+            there.update(np.flatnonzero(mark))
+        self._x = x
+        for name, (first, size, _) in self.plant.states.items():
+            for i in range(size or 1):
+                if first + i not in there and ca.depends_on(law, self.plant.x[first + i]):
+                    alias = [
+                        word for word, (e, _) in self.plant.signals.items() if e.numel() == 1 and ca.is_equal(e, self.plant.x[first + i])
+                    ]
+                    label = (alias or [name if size is None else f"{name}.{i}"])[0]
+                    held = ", ".join(f"`{each}`" for each in self.recording.signals)
+                    raise SceneError(
+                        f"The data must hold `{label}`, which the friction of `{contact}` depends on, but they hold only {held}."
+                    )
+
+    def _of(self, function: ca.Function, p: np.ndarray) -> list[np.ndarray]:
+        """Rows of a function of the law at all samples; a law with breaks is beyond those that the slip exceeds."""
+        count = self._side.size
+        m = np.zeros((self.plant.m.numel(), count))
+        m[self.place] = self._side
+        grid = np.repeat(p[:, None], count, axis=1)
+        if self._switches:
+            slip, *_, places = self._law(self._x, self._u, grid, m, self._side[None])
+            m[self._switches] = self._side * np.array(slip) >= np.array(places)
+        found = function(self._x, self._u, grid, m, self._side[None])
+        return [np.array(each)[0] for each in found[:4]]
+
+    def _numbers(self, values: np.ndarray) -> np.ndarray:
+        return self.plant.with_parameters(dict(zip(self.names, map(float, values), strict=True))).values
+
+    def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The force of the law at the measured slip, and with the static bound at break-away."""
+        _, sliding, release, _ = self._of(self._law, self._numbers(values))
+        return {self.output: np.where(self.released, release[self.rows], sliding[self.rows])}
+
+    def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `model` with respect to the free numbers, shape (nt, k), exact."""
+        sliding, release = (
+            each.reshape(self._side.size, len(self.names))[self.rows] for each in self._of(self._law_slopes, self._numbers(values))
+        )
+        return {self.output: np.where(self.released[:, None], release, sliding)}
+
+
+def _peak(time: np.ndarray, values: np.ndarray, toward: float) -> tuple[int, float]:
+    """(sample, force) at break-away in a stick phase: where the force is largest in one direction, by the line through the samples up to it.
+
+    Slip is slow at first, so that a force that drops may end the samples at rest: the peak is where they rise no more. Release comes, on average, half a
+    sample after the last one before it.
+    """
+    smooth = np.convolve(np.pad(values, 1, mode="edge"), np.ones(3) / 3, mode="valid")
+    top = int(np.argmax(toward * smooth[:-1]))
+    before = slice(max(0, top + 1 - BREAKAWAY_SAMPLES), top + 1)
+    if before.stop - before.start < 3:
+        return top, float(values[top])
+    line = np.polynomial.polynomial.polyfit(time[before] - time[top], values[before], 1)
+    return top, float(line[0] + line[1] * (time[top + 1] - time[top]) / 2)
+
+
+def residuals(misfit: Any, values: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
+    """Model minus measured in parts of the scales, all signals in a row; nan where the numbers cannot be simulated."""
+    try:
+        found = misfit.model(values)
+    except (SceneError, SimulationError):
+        return np.full(sum(array.size for array in misfit.measured.values()), np.nan)
+    return np.concatenate([(found[name] - misfit.measured[name]) / scales[name] for name in misfit.outputs])

@@ -1,0 +1,1 @@
+"""A hybrid system as machine code."""

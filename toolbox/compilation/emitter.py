@@ -1,0 +1,308 @@
+"""CasADi expressions to machine code through LLVM, with no C compiler on the machine.
+
+A casadi SX function is a straight line of scalar instructions. `inline` writes them as LLVM IR, `compiled` optimises a module of such
+functions and returns their addresses; object code is cached on disk under a hash of the IR, the LLVM version and the processor.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import hashlib
+import os
+import struct
+import sys
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from toolbox.errors import SceneError
+
+FLAGS = "contract nsz arcp"
+"""Fast-math flags: fused multiply-add and reciprocals, never reassociation; NaN and infinity keep their meaning."""
+
+_BINARY = {ca.OP_ADD: "fadd", ca.OP_SUB: "fsub", ca.OP_MUL: "fmul", ca.OP_DIV: "fdiv"}
+_INTRINSIC = {ca.OP_SQRT: "sqrt", ca.OP_FABS: "fabs", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil"}
+_COMPARE = {ca.OP_LT: "olt", ca.OP_LE: "ole", ca.OP_EQ: "oeq", ca.OP_NE: "une"}
+# libm's exp, with its table, has a shorter latency than an inlined polynomial, and the stages of a step wait for it one after the other
+_LIBM_1 = {
+    ca.OP_EXP: "exp", ca.OP_LOG: "log", ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TAN: "tan", ca.OP_ASIN: "asin",
+    ca.OP_ACOS: "acos", ca.OP_ATAN: "atan", ca.OP_SINH: "sinh", ca.OP_COSH: "cosh", ca.OP_TANH: "tanh", ca.OP_ASINH: "asinh",
+    ca.OP_ACOSH: "acosh", ca.OP_ATANH: "atanh", ca.OP_ERF: "erf", ca.OP_LOG1P: "log1p", ca.OP_EXPM1: "expm1",
+}  # fmt: skip
+_LIBM_2 = {ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow", ca.OP_ATAN2: "atan2", ca.OP_FMOD: "fmod", ca.OP_HYPOT: "hypot",
+           ca.OP_REMAINDER: "remainder", ca.OP_FMIN: "fmin", ca.OP_FMAX: "fmax"}  # fmt: skip
+LIBM = sorted({*_LIBM_1.values(), *_LIBM_2.values()} - {"fmin", "fmax"})
+OPERATIONS = {"ADD", "SUB", "MUL", "DIV", "SQRT", "FABS", "FLOOR", "CEIL", "LT", "LE", "EQ", "NE", "EXP", "LOG", "SIN", "COS", "TAN", "ASIN",
+              "ACOS", "ATAN", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "ERF", "LOG1P", "EXPM1", "POW", "CONSTPOW", "ATAN2", "FMOD",
+              "HYPOT", "REMAINDER", "FMIN", "FMAX", "NEG", "TWICE", "SQ", "INV", "NOT", "AND", "OR", "SIGN", "COPYSIGN", "IF_ELSE_ZERO",
+              "ASSIGN", "LIFT", "CONST", "INPUT", "OUTPUT"}  # fmt: skip
+"""Names of the casadi operations that `inline` knows."""
+
+
+def literal(value: float) -> str:
+    """A double as exact LLVM text."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', float(value)))[0]:016X}"
+
+
+class Body:
+    """Text of one LLVM function under construction, with numbered values of one type: doubles here, vectors of them in `toolbox.compilation.vector_emitter`."""
+
+    type = "double"
+    truths = "i1"
+    suffix = "f64"
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.count = 0
+        self.intrinsics: set[str] = set()
+        self.products: dict[tuple[str, float], str] = {}
+
+    def value(self, text: str) -> str:
+        """Append an instruction and return the name of its result."""
+        name = f"%v{self.count}"
+        self.count += 1
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def number(self, value: float) -> str:
+        """A constant of the body's type."""
+        return literal(value)
+
+    def add(self, a: str, b: str) -> str:
+        return self.value(f"fadd {FLAGS} {self.type} {a}, {b}")
+
+    def mul(self, a: str, b: str) -> str:
+        return self.value(f"fmul {FLAGS} {self.type} {a}, {b}")
+
+    def select(self, flag: str, a: str, b: str) -> str:
+        return self.value(f"select {self.truths} {flag}, {self.type} {a}, {self.type} {b}")
+
+    def load(self, pointer: str, index: int) -> str:
+        return self.value(f"load double, ptr {self.value(f'getelementptr double, ptr {pointer}, i64 {index}')}")
+
+    def store(self, value: str, pointer: str, index: int) -> None:
+        target = self.value(f"getelementptr double, ptr {pointer}, i64 {index}")
+        self.lines.append(f"  store double {value}, ptr {target}")
+
+    def intrinsic(self, name: str, *args: str) -> str:
+        """Call an LLVM intrinsic, such as sqrt, that takes the body's type."""
+        return self.call(f"llvm.{name}.{self.suffix}", *args)
+
+    def call(self, name: str, *args: str) -> str:
+        """Call a scalar function, an LLVM intrinsic or a libm function."""
+        self.intrinsics.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
+        return self.value(f"call {FLAGS} double @{name}({', '.join('double ' + a for a in args)})")
+
+    def truth(self, flag: str) -> str:
+        return self.select(flag, self.number(1.0), self.number(0.0))
+
+    def compare(self, how: str, a: str, b: str) -> str:
+        return self.value(f"fcmp {how} {self.type} {a}, {b}")
+
+    def nonzero(self, a: str) -> str:
+        return self.compare("une", a, self.number(0.0))
+
+    def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
+        """base + sum((scale * factor) * value), skipping zero factors; the last value, which comes last in time, is added last.
+
+        The products scale * factor are written once and serve all states.
+        """
+        total = base
+        for factor, value in zip(factors, values, strict=True):
+            if factor:
+                key = (scale, factor)
+                if key not in self.products:
+                    self.products[key] = self.mul(scale, self.number(factor))
+                term = self.mul(self.products[key], value)
+                total = self.add(total, term) if total else term
+        return total
+
+
+def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Write the instructions of an SX function into `body` and return the values of its outputs.
+
+    arguments: one sequence of value names per input, in the order of its nonzeros. Raises SceneError naming an operation that has
+    no translation.
+    """
+    work: dict[int, str] = {}
+    outputs = [[body.number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        args = function.instruction_input(k)
+        target = function.instruction_output(k)
+        if op == ca.OP_INPUT:
+            work[target[0]] = arguments[args[0]][args[1]]
+        elif op == ca.OP_OUTPUT:
+            outputs[target[0]][target[1]] = work[args[0]]
+        elif op == ca.OP_CONST:
+            work[target[0]] = body.number(function.instruction_constant(k))
+        else:
+            work[target[0]] = _operation(body, op, [work[a] for a in args])
+    return outputs
+
+
+def _operation(body: Body, op: int, v: list[str]) -> str:
+    if op in _BINARY:
+        return body.value(f"{_BINARY[op]} {FLAGS} {body.type} {v[0]}, {v[1]}")
+    if op == ca.OP_NEG:
+        return body.value(f"fneg {FLAGS} {body.type} {v[0]}")
+    if op == ca.OP_SQ:
+        return body.mul(v[0], v[0])
+    if op == ca.OP_TWICE:
+        return body.add(v[0], v[0])
+    if op == ca.OP_INV:
+        return body.value(f"fdiv {FLAGS} {body.type} {body.number(1.0)}, {v[0]}")
+    if op in (ca.OP_ASSIGN, ca.OP_LIFT):
+        return v[0]
+    if op in _INTRINSIC:
+        return body.intrinsic(_INTRINSIC[op], v[0])
+    if op in _LIBM_1:
+        return body.call(_LIBM_1[op], v[0])
+    if op == ca.OP_FMIN or op == ca.OP_FMAX:
+        return body.intrinsic("minnum" if op == ca.OP_FMIN else "maxnum", *v)
+    if op in _LIBM_2:
+        return body.call(_LIBM_2[op], *v)
+    if op in _COMPARE:
+        return body.truth(body.compare(_COMPARE[op], *v))
+    if op == ca.OP_NOT:
+        return body.truth(body.compare("oeq", v[0], body.number(0.0)))
+    if op in (ca.OP_AND, ca.OP_OR):
+        both = "and" if op == ca.OP_AND else "or"
+        return body.truth(body.value(f"{both} {body.truths} {body.nonzero(v[0])}, {body.nonzero(v[1])}"))
+    if op == ca.OP_IF_ELSE_ZERO:
+        return body.select(body.nonzero(v[0]), v[1], body.number(0.0))
+    if op == ca.OP_COPYSIGN:
+        return body.intrinsic("copysign", *v)
+    if op == ca.OP_SIGN:
+        positive, negative = (body.compare(how, v[0], body.number(0.0)) for how in ("ogt", "olt"))
+        return body.select(positive, body.number(1.0), body.select(negative, body.number(-1.0), v[0]))  # keeps zero, and NaN
+    names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == op]
+    raise SceneError(f"The casadi operation {'/'.join(names) or op} has no machine code here; write the expression with other functions.")
+
+
+SIGNATURE = "double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr %y"
+"""Arguments of every compiled function: time, step, states, slopes, parameters, modes, output."""
+
+
+def function_text(name: str, body: Body) -> str:
+    """One exported function with the common signature."""
+    return "\n".join([f"define void @{name}({SIGNATURE}) nounwind {{", "entry:", *body.lines, "  ret void", "}"])
+
+
+def cache_directory() -> Path:
+    """Where object code is kept: STICKSLIP_CACHE_DIR, else the user's cache directory."""
+    named = os.environ.get("STICKSLIP_CACHE_DIR")
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
+    return Path(base) / "stickslip"
+
+
+_LOADED: dict[str, Any] = {}
+_MACHINE: list[Any] = []
+
+
+LARGE = 20_000
+"""Instructions above which code that is compiled for one run is generated in a hurry, which makes it run half as fast."""
+
+
+def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE) -> dict[str, int]:
+    """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
+
+    instructions: size of the module, above `large` of which the code generator hurries.
+    """
+    with _COMPILING:  # else two threads load the same code, and that of the first is freed while it still runs
+        return _compiled(text, names, instructions > large)
+
+
+_COMPILING = threading.Lock()
+
+
+def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
+    import llvmlite.binding as llvm
+
+    if not _MACHINE:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        _MACHINE.append(llvm.Target.from_default_triple())
+    host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
+    key = hashlib.sha256(f"{host} {large}\n{text}".encode()).hexdigest()[:32]
+    if key not in _LOADED:
+        path = cache_directory() / "objects" / f"{key}.o"
+        image = _cached(path)
+        if image is None:
+            image = _object_code(llvm, text, large)
+            _write_atomically(path, hashlib.sha256(image).digest() + image)
+        library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
+        for symbol in LIBM:
+            library = library.import_symbol(symbol, _libm_address(symbol))
+        for name in names:
+            library = library.export_symbol(name)
+        _LOADED[key] = (jit := llvm.create_lljit_compiler(use_jit_link=False), library.link(jit, f"kernel-{key}"))
+    return {name: _LOADED[key][1][name] for name in names}
+
+
+def _object_code(llvm: Any, text: str, large: bool) -> bytes:
+    machine = _MACHINE[0].create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=0 if large else 2,
+        codemodel="jitdefault",
+        jit=True,
+        reloc="pic",
+    )
+    module = llvm.parse_assembly(text)
+    module.verify()
+    tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
+    tuning.slp_vectorization = False
+    builder = llvm.create_pass_builder(machine, tuning)
+    builder.getModulePassManager().run(module, builder)
+    return machine.emit_object(module)
+
+
+def _cached(path: Path) -> bytes | None:
+    """Object code from the cache, or None where there is none or the file is damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
+
+
+def _write_atomically(path: Path, image: bytes) -> None:
+    """Keep an object file; a cache that cannot be written only costs time."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_room(path.parent)
+        handle, name = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(image)
+        os.replace(name, path)
+    except OSError:
+        pass
+
+
+def _make_room(directory: Path, most: int = 4096) -> None:
+    """Forget the older half of the object files where there are more than `most`: every formula of time leaves one."""
+    files = [entry for entry in os.scandir(directory) if entry.name.endswith(".o")]
+    if len(files) > most:
+        for entry in sorted(files, key=lambda entry: entry.stat().st_mtime)[: len(files) // 2]:
+            os.unlink(entry.path)
+
+
+_LIBRARY: list[Any] = []
+
+
+def _libm_address(symbol: str) -> int:
+    if not _LIBRARY:
+        usual = {"linux": "libm.so.6", "win32": "ucrtbase", "darwin": "libSystem.dylib"}
+        try:
+            _LIBRARY.append(ctypes.CDLL(usual.get(sys.platform, "libm.so")))
+        except OSError:
+            _LIBRARY.append(ctypes.CDLL(ctypes.util.find_library("m")))
+    return ctypes.cast(getattr(_LIBRARY[0], symbol), ctypes.c_void_p).value or 0

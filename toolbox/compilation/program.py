@@ -1,0 +1,179 @@
+"""A closed system compiled for one kind of inputs."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.moreau_jean import Theta
+from toolbox.compilation.rosenbrock import Rosenbrock
+from toolbox.compilation.runge_kutta import Pair
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.inputs import Shape
+from toolbox.modelling.switching import Switching, switching
+
+
+@dataclass
+class Program:
+    """A closed system compiled for one kind of inputs: everything about a run but its numbers.
+
+    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
+    signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
+    `varying` those whose bound
+    is not constant, and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
+    next memory, outputs) of every sampled law in terms of t, x, p and the modes.
+    """
+
+    system: HybridSystem
+    pair: Pair | Rosenbrock | Theta
+    machine: Any
+    p_size: int
+    coefficient_slot: dict[str, int]
+    held_slot: int
+    table_slot: dict[str, int]
+    first_held: int
+    excited: np.ndarray
+    kind: np.ndarray
+    initial: np.ndarray
+    attached: np.ndarray
+    loader: np.ndarray
+    varying: list[int]
+    forced: bool
+    groups: np.ndarray
+    group_count: int
+    outputs: dict[str, Any]
+    updates: list[tuple[ca.SX, ca.SX, ca.SX]]
+    expressions: tuple[ca.SX, ...]
+    form: Switching
+
+
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta) -> Program:
+    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
+    key = ("program", kinds, pair.name)
+    found = system.kernels.get(key)
+    if found is not None:
+        return found
+    from toolbox.compilation.kernel import machine
+    from toolbox.simulation import event_loop as loop
+
+    given = dict(kinds)
+    coefficients: list[ca.SX] = []
+    tables: list[ca.SX] = []
+    coefficient_slot: dict[str, int] = {}
+    table_slot: dict[str, int] = {}
+    base = system.p.numel()
+    inputs: list[ca.SX] = []
+    for name, entry in system.inputs.items():
+        kind = given.get(name)
+        if kind is None:
+            inputs.append(entry.default)
+        elif kind == "table":
+            table_slot[name] = 3 * len(tables)
+            piece = ca.SX.sym(name, 3)
+            tables.append(piece)
+            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
+        elif isinstance(kind, ExpressionKey):
+            inputs.append(kind.expression)
+        else:
+            size = 1 if kind == "number" else kind[1]
+            symbol = ca.SX.sym(name, size)
+            coefficient_slot[name] = base + sum(c.numel() for c in coefficients)
+            coefficients.append(symbol)
+            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
+    u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    first_held = base + sum(c.numel() for c in coefficients)
+    held_size = system.held.numel()
+    p = ca.vertcat(system.p, *coefficients, system.held, *tables)
+
+    def closed(expression: ca.SX) -> ca.SX:
+        return ca.substitute(expression, system.u, u) if inputs else expression
+
+    elements = []
+    for element in system.elements:
+        twin = copy.copy(element)
+        for kind in element.expressions:
+            setattr(twin, kind, closed(getattr(element, kind)))
+        elements.append(twin)
+    flow = closed(system.flow)
+    form = switching(system.t, system.x, flow, elements)
+    x, excited = system.x, list[int]()
+    if not isinstance(pair, Theta):  # its forces are means over a step
+        x, excited, form = _with_hidden_forces(system, elements, form)
+    updates = []
+    for update in system.updates:
+        following, outputs = (
+            ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
+        )
+        updates.append((ca.vertcat(update.memory, update.noise), following, outputs))
+    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
+    units += ["hidden force"] * len(excited)
+    known = sorted(set(units))
+    program = Program(
+        system=system,
+        pair=pair,
+        machine=machine(system.t, x, p, elements, form, pair, updates, flow),
+        excited=np.array(excited, np.int64),
+        kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
+        initial=np.array([e.initial for e in elements], float),
+        attached=np.array(form.attached, np.int64),
+        loader=np.array(form.loader, np.int64),
+        varying=[i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
+        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
+        p_size=p.numel(),
+        coefficient_slot=coefficient_slot,
+        held_slot=first_held,
+        table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
+        first_held=first_held,
+        groups=np.array([known.index(unit) for unit in units], np.int64),
+        group_count=len(known),
+        outputs={},
+        updates=updates,
+        expressions=(p, u, form.force),
+        form=form,
+    )
+    system.kernels[key] = program
+    return program
+
+
+def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
+    """The states and field with one more state for every sticking force or bound that is nonlinear in states or time (see `toolbox.simulation.event_loop`).
+
+    Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
+    """
+    rates, excited = [], []
+    holding = [system.m[i] for i, element in enumerate(elements) if element.holds]
+    along = ca.vertcat(system.x, system.t)
+    for i, element in enumerate(elements):
+        values = (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
+        for value in values if element.holds else ():
+            (stuck,) = ca.substitute([value], holding, [ca.SX(0)] * len(holding))
+            if ca.depends_on(ca.jacobian(stuck, along), along):
+                rates.append(form.sticks[i] * ca.mtimes(ca.jacobian(value, along), ca.vertcat(form.field, 1)))
+                excited.append(i)
+    if not rates:
+        return system.x, [], form
+    hidden = ca.SX.sym("hidden", len(rates))
+    impulse, n = form.impulse, system.x.numel()
+    if impulse is not None:
+        impulse = (*impulse[:2], ca.vertcat(impulse[2][:n], hidden, impulse[2][n:]))
+    longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
+    wider = dataclasses.replace(form, projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
+    return ca.vertcat(system.x, hidden), excited, wider
+
+
+@dataclass(frozen=True, eq=False)
+class ExpressionKey:
+    """A casadi expression of time as part of a program's key: equal where the expressions are."""
+
+    expression: ca.SX
+
+    def __hash__(self) -> int:
+        return hash(str(self.expression))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))

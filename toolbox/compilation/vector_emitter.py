@@ -1,0 +1,305 @@
+"""CasADi expressions on vectors: the same instructions as in `toolbox.compilation.emitter`, on `<W x double>`, one lane for each scenario.
+
+exp, log, sin, cos and tanh are polynomials here, right to two units in the last place, at infinities, NaN and denormal numbers; what has no
+vector version calls libm lane by lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+from toolbox.compilation.emitter import FLAGS, Body, literal
+
+LARGEST_ANGLE = 1e6
+"""Arguments of sin and cos beyond which libm reduces them."""
+
+SELDOM = '!0 = !{!"branch_weights", i32 1, i32 10000}'
+"""What the metadata !0 of a branch says: that it is hardly ever taken, so that nothing is moved out of registers on its account."""
+
+
+class VectorBody(Body):
+    """Text of one LLVM function on vectors of `width` doubles, a power of two; arrays are [item][width]."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.width = width
+        self.type = f"<{width} x double>"
+        self.truths = f"<{width} x i1>"
+        self.integers = f"<{width} x i64>"
+        self.suffix = f"v{width}f64"
+        self.functions: dict[str, str] = {}
+
+    def number(self, value: float) -> str:
+        return f"<{', '.join([f'double {literal(value)}'] * self.width)}>"
+
+    def integer(self, value: int) -> str:
+        """A constant of 64 bits in every lane."""
+        return f"<{', '.join([f'i64 {value}'] * self.width)}>"
+
+    def load(self, pointer: str, index: int) -> str:
+        return self.value(f"load {self.type}, ptr {self._place(pointer, index)}, align {min(8 * self.width, 64)}")
+
+    def store(self, value: str, pointer: str, index: int) -> None:
+        self.lines.append(f"  store {self.type} {value}, ptr {self._place(pointer, index)}, align {min(8 * self.width, 64)}")
+
+    def store_bits(self, truth: str, pointer: str, index: int) -> None:
+        """Write truths as one integer, the first lane in its lowest bit, where an item of a block begins."""
+        bits = self.value(f"bitcast {self.truths} {truth} to i{self.width}")
+        bits = self.value(f"zext i{self.width} {bits} to i64") if self.width < 64 else bits
+        self.lines.append(f"  store i64 {bits}, ptr {self._place(pointer, index)}")
+
+    def _place(self, pointer: str, index: int) -> str:
+        return self.value(f"getelementptr double, ptr {pointer}, i64 {index * self.width}")
+
+    def call(self, name: str, *args: str) -> str:
+        typed = ", ".join(f"{self.type} {a}" for a in args)
+        if name.startswith("llvm."):
+            self.intrinsics.add(f"declare {self.type} @{name}({', '.join([self.type] * len(args))}) nounwind readnone willreturn")
+            return self.value(f"call {FLAGS} {self.type} @{name}({typed})")
+        if name in FUNCTIONS:
+            texts, needs = _function(name, self.width)
+            self.functions |= texts
+            self.intrinsics |= needs
+            return self.value(f"call {self.type} @vector_{name}({typed})")
+        return self.lane_by_lane(name, *args)
+
+    def lane_by_lane(self, name: str, *args: str) -> str:
+        """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""
+        given = [f"%x{i}" for i in range(len(args))]
+        each = VectorBody(self.width)
+        result = "poison"
+        for lane in range(self.width):
+            numbers = [each.value(f"extractelement {self.type} {a}, i64 {lane}") for a in given]
+            result = each.value(f"insertelement {self.type} {result}, double {super(VectorBody, each).call(name, *numbers)}, i64 {lane}")
+        head = f"define internal {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in given)}) noinline nounwind readnone willreturn {{"
+        self.functions[f"each {name}"] = "\n".join([head, "entry:", *each.lines, f"  ret {self.type} {result}", "}"])
+        self.intrinsics |= each.intrinsics
+        return self.value(f"call {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in args)})")
+
+    # --- memory that every lane reads at a place of its own
+    def gather(self, pointer: str, places: str, flag: str) -> str:
+        """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
+        self.intrinsics.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
+        target = self._pointed(pointer, places)
+        last = f"<{self.width} x ptr> {target}, i32 8, {self.truths} {flag}, {self.type} zeroinitializer"
+        return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
+
+    def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
+        """Write to `places` (integers) of an array from the lanes where it is true."""
+        self.intrinsics.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
+        target = self._pointed(pointer, places)
+        given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.truths} {flag}"
+        self.lines.append(f"  call void @llvm.masked.scatter.{self.suffix}.v{self.width}p0({given})")
+
+    def _pointed(self, pointer: str, places: str) -> str:
+        return self.value(f"getelementptr double, ptr {pointer}, {self.integers} {places}")
+
+    def _pointers(self, gathers: bool) -> str:
+        """Name and arguments of the intrinsics on vectors of pointers."""
+        given = [f"<{self.width} x ptr>", "i32", self.truths]
+        given = [*given, self.type] if gathers else [self.type, *given]
+        return f"v{self.width}p0({', '.join(given)})"
+
+    def as_integers(self, a: str) -> str:
+        """Whole numbers as integers."""
+        return self.value(f"fptosi {self.type} {a} to {self.integers}")
+
+    # --- words for what casadi has no instruction for
+    def sub(self, a: str, b: str) -> str:
+        return self.value(f"fsub {FLAGS} {self.type} {a}, {b}")
+
+    def div(self, a: str, b: str) -> str:
+        return self.value(f"fdiv {FLAGS} {self.type} {a}, {b}")
+
+    def fused(self, a: str, b: str, c: str) -> str:
+        """a b + c with one rounding."""
+        return self.intrinsic("fma", a, b, c)
+
+    def both(self, a: str, b: str) -> str:
+        return self.value(f"and {self.truths} {a}, {b}")
+
+    def either(self, a: str, b: str) -> str:
+        return self.value(f"or {self.truths} {a}, {b}")
+
+    def bits(self, a: str) -> str:
+        return self.value(f"bitcast {self.type} {a} to {self.integers}")
+
+    def double(self, a: str) -> str:
+        return self.value(f"bitcast {self.integers} {a} to {self.type}")
+
+    def whole(self, how: str, a: str, b: str | int) -> str:
+        """Integer arithmetic: add, sub, shl, ashr, lshr, and."""
+        return self.value(f"{how} {self.integers} {a}, {b if isinstance(b, str) else self.integer(b)}")
+
+    def rough_log2(self, x: str) -> str:
+        """Binary logarithm of a positive number to one part in a hundred, as `toolbox.simulation.event_loop` takes it for step sizes."""
+        bits = self.bits(x)
+        exponent = self.double(self.whole("add", self.whole("lshr", bits, 52), 0x4338000000000000 - 1023))
+        mantissa = self.whole("or", self.whole("and", bits, 0xFFFFFFFFFFFFF), 0x3FF0000000000000)
+        f = self.sub(self.double(mantissa), self.number(1.0))
+        curve = self.mul(f, self.sub(self.number(1.3465), self.mul(self.number(0.3465), f)))
+        return self.add(self.sub(exponent, self.number(_SHIFT)), curve)
+
+    def rough_exp2(self, x: str) -> str:
+        """Two to the power of x, |x| < 1000, to one part in two hundred."""
+        whole = self.intrinsic("floor", x)
+        f = self.sub(x, whole)
+        power = _power_of_two(self, self.whole("sub", self.bits(self.add(whole, self.number(_SHIFT))), 0x4338000000000000))
+        return self.mul(power, self.add(self.number(1.0), self.mul(f, self.add(self.number(0.6565), self.mul(self.number(0.3435), f)))))
+
+    def polynomial(self, x: str, coefficients: Sequence[float]) -> str:
+        """sum c_i x^i by Estrin's scheme, whose terms do not wait for each other."""
+        terms = [self.number(c) for c in coefficients]
+        power = x
+        while len(terms) > 1:
+            pairs = [self.add(terms[i], self.mul(terms[i + 1], power)) for i in range(0, len(terms) - 1, 2)]
+            terms = pairs + terms[2 * len(pairs) :]
+            power = self.mul(power, power) if len(terms) > 1 else power
+        return terms[0]
+
+    def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
+        """base + scale * sum(factor * value): factors stay constants, which vector instructions read from memory for nothing."""
+        total = ""
+        for factor, value in zip(factors, values, strict=True):
+            if factor:
+                term = self.mul(self.number(factor), value)
+                total = self.add(total, term) if total else term
+        total = self.mul(scale, total) if total else ""
+        return self.add(base, total) if base and total else base or total
+
+
+def function_text(name: str, body: VectorBody, others: Sequence[str] = ()) -> str:
+    """One exported function on a block of lanes and `others` arrays, with the vector functions that it calls in `body.functions`."""
+    pointers = ", ".join(f"ptr %{word}" for word in ("lanes", *others))
+    return "\n".join([f"define void @{name}({pointers}) nounwind alignstack(64) {{", "entry:", *body.lines, "  ret void", "}"])
+
+
+@cache
+def _function(name: str, width: int) -> tuple[dict[str, str], frozenset[str]]:
+    """Texts of a vector function and those it calls, and what they declare."""
+    body = VectorBody(width)
+    value = FUNCTIONS[name](body, "%x")
+    head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind readnone willreturn {'alwaysinline' if name in ('exp', 'log') else ''} {{"
+    text = "\n".join([head, "entry:", *body.lines, f"  ret {body.type} {value}", "}"])
+    return {**body.functions, name: text}, frozenset(body.intrinsics)
+
+
+_SHIFT = 1.5 * 2.0**52  # added to a number below 2^51 it leaves the nearest integer in the low bits
+
+
+def _nearest(body: VectorBody, x: str) -> tuple[str, str]:
+    """The nearest integer of |x| < 2^51 as a double and as bits whose low part is that integer."""
+    shifted = body.add(x, body.number(_SHIFT))
+    return body.sub(shifted, body.number(_SHIFT)), body.bits(shifted)
+
+
+def _power_of_two(body: VectorBody, exponent: str) -> str:
+    """2 to an integer from -1022 to 1023."""
+    return body.double(body.whole("shl", body.whole("add", exponent, 1023), 52))
+
+
+@cache
+def _exp_coefficients() -> tuple[float, ...]:
+    """q in exp r = 1 + r + r^2 q(r), |r| <= log(2) / 2: Chebyshev interpolation in long doubles, relative error below 1e-17."""
+    wide = np.longdouble
+    size, half = 10, np.log(wide(2)) / 2
+    nodes = half * np.cos(np.pi * (2 * np.arange(size, dtype=wide) + 1) / (2 * size))
+    factorial = np.cumprod(np.append(wide(1), np.arange(1, 30, dtype=wide)))
+    values = sum(nodes**k / factorial[k + 2] for k in range(26))
+    divided = values.copy()  # Newton's divided differences, then powers
+    for k in range(1, size):
+        divided[k:] = (divided[k:] - divided[k - 1 : -1]) / (nodes[k:] - nodes[: size - k])
+    powers = np.zeros(size, dtype=wide)
+    for k in reversed(range(size)):
+        powers = np.append(wide(0), powers[:-1]) - nodes[k] * powers
+        powers[0] += divided[k]
+    return tuple(float(c) for c in powers)
+
+
+def _exp(body: VectorBody, x: str) -> str:
+    for how, bound in (("ogt", 800.0), ("olt", -800.0)):  # NaN stays
+        x = body.select(body.compare(how, x, body.number(bound)), body.number(bound), x)
+    n, bits = _nearest(body, body.mul(x, body.number(1.4426950408889634)))
+    r = body.sub(body.sub(x, body.mul(n, body.number(6.93147180369123816490e-01))), body.mul(n, body.number(1.90821492927058770002e-10)))
+    tail = body.polynomial(r, _exp_coefficients())
+    value = body.add(body.number(1.0), body.add(r, body.mul(body.mul(r, r), tail)))
+    exponent = body.whole("ashr", body.whole("shl", bits, 32), 32)
+    half = body.whole("ashr", exponent, 1)
+    scaled = body.mul(value, _power_of_two(body, half))
+    return body.mul(scaled, _power_of_two(body, body.whole("sub", exponent, half)))
+
+
+def _log(body: VectorBody, x: str) -> str:
+    tiny = body.compare("olt", x, body.number(2.0**-1022))
+    scaled = body.select(tiny, body.mul(x, body.number(2.0**54)), x)
+    bits = body.bits(scaled)
+    exponent = body.whole("ashr", body.whole("sub", bits, 0x3FE6A09E667F3BCD), 52)  # the mantissa is then between sqrt(1/2) and sqrt(2)
+    f = body.sub(body.double(body.whole("sub", bits, body.whole("shl", exponent, 52))), body.number(1.0))
+    shifted = body.double(body.whole("add", exponent, 0x4338000000000000))
+    k = body.sub(body.sub(shifted, body.number(_SHIFT)), body.select(tiny, body.number(54.0), body.number(0.0)))
+    s = body.div(f, body.add(body.number(2.0), f))
+    z = body.mul(s, s)
+    series = (6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
+              1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860511658591e-01)  # fmt: skip
+    tail = body.mul(z, body.polynomial(z, series))
+    square = body.mul(body.number(0.5), body.mul(f, f))
+    small = body.add(body.mul(s, body.add(square, tail)), body.mul(k, body.number(1.90821492927058770002e-10)))
+    value = body.sub(body.mul(k, body.number(6.93147180369123816490e-01)), body.sub(body.sub(square, small), f))
+    value = body.select(body.compare("oeq", x, body.number(np.inf)), x, value)
+    value = body.select(body.compare("oeq", x, body.number(0.0)), body.number(-np.inf), value)
+    return body.select(body.compare("olt", x, body.number(0.0)), body.number(np.nan), body.select(body.compare("uno", x, x), x, value))
+
+
+def _tanh(body: VectorBody, x: str) -> str:
+    z = body.mul(x, x)
+    top = body.polynomial(z, (-1.61468768441708447952e3, -9.92877231001918586564e1, -9.64399179425052238628e-1))
+    bottom = body.polynomial(z, (4.84406305325125486048e3, 2.23548839060100448583e3, 1.12811678491632931402e2, 1.0))
+    small = body.add(x, body.mul(body.mul(x, z), body.div(top, bottom)))
+    size = body.intrinsic("fabs", x)
+    large = body.sub(body.number(1.0), body.div(body.number(2.0), body.add(body.call("exp", body.add(size, size)), body.number(1.0))))
+    return body.intrinsic("copysign", body.select(body.compare("ult", size, body.number(0.625)), small, large), x)
+
+
+def _circular(which: str) -> Callable[[VectorBody, str], str]:
+    """sin or cos: reduction by pi/2 in three parts, and the two kernels of fdlibm."""
+
+    def write(body: VectorBody, x: str) -> str:
+        odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
+        any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {odd})")
+        body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+        body.intrinsics.add(SELDOM)
+        body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
+        slow = body.lane_by_lane(which, x)
+        body.lines += [f"  ret {body.type} {slow}", "usual:"]
+        n, bits = _nearest(body, body.mul(x, body.number(2 / np.pi)))
+        back = body.value(f"fneg {body.type} {n}")
+        r = x
+        for part in (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33):
+            r = body.fused(back, body.number(part), r)
+        z = body.mul(r, r)
+        sine = (-1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04, 2.75573137070700676789e-06,
+                -2.50507602534068634195e-08, 1.58969099521155010221e-10)  # fmt: skip
+        cosine = (4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05, -2.75573143513906633035e-07,
+                  2.08757232129817482790e-09, -1.13596475577881948265e-11)  # fmt: skip
+        s = body.add(r, body.mul(body.mul(r, z), body.polynomial(z, sine)))
+        half = body.mul(body.number(0.5), z)
+        w = body.sub(body.number(1.0), half)
+        lost = body.sub(body.sub(body.number(1.0), w), half)
+        c = body.add(w, body.add(lost, body.mul(body.mul(z, z), body.polynomial(z, cosine))))
+        if which == "cos":
+            bits = body.whole("add", bits, 1)
+        swap = body.value(f"trunc {body.integers} {bits} to {body.truths}")
+        turned = body.value(f"trunc {body.integers} {body.whole('lshr', bits, 1)} to {body.truths}")
+        value = body.select(swap, c, s)
+        return body.select(turned, body.value(f"fneg {body.type} {value}"), value)
+
+    return write
+
+
+FUNCTIONS: dict[str, Callable[[VectorBody, str], str]] = {
+    "exp": _exp, "log": _log, "tanh": _tanh, "sin": _circular("sin"), "cos": _circular("cos"),
+}  # fmt: skip
+"""What has a vector version."""

@@ -1,0 +1,1 @@
+"""Control laws as C and as FMU."""

@@ -1,0 +1,311 @@
+"""Control laws for elsewhere: as C for the controller of a real machine, and as state space of python-control for its tools.
+
+Both are read off the equations that the law states once, with its numbers filled in by `design`: what runs on the machine is what was simulated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.files.atomic import replaced
+from toolbox.modelling.components import check_fields
+from toolbox.modelling.elements import State, is_finite_number, time
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Controller, Sampled, designed, names
+from toolbox.modelling.observers import Observer
+from toolbox.steady_states.linear import control_name
+
+
+@dataclass(frozen=True)
+class OpenLaw:
+    """A law by itself, with numbers in place of its parameters: what it reads, its memory, and what it gives.
+
+    reads: {signal: (symbol, unit, stand-in or None)}, those without stand-in first, in the order in which the law asks;  memory: its states;
+    following: their next values (sampled) or rates (continuous);  gives: {signal: (expression, unit)};  period: sample time [s], None where it is continuous.
+    """
+
+    title: str
+    reads: dict[str, tuple[ca.SX, str, float | None]]
+    memory: tuple[State, ...]
+    following: ca.SX
+    gives: dict[str, tuple[ca.SX, str]]
+    drives: tuple[str, ...]
+    period: float | None
+
+    @property
+    def y(self) -> ca.SX:
+        """What is read, as one column."""
+        return ca.vertcat(*[symbol for symbol, _, _ in self.reads.values()]) if self.reads else ca.SX(0, 1)
+
+    @property
+    def z(self) -> ca.SX:
+        """The memory, as one column."""
+        return ca.vertcat(*self.memory) if self.memory else ca.SX(0, 1)
+
+    @property
+    def labels(self) -> list[tuple[str, str]]:
+        """(name, unit) of every entry of the memory."""
+        return [
+            (variable.label if variable.length is None else f"{variable.label}.{i}", variable.unit)
+            for variable in self.memory
+            for i in range(variable.length or 1)
+        ]
+
+
+def opened(controller: Any, plant: HybridSystem | None, period: float | None) -> OpenLaw:
+    """A law designed on a plant (None: it is designed already), by itself. Raises SceneError where it has no equations of that kind."""
+    if period is not None and (not is_finite_number(period) or period <= 0):
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
+    if plant is not None:
+        checked_plant(plant)
+    if not isinstance(controller, Controller):
+        beside = " with its `period` beside it" if isinstance(controller, Sampled) else ""
+        raise SceneError(f"Argument `controller` must be a Controller{beside}, but it is {controller!r}.")
+    law = controller if plant is None else designed(controller, plant)
+    title = type(controller).__name__
+    if not isinstance(law, Controller):
+        raise SceneError(f"Argument `controller` must be a law that casadi expressions hold, but {title} is designed as a Python callable.")
+    check_fields(law)
+    reads: dict[str, tuple[ca.SX, str, float | None]] = {}
+
+    def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+        if name not in reads:
+            reads[name] = (ca.SX.sym(name), unit, None if default is None else float(default))
+        return reads[name][0]
+
+    if period is None:
+        equations = law.continuous(signal)
+        if equations.elements:
+            raise SceneError(f"{title} switches by a set-valued element, `{equations.elements[0].name}`, and has no form without it.")
+        memory, gives = equations.flow, equations.gives
+    else:
+        update = law.sampled(signal, ca.SX(float(period)))
+        memory, gives = update.memory, update.outputs
+    following = ca.densify(ca.vertcat(*[ca.SX(value) for value in memory.values()])) if memory else ca.SX(0, 1)
+    found = {name: (ca.SX(value), unit) for name, (value, unit) in gives.items()}
+    reads = dict(sorted(reads.items(), key=lambda item: item[1][2] is not None))  # what is measured, then set-points
+    if ca.depends_on(ca.vertcat(following, *[value for value, _ in found.values()]), time):
+        raise SceneError(f"{title} depends on time itself, which a law by itself does not know.")
+    return OpenLaw(title, reads, tuple(memory), following, found, names(law.drives) or tuple(found), period)
+
+
+# --------------------------------------------------------------------------------------------------------------------------------- python-control
+def to_control(
+    controller: Any, plant: HybridSystem | None = None, *, period: float | None = None, outputs: str | Sequence[str] | None = None
+) -> Any:
+    """A linear law as `control.StateSpace` from what it reads to what it drives, continuous, or sampled with dt = `period` [s].
+
+        z' = A z + B y,  u = C z + D y     or     z_(k+1) = A z_k + B y_k,  u_k = C z_k + D y_k
+
+    plant: what the law is designed on; leave it out for a law with all its numbers. Inputs are the measured signals, then the set-points, outputs what
+    it drives, under the names that `linearise` gives them. A constant part, such as the torque at a working point, is left out: y and u are
+    deviations from it. outputs: other signals that the law gives; of an observer, without it, all estimates that are linear. Close the loop with
+    `control.feedback(plant, law, sign=1)`: a law gives what it drives, with its sign.
+
+    Raises SceneError for a law that is not linear, has torque limits, or switches, and names what is to blame.
+    """
+    import control
+
+    law = opened(controller, plant, period)
+    known = ca.vertcat(law.z, law.y)
+    wanted = names(outputs) if outputs is not None else law.drives
+    for name in wanted:
+        if name not in law.gives:
+            raise SceneError(
+                f"Argument `outputs` must name signals that {law.title} gives, but `{name}` is none: {suggest(name, law.gives)}"
+            )
+    if outputs is None and isinstance(controller, Observer):
+        wanted = tuple(name for name in wanted if _linear(law.gives[name][0], known))
+    labels = [label for label, _ in law.labels]
+    for label, expression in [*zip(labels, ca.vertsplit(law.following), strict=True), *((name, law.gives[name][0]) for name in wanted)]:
+        if not _linear(expression, known):
+            limited = ", which its torque limits make it: leave them out" if getattr(controller, "limits_known", False) else ""
+            raise SceneError(f"{law.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
+    given = ca.vertcat(*[law.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
+    slopes = [ca.jacobian(each, by) for each in (law.following, given) for by in (law.z, law.y)]
+    A, B, C, D = (np.array(ca.DM(ca.Function("slope", [], [ca.densify(slope)])()["o0"])) for slope in slopes)
+    return control.ss(
+        A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in law.reads],
+        outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=law.title,
+    )  # fmt: skip
+
+
+def _entry(name: str) -> str:
+    """The name that `linearise` gives to the same signal, so that python-control connects the two: chain_speed[0] for chain.speed.0."""
+    return control_name(re.sub(r"\.(\d+)$", r"[\1]", name))
+
+
+def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
+    """Whether an expression is a constant plus a sum of numbers times symbols, by the symbols themselves."""
+    return not ca.depends_on(ca.densify(ca.jacobian(expression, symbols)), symbols)
+
+
+# --------------------------------------------------------------------------------------------------------------------------------------------- C
+def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> tuple[Path, Path]:
+    """Write a sampled law as C99, NAME.c and NAME.h beside it, and return both paths; `path` names either, without suffix or with that of the other.
+
+        void NAME_start(double *memory);
+        int NAME_step(const double *y, double *memory, double *u);     0 for success
+
+    One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the stand-ins that the
+    header lists. The memory belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between
+    samples are the machine's own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a
+    method `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp.
+
+    Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
+    """
+    c, h = c_paths(path)
+    declared_c(controller, plant, period, path)
+    return c, h
+
+
+def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
+    """Write a law as `export_c` does, and return what its header lists."""
+    if not is_finite_number(period) or period <= 0:
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
+    c, h = c_paths(path)
+    made = designed(controller, plant) if isinstance(controller, Controller) and isinstance(plant, HybridSystem) else controller
+    if hasattr(made, "export_c"):
+        return made.export_c(c, h, period)
+    law = opened(controller, plant, period)
+    driven = ca.vertcat(*[law.gives[name][0] for name in law.drives])
+    step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
+    if step.has_free():
+        raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
+    reads = [(name, unit, stand_in) for name, (_, unit, stand_in) in law.reads.items()]
+    return written(
+        c, h, Declared(law.title, c.stem, period, reads, law.labels, [(name, law.gives[name][1]) for name in law.drives]), [step]
+    )
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What the header of a law in C lists: (signal, unit, stand-in or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
+
+    title: str
+    name: str
+    period: float
+    reads: list[tuple[str, str, float | None]]
+    memory: list[tuple[str, str]]
+    drives: list[tuple[str, str]]
+    note: str = ""
+
+
+def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
+    """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
+
+    Without `step` there is one function, (y, memory) -> (u, next memory), and the step is that.
+    """
+    texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
+    for path, text in zip((h, c), texts, strict=True):
+        with replaced(path) as file:
+            file.write(text.encode())
+    return declared
+
+
+def c_paths(path: str | Path) -> tuple[Path, Path]:
+    """The .c and .h file of an export; raises SceneError where the name is no name in C."""
+    path = Path(path)
+    bare = path.with_suffix("") if path.suffix in (".c", ".h") else path
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", bare.name):
+        raise SceneError(f"Argument `path` must end in a name of C, letters, digits and _, but it is `{path}`.")
+    return bare.with_name(bare.name + ".c"), bare.with_name(bare.name + ".h")
+
+
+def _header(law: Declared) -> str:
+    name, upper = law.name, law.name.upper()
+
+    def entries(symbol: str, rows: Sequence[tuple[str, str, str]]) -> list[str]:
+        return [f" *   {symbol}[{i}]  {label} [{unit}]" + (f"  {note}" if note else "") for i, (label, unit, note) in enumerate(rows)] or [
+            " *   none"
+        ]
+
+    lines = [
+        f"/* {law.title}: a control law exported by stickslip-toolbox. SI units, angles in rad.",
+        " *",
+        f" * Call {name}_step once every {law.period!r} s, {name}_start before the first call. Returns 0 for success. Nothing is allocated.",
+        *([f" * {line}" for line in law.note.splitlines()] if law.note else []),
+        " *",
+        " * Reads:",
+        *entries("y", [(n, unit, "" if value is None else f"set-point, {value!r} unless it moves") for n, unit, value in law.reads]),
+        " * Drives, held until the next call:",
+        *entries("u", [(n, unit, "") for n, unit in law.drives]),
+        " * Memory, which starts at 0:",
+        *entries("memory", [(n, unit, "") for n, unit in law.memory]),
+        " */",
+        f"#ifndef {upper}_H",
+        f"#define {upper}_H",
+        "",
+        f"#define {upper}_READS {len(law.reads)}",
+        f"#define {upper}_MEMORY {len(law.memory)}",
+        f"#define {upper}_DRIVES {len(law.drives)}",
+        f"#define {upper}_PERIOD {float(law.period)!r}",
+        "",
+        "#ifdef __cplusplus",
+        'extern "C" {',
+        "#endif",
+        "",
+        f"void {name}_start(double *memory);",
+        f"int {name}_step(const double *y, double *memory, double *u);",
+        "",
+        "#ifdef __cplusplus",
+        "}",
+        "#endif",
+        "",
+        f"#endif /* {upper}_H */",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
+    """The functions as casadi writes them, and the two that are called; whatever is global begins with the name."""
+    name = law.name
+    generator = ca.CodeGenerator(name, {"casadi_int": "int", "casadi_real": "double", "main": False, "mex": False, "with_header": False})
+    for function in functions:
+        generator.add(function)
+    body = generator.dump()
+    if len(functions) == 1:
+        entry = body.index(f"int {functions[0].name()}(")
+        rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
+        body = body[: rest if rest > 0 else None].rstrip()
+    for array in re.findall(r"static const casadi_int (casadi_s\d+)\[", body):  # sparsities that only casadi's own description reads: warnings to a compiler
+        if len(re.findall(rf"\b{array}\b", body)) == 2:
+            body = re.sub(rf"^(#define {array} |static const casadi_int {array}\[).*\n", "", body, flags=re.MULTILINE)
+    begin = [
+        f"void {name}_start(double *memory) {{",
+        *([f"  int i;\n  for (i = 0; i < {len(law.memory)}; ++i) memory[i] = 0.0;"] if law.memory else ["  (void)memory;"]),
+        "}",
+    ]
+    return f'#include "{name}.h"\n\n{body}\n\n' + "\n".join(begin) + f"\n\n{step}"
+
+
+def _step(law: Declared, function: ca.Function) -> str:
+    many = len(law.memory)
+    return "\n".join(
+        [
+            f"int {law.name}_step(const double *y, double *memory, double *u) {{",
+            f"  double next[{max(many, 1)}], w[{max(function.sz_w(), 1)}];",
+            f"  int iw[{max(function.sz_iw(), 1)}], i, failed;",
+            f"  const double *arg[{max(function.sz_arg(), 2)}];",
+            f"  double *res[{max(function.sz_res(), 2)}];",
+            "  arg[0] = y;",
+            "  arg[1] = memory;",
+            "  res[0] = u;",
+            "  res[1] = next;",
+            f"  failed = {function.name()}(arg, res, iw, w, 0);",
+            "  if (failed) return failed;",
+            f"  for (i = 0; i < {many}; ++i) memory[i] = next[i];",
+            "  return 0;",
+            "}",
+            "",
+        ]
+    )

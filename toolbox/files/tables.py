@@ -1,0 +1,183 @@
+"""Tables of numbers with units, from CSV or TOML, read at the border: every mistake is an error that names file, row and column.
+
+A CSV file has one line of headings, each with its unit in brackets (`length [m]`, `OD [in]`; none for text and plain numbers), and one line per row,
+parted by commas, semicolons or tabulators. Blank lines at the end and lines that begin with # are left out. A TOML file holds one array of
+tables; its keys are the same headings with plain numbers, or bare names whose values are text with a unit, or numbers in SI.
+A heading that begins with # marks a column that is not read.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toolbox.errors import SceneError, suggest
+
+_HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that a table may have: its name, its SI unit (None where it holds text) and other names it goes by."""
+
+    name: str
+    unit: str | None
+    also: tuple[str, ...] = ()
+    required: bool = True
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of a table, {column: number in SI or text}, with what is needed to say where a mistake is."""
+
+    path: Path
+    rows: tuple[Mapping[str, Any], ...]
+    places: tuple[str, ...]
+    headings: Mapping[str, str]
+
+    def __iter__(self) -> Iterator[Mapping[str, Any]]:
+        return iter(self.rows)
+
+    def error(self, row: int, column: str, words: str) -> SceneError:
+        """The error for a cell, row counted from 0; words: what the cell must be."""
+        return _fault(self.path, self.places[row], self.headings.get(column, column), words)
+
+
+def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -> Table:
+    """The table in a CSV or TOML file, its numbers in the SI units of the columns; at least one row. others: leave unknown columns out.
+
+    Raises SceneError where the file cannot be read, is empty, lacks a required column, has one that is not known or twice, and for a unit that is missing
+    or does not fit, a cell that is empty or no finite number, and a row of another length than the headings.
+    """
+    path = Path(path)
+    text = _text(path)
+    named = {name.casefold(): column for column in columns for name in (column.name, *column.also)}
+    rows = _toml(path, text) if path.suffix.lower() == ".toml" else _csv(path, text)
+    if not rows:
+        raise SceneError(f"Table `{path}` must have at least one row, but it is empty.")
+    found: list[dict[str, Any]] = []
+    headings: dict[str, str] = {}
+    for place, cells in rows:
+        values: dict[str, Any] = {}
+        for heading, cell in cells.items():
+            if heading.lstrip().startswith("#"):
+                continue
+            match = _HEADING.fullmatch(heading)
+            column = named.get(" ".join(match[1].split()).casefold()) if match else None
+            if column is None and others:
+                continue
+            if column is None or match is None:
+                known = [c.name for c in columns]
+                raise SceneError(f"Table `{path}` has the unknown column `{heading}`: {suggest(match[1] if match else heading, known)}")
+            if column.name in values:
+                raise SceneError(
+                    f"Table `{path}` must have the column `{column.name}` once, but `{heading}` is there beside `{headings[column.name]}`."
+                )
+            headings[column.name] = heading
+            values[column.name] = _value(path, place, heading, match[2], column, cell)
+        for column in columns:
+            if column.required and column.name not in values:
+                unit = f" [{column.unit}]" if column.unit not in (None, "1") else ""
+                where = f"Table `{path}`" if path.suffix.lower() != ".toml" else f"Table `{path}`, {place},"
+                there = ", ".join(f"`{heading}`" for heading in cells)
+                raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
+        found.append(values)
+    return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
+
+
+def _fault(path: Path, place: str, heading: str, words: str) -> SceneError:
+    return SceneError(f"Table `{path}`, {place}, column `{heading}`: {words}")
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        beside = [other.name for other in path.parent.iterdir() if other.suffix in (".csv", ".toml")] if path.parent.is_dir() else []
+        raise SceneError(f"There is no table `{path}`" + (f": {suggest(path.name, beside)}" if beside else ".")) from None
+    except OSError as error:
+        raise SceneError(f"Table `{path}` cannot be read: {error.strerror}.") from None
+    except ValueError:
+        raise SceneError(f"Table `{path}` must be text in UTF-8, but it is not.") from None
+
+
+def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
+    """(place, {heading: cell}) of every row."""
+    import csv  # here, like the other readers, because whoever imports models reads no table
+
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if not line.lstrip().startswith("#")]
+    while lines and not lines[-1][1].strip(" \t,;"):
+        lines.pop()
+    if not lines:
+        return []
+    head = lines[0][1]
+    mark = max(",;\t", key=head.count)
+    headings = [cell.strip() for cell in next(csv.reader([head], delimiter=mark))]
+    for heading in headings:
+        if headings.count(heading) > 1:
+            raise SceneError(f"Table `{path}` must have every column once, but `{heading}` is there {headings.count(heading)} times.")
+    rows = []
+    for row, (number, line) in enumerate(lines[1:], 1):
+        place = f"row {row} (line {number})"
+        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=mark), [])]
+        if not any(cells):
+            raise SceneError(f"Table `{path}`, {place}: the row must not be blank, because rows follow it.")
+        if len(cells) != len(headings):
+            raise SceneError(
+                f"Table `{path}`, {place}: the row must have {len(headings)} cells, one for each heading, but it has {len(cells)}."
+            )
+        rows.append((place, dict(zip(headings, cells, strict=True))))
+    return rows
+
+
+def _toml(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:
+    import tomllib
+
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"Table `{path}` must be TOML, but: {error}.") from None
+    if not data:
+        return []
+    key, entries = next(iter(data.items()))
+    if len(data) > 1 or not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise SceneError(
+            f"Table `{path}` must be one array of tables such as [[{key}]], but its keys are {', '.join(f'`{k}`' for k in data)}."
+        )
+    return [(f"row {row}", entry) for row, entry in enumerate(entries, 1)]
+
+
+def _value(path: Path, place: str, heading: str, unit: str | None, column: Column, cell: Any) -> Any:
+    from toolbox.files.units import parse
+
+    if cell == "" or cell is None:
+        raise _fault(path, place, heading, "the cell must not be empty.")
+    if column.unit is None:
+        if unit is not None or not isinstance(cell, str):
+            raise _fault(path, place, heading, f"it must hold text without a unit, but it is {cell!r}.")
+        return cell
+    bare = unit is None and path.suffix.lower() == ".toml"  # as in scene files: SI, or text with its unit
+    if unit is None and column.unit != "1" and not bare:
+        raise SceneError(f"Table `{path}`: the column `{heading}` must name its unit, such as `{heading} [{column.unit}]`.")
+    if not bare:
+        try:
+            number = float(cell) if not isinstance(cell, bool) else math.nan
+        except (TypeError, ValueError):
+            raise _fault(path, place, heading, f"it must be a number, but it is `{cell}`.") from None
+        if not math.isfinite(number):
+            raise _fault(path, place, heading, f"it must be a finite number, but it is `{cell}`.")
+        if unit in (None, column.unit):
+            return number
+        try:
+            parse(f"1 {unit}", column.unit, heading)
+        except SceneError as error:
+            raise SceneError(f"Table `{path}`: {error}") from None
+        cell = f"{cell} {unit}"
+    try:
+        return parse(cell, column.unit, heading)
+    except SceneError as error:
+        raise SceneError(f"Table `{path}`, {place}: {error}") from None

@@ -1,0 +1,147 @@
+"""Signals measured as lanes step: extrema and integrals in windows, on the dense output of every step.
+
+A signal is read at both ends of a step and at five Gauss points, which integrate a polynomial of degree nine exactly. Where a rule on six of these places,
+exact to degree five, is far from it, the step may be too long for what the signal does in it: its lane is marked as doubtful.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.emitter import inline
+from toolbox.compilation.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
+from toolbox.lanes.vectors import Rows, Truth, Value, largest, when_any
+
+POINTS, WEIGHTS = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
+PLACES = (0.0, *POINTS.tolist(), 1.0)
+"""Fractions of a step at which signals are measured: Gauss points and both ends."""
+
+_FEWER = np.delete(PLACES, 3)
+_COARSE = np.insert(np.linalg.solve(np.vander(_FEWER, increasing=True).T, 1.0 / np.arange(1, 7)), 3, 0.0)
+_DOUBT = 0.02
+"""Difference of the two rules, in parts of the range of the signal over the step, beyond which its extrema may be others than those found."""
+
+
+def measure_step(
+    observe: ca.Function, path: Path, moves: Truth, windows: list[tuple[Value, Value]], rows: dict[str, int], rtol: Value
+) -> None:
+    """Write what adds a step to the extrema and integrals in the rows `measured` (signal by signal, window by window) of the lanes that move.
+
+    A step belongs to the windows (after, until) in which it begins: the loop ends steps on their edges.
+    """
+    body = path.t.body
+    inside = [moves & (path.t >= after) & (path.t < until) for after, until in windows]
+    somewhere = inside[0]
+    for each in inside[1:]:
+        somewhere |= each
+
+    def write() -> None:
+        path.begin()
+        doubtful = path.h < -1.0
+        for q in range(observe.numel_out(0)):
+            low, high, integral, doubt = _measured(path.signal(observe, q), path.h, rtol)
+            doubtful |= doubt
+            for w, within in enumerate(inside):
+                place = rows["measured"] + 3 * (q * len(windows) + w)
+                lowest, highest, so_far = (Value(body, body.load("%lanes", place + i)) for i in range(3))
+                merged = ((within & (low < lowest)).choose(low, lowest), (within & (high > highest)).choose(high, highest),
+                          so_far + within.choose(integral, 0.0))  # fmt: skip
+                for i, value in enumerate(merged):
+                    body.store(value.name, "%lanes", place + i)
+        before = Value(body, body.load("%lanes", rows["doubt"]))
+        body.store((somewhere & doubtful).choose(1.0, before).name, "%lanes", rows["doubt"])
+
+    when_any(somewhere, write)
+
+
+class Path:
+    """The dense output of a step of DOP853, of order 7."""
+
+    def __init__(
+        self,
+        pair: Pair,
+        rhs: ca.Function,
+        t: Value,
+        h: Value,
+        was: Rows,
+        slopes: list[list[str]],
+        x: list[Value],
+        k: list[Value],
+    ) -> None:
+        assert pair is DOP853
+        self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, was["x"], was["k"]
+        self.others = [[value.name for value in was[name]] for name in ("p", "m")]
+        self.slopes, self.x, self.k = slopes, x, k
+        self.terms: list[list[Value]] = []
+
+    def begin(self) -> None:
+        """Write the coefficients."""
+        body, t, h, x, k = self.t.body, self.t, self.h, self.x, self.k
+        stages_so_far = [*self.slopes, [value.name for value in k]]
+        names = [value.name for value in self.start]
+        for c, row in zip(DOP853_MORE_C, DOP853_MORE_A, strict=True):
+            stage = [body.combination(names[i], h.name, row, [k[i] for k in stages_so_far]) for i in range(len(x))]
+            stages_so_far += inline(body, self.rhs, [[(t + c * h).name], stage, *self.others])
+        for i in range(len(x)):
+            rise, first = x[i] - self.start[i], h * self.slope[i]
+            last = [Value(body, body.combination("", h.name, row, [k[i] for k in stages_so_far])) for row in DOP853_DENSE]
+            self.terms.append([rise, first - rise, 2.0 * rise - first - h * k[i], *last])
+
+    def signal(self, observe: ca.Function, which: int) -> Callable[[Any], Value]:
+        """One signal as a function of the fraction of the step."""
+
+        def at(fraction: Any) -> Value:
+            rest = 1.0 - fraction
+            x = []
+            for start, terms in zip(self.start, self.terms, strict=True):
+                value = terms[-1] * fraction
+                for i, term in enumerate(reversed(terms[:-1])):
+                    value = (value + term) * (rest if i % 2 == 0 else fraction)
+                x.append((value + start).name)
+            return Value(self.t.body, inline(self.t.body, observe, [[(self.t + self.h * fraction).name], x, *self.others])[0][which])
+
+        return at
+
+
+def _measured(signal: Callable[[Any], Value], h: Value, rtol: Value) -> tuple[Value, Value, Value, Truth]:
+    """Minimum, maximum and integral of a signal over a step, the extrema refined by parabolas, and where they are doubtful."""
+    values = [signal(place) for place in PLACES]
+    integral, coarse = (
+        sum((value * (h * float(weight)) for value, weight in zip(values, weights, strict=True) if weight), h * 0.0)
+        for weights in ((0.0, *WEIGHTS, 0.0), _COARSE)
+    )
+    found = []
+    for sign in (-1.0, 1.0):
+        best = (sign * values[-1] > sign * values[0]).choose(values[-1], values[0])
+        zero = h * 0.0
+        triple = [(zero + PLACES[i], values[i]) for i in range(3)]
+        for i in range(2, len(PLACES) - 1):
+            higher = sign * values[i] > sign * triple[1][1]
+            triple = [(higher.choose(PLACES[i + k], triple[1 + k][0]), higher.choose(values[i + k], triple[1 + k][1])) for k in (-1, 0, 1)]
+        for _ in range(3):
+            (a, fa), (b, fb), (c, fc) = triple
+            left, right = (b - a) * (fb - fc), (b - c) * (fb - fa)
+            vertex = b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right)
+            vertex = ((vertex > a) & (vertex < c)).choose(vertex, b)
+            value = signal(vertex)
+            later, better = vertex > b, sign * value >= sign * fb
+            triple = [
+                (
+                    later.choose(better.choose(b, a), better.choose(a, vertex)),
+                    later.choose(better.choose(fb, fa), better.choose(fa, value)),
+                ),
+                (better.choose(vertex, b), better.choose(value, fb)),
+                (
+                    later.choose(better.choose(c, vertex), better.choose(b, c)),
+                    later.choose(better.choose(fc, value), better.choose(fb, fc)),
+                ),
+            ]
+        found.append((sign * triple[1][1] > sign * best).choose(triple[1][1], best))
+    low, high = found
+    size = largest(abs(low), abs(high))
+    doubt = (abs(integral - coarse) > _DOUBT * abs(h) * (high - low)) & (high - low > 10.0 * rtol * size)
+    return low, high, integral, doubt

@@ -1,0 +1,178 @@
+"""Many runs of one closed system at once: one scenario in each lane of a vector of doubles.
+
+Every lane has its own time, step size, error, modes, parameters and events, found and stepped to exactly as in `toolbox.simulation.event_loop`; a
+lane whose scenario has ended takes the next one. What a scenario comes to does not depend on its neighbours, to the last bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolbox.compilation.program import program_of
+from toolbox.compilation.runge_kutta import DOP853
+from toolbox.errors import SceneError
+from toolbox.measuring.measures import Layout, Measure, Readings
+from toolbox.simulation.simulate import Run, compiled_loop, pair_of
+from toolbox.simulation.work_arrays import work_arrays
+
+CHUNK = 512
+"""Scenarios that a thread takes at once."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What n scenarios came to.
+
+    states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
+    `toolbox.simulation.event_loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode,
+    of events merged, and
+    of steps that the scalar loop took, shape (n,);  values: of the measures, shape (n, measures);  doubtful: where a step was too long for what a
+    measured signal does in it, shape (n,);  negative: where a bound of friction that varies in time was negative, shape (n,), looked at where anything is
+    measured;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1 behind the last.
+    """
+
+    states: np.ndarray
+    modes: np.ndarray
+    statuses: np.ndarray
+    steps: np.ndarray
+    refused: np.ndarray
+    switches: np.ndarray
+    merged: np.ndarray
+    alone: np.ndarray
+    values: np.ndarray
+    doubtful: np.ndarray
+    negative: np.ndarray
+    event_times: np.ndarray
+    event_elements: np.ndarray
+    event_modes: np.ndarray
+
+
+class Lanes:
+    """A checked run (`toolbox.simulation.simulate.checked_run`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
+
+    measures: of `toolbox.measuring.measures`, as accurate as the run;  width: number of lanes, a power of two. The method is explicit, whatever the run says.
+    Raises SceneError for laws in Python and for measures of what is not there.
+    """
+
+    def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
+        from toolbox.compilation.notices import announced
+        from toolbox.lanes import loop as lanes_loop
+        from toolbox.lanes.kernel import block
+        from toolbox.lanes.samples import noise_table
+        from toolbox.simulation import event_loop as loop
+
+        system = run.system
+        if run.laws:
+            raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
+        for measure in measures:
+            measure.check(system, run.duration)
+        self.loops, self.loop, self.states, self.values = lanes_loop, loop, system.x.numel(), system.values.size
+        explicit = dataclasses.replace(run, method="explicit", output_times=None)
+        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else pair_of(explicit))
+        self.layout = Layout(self.program, measures, run.duration)
+        compiled_loop(explicit, self.program)
+        self.work = work_arrays(loop, explicit, self.program)
+        width = width or host_width(self.program.machine.states)
+        late = tuple(delay > 0.0 for _, delay in run.clocks)
+        self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
+        self.noise = noise_table(loop, self.work, run.duration)
+        self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
+        self.rows = np.array([self.block.rows[name] for name in lanes_loop.ITEMS], np.int64)
+        self.scalar = lanes_loop.scalar_address(self.work)
+        if not lanes_loop.run.signatures:  # the first use in this process
+            announced("loop of lanes", lanes_loop.run)
+            self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))
+
+    def run(
+        self,
+        parameters: np.ndarray,
+        starts: np.ndarray,
+        memories: np.ndarray | None = None,
+        held: np.ndarray | None = None,
+        *,
+        most_events: int = 0,
+        threads: int = 1,
+    ) -> Batch:
+        """Run n scenarios.
+
+        parameters: values of the closed system, and behind them coefficients of inputs where they vary, in the layout of `Program`, one row per scenario;
+        starts: states, shape (n, states);  memories, held: of the sampled laws and the signals they hold at the start, as in
+        `toolbox.sweeps.batch.Task`, None for
+        those of the run;  most_events: switches per scenario to be kept;  threads: how many work at once, without the interpreter's
+        lock. Values are not checked against their bounds. Raises SceneError for arrays of another shape.
+        """
+        from toolbox.lanes.samples import clock_numbers
+
+        n, ne = len(parameters), self.program.machine.elements
+        parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
+        columns = parameters.shape[-1] if parameters.shape[-1] == self.program.first_held else self.values
+        memories, held = (
+            np.tile(own, (n, 1)) if given is None else np.ascontiguousarray(given, float)
+            for given, own in ((memories, self.work.memory), (held, self.held))
+        )
+        for name, array, wanted in (
+            ("parameters", parameters, columns),
+            ("starts", starts, self.states),
+            ("memories", memories, self.work.memory.size),
+            ("held", held, self.held.size),
+        ):
+            if array.shape != (n, wanted):
+                raise SceneError(f"Argument `{name}` must have shape ({n}, {wanted}), but it has {array.shape}.")
+        found = Readings.of(self.layout, (n,))
+        states, modes, statuses = np.full((n, self.states), np.nan), np.zeros((n, ne), np.int8), np.zeros(n, np.int64)
+        events = np.full((n, most_events), np.nan), np.full((n, most_events), -1, np.int32), np.zeros((n, most_events), np.int8)
+        counts, doubtful = np.zeros((n, 5), np.int64), np.zeros(n, np.bool_)
+
+        def chunk(first: int, last: int) -> None:
+            made = self.block
+            raw = np.zeros(made.size * made.width + 8)
+            shift = (-raw.ctypes.data % 64) // 8
+            lanes = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
+            own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
+            own_work.ints[self.loop.NODES] = 0
+            waiting, due = (lanes[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
+            queue = np.zeros((own_work.queue.size, made.width))
+            clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)
+            self.loops.run(
+                made.address, made.settle, made.observe, made.sample, self.scalar, lanes, waiting, due, clocks, self.noise, queue, self.rows, own_work,
+                parameters, starts, memories, held, first, last, self.layout.windows, self.layout.asked, states, modes, statuses, counts,
+                found.lowest, found.highest, found.integral, found.ends, doubtful, found.spent, found.number, found.latest,
+                found.switches, *events,
+            )  # fmt: skip
+
+        if threads == 1:
+            chunk(0, n)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(lambda first: chunk(first, min(first + CHUNK, n)), range(0, n, CHUNK)))
+        steps, refused, switches, merged, alone = counts.T.copy()
+        return Batch(
+            states, modes, statuses, steps, refused, switches, merged, alone, self.layout.values(found), doubtful,
+            np.asarray(self.layout.negative(found).any(axis=-1)), *events,
+        )  # fmt: skip
+
+
+def run_lanes(
+    run: Run,
+    parameters: np.ndarray,
+    starts: np.ndarray,
+    *,
+    measures: Sequence[Measure] = (),
+    most_events: int = 0,
+    threads: int = 1,
+    width: int | None = None,
+) -> Batch:
+    """Run n scenarios of a checked run in lanes: see `Lanes` and `Lanes.run`."""
+    return Lanes(run, measures, width).run(parameters, starts, most_events=most_events, threads=threads)
+
+
+def host_width(states: int) -> int:
+    """Lanes that suit this processor and a system of so many states: two vector registers, or one where many states fill them all."""
+    import llvmlite.binding as llvm
+
+    return (16 if states < 10 else 8) if llvm.get_host_cpu_features().get("avx512f") else (8 if states < 10 else 4)

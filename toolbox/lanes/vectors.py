@@ -1,0 +1,171 @@
+"""Vectors of doubles and of truth values under construction, with the operators of arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, overload
+
+from toolbox.compilation.vector_emitter import VectorBody
+
+
+class Value:
+    """A vector of doubles under construction, with the operators of arithmetic."""
+
+    def __init__(self, body: VectorBody, name: str) -> None:
+        self.body, self.name = body, name
+
+    def _of(self, other: Any) -> str:
+        return other.name if isinstance(other, Value) else self.body.number(other)
+
+    def __add__(self, other: Any) -> Value:
+        return Value(self.body, self.body.add(self.name, self._of(other)))
+
+    def __sub__(self, other: Any) -> Value:
+        return Value(self.body, self.body.sub(self.name, self._of(other)))
+
+    def __rsub__(self, other: Any) -> Value:
+        return Value(self.body, self.body.sub(self._of(other), self.name))
+
+    def __mul__(self, other: Any) -> Value:
+        return Value(self.body, self.body.mul(self.name, self._of(other)))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, other: Any) -> Value:
+        return Value(self.body, self.body.div(self.name, self._of(other)))
+
+    def __rtruediv__(self, other: Any) -> Value:
+        return Value(self.body, self.body.div(self._of(other), self.name))
+
+    def __neg__(self) -> Value:
+        return Value(self.body, self.body.value(f"fneg {self.body.type} {self.name}"))
+
+    def __abs__(self) -> Value:
+        return Value(self.body, self.body.intrinsic("fabs", self.name))
+
+    def _compare(self, how: str, other: Any) -> Truth:
+        return Truth(self.body, self.body.compare(how, self.name, self._of(other)))
+
+    def __lt__(self, other: Any) -> Truth:
+        return self._compare("olt", other)
+
+    def __le__(self, other: Any) -> Truth:
+        return self._compare("ole", other)
+
+    def __gt__(self, other: Any) -> Truth:
+        return self._compare("ogt", other)
+
+    def __ge__(self, other: Any) -> Truth:
+        return self._compare("oge", other)
+
+    def differs(self, other: Any) -> Truth:
+        return self._compare("une", other)
+
+
+class Row:
+    """Rows of a block that belong together, one vector each, loaded where they are asked for."""
+
+    def __init__(self, body: VectorBody, pointer: str, first: int, length: int) -> None:
+        self.body, self.pointer, self.places = body, pointer, range(first, first + length)
+
+    def _load(self, place: int) -> Value:
+        return Value(self.body, self.body.load(self.pointer, place))
+
+    @overload
+    def __getitem__(self, i: int) -> Value: ...
+    @overload
+    def __getitem__(self, i: slice) -> list[Value]: ...
+    def __getitem__(self, i: int | slice) -> Value | list[Value]:
+        return [self._load(place) for place in self.places[i]] if isinstance(i, slice) else self._load(self.places[i])
+
+    def __iter__(self) -> Iterator[Value]:
+        return map(self._load, self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+MANY_ROWS = 250
+"""Rows of a block above which most of what is loaded early would wait on the stack."""
+
+
+class Rows:
+    """All rows of a block by name: a vector for a number of the lane, a `Row` for several (`lengths`).
+
+    What is loaded is kept until its last use, on the stack where there is too much of it; from other `Rows` of a large block it is loaded anew.
+    """
+
+    def __init__(self, body: VectorBody, first: dict[str, int], lengths: dict[str, int | None]) -> None:
+        self.body, self.first, self.lengths = body, first, lengths
+        self.pointer = (
+            body.value('call ptr asm "", "=r,0"(ptr %lanes)') if sum(length or 1 for length in lengths.values()) > MANY_ROWS else "%lanes"
+        )
+
+    def __getitem__(self, name: str) -> Any:
+        length = self.lengths[name]
+        row = Row(self.body, self.pointer, self.first[name], 1 if length is None else length)
+        return row[0] if length is None else row
+
+
+class Truth:
+    """A vector of truth values under construction."""
+
+    def __init__(self, body: VectorBody, name: str) -> None:
+        self.body, self.name = body, name
+
+    def __and__(self, other: Truth) -> Truth:
+        return Truth(self.body, self.body.both(self.name, other.name))
+
+    def __or__(self, other: Truth) -> Truth:
+        return Truth(self.body, self.body.either(self.name, other.name))
+
+    def __invert__(self) -> Truth:
+        ones = f"<{', '.join(['i1 true'] * self.body.width)}>"
+        return Truth(self.body, self.body.value(f"xor {self.body.truths} {self.name}, {ones}"))
+
+    def choose(self, yes: Any, no: Any) -> Value:
+        """`yes` in the lanes where it is true, `no` elsewhere."""
+        names = [v.name if isinstance(v, Value) else self.body.number(v) for v in (yes, no)]
+        return Value(self.body, self.body.select(self.name, *names))
+
+
+def largest(a: Value, b: Any) -> Value:
+    """The larger of two vectors; `b` where one is NaN."""
+    return (a > b).choose(a, b)
+
+
+def smallest(a: Value, b: Any) -> Value:
+    """The smaller of two vectors; `b` where one is NaN."""
+    return (a < b).choose(a, b)
+
+
+def where_any(condition: Truth, compute: Callable[[], tuple[Truth, ...]]) -> tuple[Truth, ...]:
+    """`compute()` where the condition holds in any lane, else false, which it must be where the condition is false."""
+    body = condition.body
+    found: list[Truth] = []
+    here, there = when_any(condition, lambda: found.extend(compute()))
+    return tuple(Truth(body, body.value(f"phi {body.truths} [ {truth.name}, %{there} ], [ zeroinitializer, %{here} ]")) for truth in found)
+
+
+def changed_where(condition: Truth, compute: Callable[[], Value], usual: Value) -> Value:
+    """`compute()` where the condition holds in any lane, else `usual`, which it must be in the lanes where the condition is false."""
+    body = condition.body
+    found = Value(body, "")
+
+    def inner() -> None:
+        found.name = condition.choose(compute(), usual).name
+
+    here, there = when_any(condition, inner)
+    return Value(body, body.value(f"phi {body.type} [ {found.name}, %{there} ], [ {usual.name}, %{here} ]"))
+
+
+def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
+    """Write instructions that are skipped where the condition holds in no lane; returns the labels of the last blocks before them and of them."""
+    body = condition.body
+    here, there, last, label = (f"{letter}{body.count}" for letter in "bced")
+    body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+    anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
+    body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
+    write()
+    body.lines += [f"  br label %{last}", f"{last}:", f"  br label %{label}", f"{label}:"]
+    return here, last

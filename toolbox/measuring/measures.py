@@ -1,0 +1,401 @@
+"""Numbers read off thousands of runs as they go: extrema, means, severity, stick time and events, without a trajectory in Python.
+
+    s, s' = s_t + s_x f, s'' = s'_t + s'_x f      of every signal, compiled, at the nodes of a run
+
+Between two nodes a signal is the quintic with these values at both ends. Where it differs from the cubic with the values and slopes alone by more than ten
+times the accuracy of the run, the step is divided, by stepping from its left node to the middle as `run.at` does; the quintic is then better than the
+accuracy by orders. Means are integrals of these quintics, extrema their peaks, stays in a mode are cut at located events. Nodes are read as the
+event loop fills its buffer, so that a long run needs no more memory than a short one.
+
+Why not the nodes alone: see `toolbox.measure`, with which these numbers agree to the accuracy of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.emitter import compiled, function_text
+from toolbox.compilation.kernel import plain_body
+from toolbox.compilation.notices import announced
+from toolbox.compilation.program import Program
+from toolbox.errors import SceneError, suggest
+from toolbox.measuring.measure import SEVERITIES, Extent, severity_of
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.simulation.trajectory import Samples, Stepped, Trajectory
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- what is measured
+@dataclass(frozen=True)
+class Measure:
+    """One number per run, made by the functions of this module: `kind` of a signal or an element `of`, between `after` and `until` [s] (the end).
+
+    mode: whose stays count, for an element;  definition, reference: of a severity, as in `measure.severity`.
+    """
+
+    kind: str
+    of: str
+    after: float = 0.0
+    until: float | None = None
+    mode: str = "stick"
+    definition: str = "half-range"
+    reference: float | None = None
+
+    def unit(self, system: HybridSystem) -> str:
+        """Unit of the number."""
+        if self.kind in ("severity", "ratio", "stays", "events"):
+            return "1"
+        return "s" if self.kind in ("time", "last") else system.unit(self.of)
+
+    def check(self, system: HybridSystem, duration: float) -> None:
+        """Raise SceneError unless the signal or element exists, the window lies in the run, and the definition is known."""
+        if not is_finite_number(self.after) or not 0 <= self.after < duration:
+            raise SceneError(f"Argument `after` must be >= 0 s and before the end at {duration:g} s, but it is {self.after!r}.")
+        if self.until is not None and not (is_finite_number(self.until) and self.after < self.until <= duration):
+            raise SceneError(f"Argument `until` must be after {self.after:g} s and at most {duration:g} s, but it is {self.until!r}.")
+        if self.kind in _OF_SIGNALS:
+            system.signal_unit(self.of)
+            if (system.rows(self.of) is None and system.expression(self.of).numel() != 1) or (system.rows(self.of) or (0, None))[
+                1
+            ] is not None:
+                raise SceneError(f"Argument `signal` must be a scalar, but `{self.of}` has several entries: name one, e.g. `{self.of}.0`.")
+            if self.definition not in SEVERITIES:
+                raise SceneError(f"There is no definition of severity `{self.definition}`: {suggest(self.definition, SEVERITIES)}")
+            if (self.definition == "reference") != (is_finite_number(self.reference) and self.reference != 0):
+                raise SceneError(
+                    f'Argument `reference` must be a set-point other than 0 with definition "reference" alone, but it is {self.reference!r}.'
+                )
+            return
+        elements = {element.name: element for element in system.elements}
+        if self.of not in elements:
+            raise SceneError(f"There is no element `{self.of}`: {suggest(self.of, elements)}")
+        if self.kind != "events" and self.mode not in elements[self.of].legend.values():
+            raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, elements[self.of].legend.values())}")
+
+
+_OF_SIGNALS = ("minimum", "maximum", "mean", "severity", "final")
+
+
+def minimum(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Smallest value of a scalar signal in the window, in its unit."""
+    return Measure("minimum", signal, after, until)
+
+
+def maximum(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Largest value of a scalar signal in the window, in its unit."""
+    return Measure("maximum", signal, after, until)
+
+
+def mean(signal: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Mean over time of a scalar signal in the window, in its unit."""
+    return Measure("mean", signal, after, until)
+
+
+def severity(
+    signal: str = "bit.speed",
+    after: float = 0.0,
+    definition: str = "half-range",
+    *,
+    until: float | None = None,
+    reference: float | None = None,
+) -> Measure:
+    """Severity of stick-slip [1] as `measure.severity` defines it."""
+    return Measure("severity", signal, after, until, definition=definition, reference=reference)
+
+
+def final(signal: str) -> Measure:
+    """Value of a scalar signal at the end of the run, in its unit."""
+    return Measure("final", signal)
+
+
+def time_in(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """Seconds of the window that an element spends in a mode."""
+    return Measure("time", element, after, until, mode)
+
+
+def stuck_ratio(element: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Part of the window that an element spends in stick, 0 to 1."""
+    return Measure("ratio", element, after, until)
+
+
+def stays(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """How many stays in a mode overlap the window: stick phases, or contacts with a wall."""
+    return Measure("stays", element, after, until, mode)
+
+
+def last_stay(element: str, mode: str = "stick", after: float = 0.0, until: float | None = None) -> Measure:
+    """When the last stay in a mode ends [s], cut to the window; nan where there is none."""
+    return Measure("last", element, after, until, mode)
+
+
+def events(element: str, after: float = 0.0, until: float | None = None) -> Measure:
+    """Number of switches of an element in the window."""
+    return Measure("events", element, after, until)
+
+
+# --------------------------------------------------------------------------------------------------------------------------- where they are read
+class Layout:
+    """Where measures of one program are read: `signals` in `windows` (begin, end), and `asked` stays and switches (element, mode, begin, end).
+
+    Behind the signals come the bounds of friction that vary in time, smallest and largest over the run: negative ones are refused. `count` of both.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float):
+        self.program, self.measures, self.duration = program, tuple(measures), duration
+        spans = [(float(m.after), duration if m.until is None else float(m.until)) for m in self.measures]
+        of_signals = [(m, span) for m, span in zip(self.measures, spans, strict=True) if m.kind in _OF_SIGNALS]
+        self.signals = tuple(dict.fromkeys(m.of for m, _ in of_signals))
+        windows = list(dict.fromkeys(span for _, span in of_signals))
+        varying = program.varying if measures else []
+        if varying and (0.0, duration) not in windows:
+            windows.append((0.0, duration))
+        self.windows = np.array(windows, float).reshape(-1, 2)
+        self.places = [
+            (self.signals.index(m.of), windows.index(span)) if m.kind in _OF_SIGNALS else None
+            for m, span in zip(self.measures, spans, strict=True)
+        ]
+        self.whole = windows.index((0.0, duration)) if varying else 0
+        names = [element.name for element in program.system.elements]
+        self.rows = [-1] * len(self.measures)
+        asked: list[tuple[float, ...]] = []
+        for q, (m, span) in enumerate(zip(self.measures, spans, strict=True)):
+            if m.kind not in _OF_SIGNALS:
+                i = names.index(m.of)
+                words = program.system.elements[i].legend
+                self.rows[q] = len(asked)
+                asked.append((i, next((number for number, word in words.items() if word == m.mode), -9), *span))
+        self.asked = np.array(asked, float).reshape(-1, 4)
+        self.count = len(self.signals) + len(varying)
+
+    def values(self, found: Readings) -> np.ndarray:
+        """The measures, shape (..., measures)."""
+        return (
+            np.stack([self._value(q, m, found) for q, m in enumerate(self.measures)], axis=-1)
+            if self.measures
+            else np.zeros((*found.ends.shape[:-1], 0))
+        )
+
+    def _value(self, q: int, m: Measure, found: Readings) -> Any:
+        place = self.places[q]
+        if place is not None:
+            if m.kind == "final":
+                return found.ends[..., place[0]]
+            low, high = found.lowest[..., place[0], place[1]], found.highest[..., place[0], place[1]]
+            if m.kind in ("minimum", "maximum"):
+                return low if m.kind == "minimum" else high
+            begin, end = self.windows[place[1]]
+            average = np.minimum(np.maximum(found.integral[..., place[0], place[1]] / (end - begin), low), high)
+            if m.kind == "mean":
+                return average
+            extents = zip(low.ravel().tolist(), high.ravel().tolist(), average.ravel().tolist(), strict=True)
+            ratios = [severity_of(Extent(*extent, math.nan, math.nan), m.definition, m.reference) for extent in extents]
+            return np.array(ratios).reshape(low.shape)
+        row = self.rows[q]
+        if m.kind == "ratio":
+            return found.spent[..., row] / (self.asked[row, 3] - self.asked[row, 2])
+        return {"time": found.spent, "stays": found.number, "last": found.latest, "events": found.switches}[m.kind][..., row]
+
+    def negative(self, found: Readings) -> np.ndarray:
+        """Which of the bounds that vary in time were negative, shape (..., bounds)."""
+        if self.count == len(self.signals):
+            return np.zeros((*found.ends.shape[:-1], 0), bool)
+        low, high = (each[..., len(self.signals) :, self.whole] for each in (found.lowest, found.highest))
+        return low < -1e-9 * np.maximum(np.abs(low), np.abs(high))
+
+    def broken_bound(self, found: Readings) -> str | None:
+        """What is wrong with a bound of friction that was negative during a run; None where none was."""
+        for k in np.flatnonzero(self.negative(found)):
+            name, low = self.program.system.elements[self.program.varying[k]].name, found.lowest[len(self.signals) + k, self.whole]
+            return f"The bound of `{name}` must be >= 0, but it is {low:.6g} during the run: is its load negative?"
+        return None
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was read of a run, or of several along leading axes.
+
+    lowest, highest, integral: of every signal in every window, shape (..., count, windows);  ends: of every signal, shape (..., count);  spent, number,
+    latest, switches: seconds, stays, end of the last stay [s] and events, shape (..., asked).
+    """
+
+    lowest: np.ndarray
+    highest: np.ndarray
+    integral: np.ndarray
+    ends: np.ndarray
+    spent: np.ndarray
+    number: np.ndarray
+    latest: np.ndarray
+    switches: np.ndarray
+
+    @staticmethod
+    def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
+        """Of nothing yet."""
+        extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
+        return Readings(
+            lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
+            spent=np.zeros(asked), number=np.zeros(asked), latest=np.full(asked, np.nan), switches=np.zeros(asked),
+        )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- one by one
+class Tally:
+    """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
+
+    One for each thread.
+    """
+
+    def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
+        from toolbox.measuring import measuring_loop as tally_loop
+        from toolbox.simulation import event_loop as loop
+
+        announced("reader of measures", tally_loop.read_nodes, tally_loop.read_events)
+        self.loop, self.loops, self.program = loop, tally_loop, program
+        self.layout = Layout(program, measures, duration)
+        count = self.layout.count
+        by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
+        self.found = replace(Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T)
+        field, step, project, *_ = program.machine.addresses
+        self.addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0], np.int64)
+        self.tolerance = _tolerance(accuracy)
+        self.p = np.empty(program.p_size)
+        self.size = np.zeros(count)
+        self.since = np.zeros(program.machine.elements)
+
+    def begin(self) -> None:
+        """Forget the run before."""
+        found = self.found
+        for array in (self.size, found.ends, found.integral, self.since, found.spent, found.number, found.switches):
+            array[:] = 0.0
+        found.lowest[:], found.highest[:], found.latest[:] = np.inf, -np.inf, np.nan
+
+    def read(self, work: Any, finished: bool) -> None:
+        """Take in the recorded nodes and events and make room for more."""
+        loop, ints, machine, layout, found = self.loop, work.ints, self.program.machine, self.layout, self.found
+        if layout.count:
+            self.p[:] = work.p
+            self.loops.read_nodes(
+                self.addresses, machine.states, machine.elements, machine.guards, layout.count, work.rec_t, work.rec_x, work.rec_m, work.rec_p,
+                ints[loop.RECORDS], self.p, self.program.first_held, layout.windows, self.tolerance, self.size, found.lowest.T, found.highest.T,
+                found.integral.T, found.ends,
+            )  # fmt: skip
+        r = ints[loop.RECORDS] - 1
+        if r > 0:
+            for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
+                array[0] = array[r]
+            ints[loop.RECORDS] = 1
+        if len(layout.asked):
+            self.loops.read_events(
+                work.ev_t, work.ev_i, work.ev_m, ints[loop.EVENTS], finished, work.reals[loop.TIME], work.m, self.since, layout.asked, found.spent,
+                found.number, found.latest, found.switches,
+            )  # fmt: skip
+        ints[loop.EVENTS] = 0
+
+    def values(self) -> np.ndarray:
+        """The measures of the finished run, shape (measures,)."""
+        return self.layout.values(self.found)
+
+    @property
+    def broken_bound(self) -> str | None:
+        """What is wrong with a bound of friction that was negative during the run; None where none was."""
+        return self.layout.broken_bound(self.found)
+
+
+def observed(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.SX:
+    """Signals, then the bounds of some elements, in terms of t, x, p and the modes."""
+    system = program.system
+    _, u, force = program.expressions
+    rows = {name: system.rows(name) for name in signals}
+    chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
+    value = ca.vertcat(*chosen, *[system.elements[i].static for i in bounds])
+    if system.elements:
+        value = ca.substitute(value, system.F, force)
+    return ca.substitute(value, system.u, u) if system.inputs else value
+
+
+def _tolerance(accuracy: float) -> float:
+    """Largest distance of the cubic from the quintic, in parts of the size of a signal; its power 3/2 over 6 is about the error of the quintic."""
+    return min(10.0 * accuracy, 1e-5)
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- step by step
+@dataclass(frozen=True)
+class Steps:
+    """What a scalar signal does in every step of a run inside a window: arrays of shape (steps,).
+
+    begin, end: of the steps, cut to the window [s];  row: of the node at which each begins;  lowest, highest: values, of quintics;  when_lowest,
+    when_highest [s];  integral: over the step.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    row: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+    when_lowest: np.ndarray
+    when_highest: np.ndarray
+    integral: np.ndarray
+
+
+def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
+    """The steps of a run with every step recorded, read as those of a `Tally` are; those of time stepping are straight from node to node."""
+    first = max(int(np.searchsorted(nodes.time, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(nodes.time, end, side="left")) + 1
+    time, rows = nodes.time[first:last], slice(first, last)
+    lowest, highest, when_lowest, when_highest, integral = (
+        np.full((time.size - 1, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0)
+    )
+    if isinstance(nodes, Stepped):
+        edges = np.clip(time, begin, end)
+        left = np.asarray(nodes.at(edges[:-1])[signal])
+        right = np.asarray(
+            Samples(
+                nodes.program, edges[1:], nodes.at(edges[1:]).states, nodes.mode[rows][:-1], nodes.held[rows][:-1], nodes.parameters, False
+            )[signal]
+        )
+        for values, when in ((left, edges[:-1]), (right, edges[1:])):
+            lower, higher = values < lowest[:, 0], values > highest[:, 0]
+            lowest[lower, 0], when_lowest[lower, 0] = values[lower], when[lower]
+            highest[higher, 0], when_highest[higher, 0] = values[higher], when[higher]
+        integral[:, 0] = 0.5 * (left + right) * np.diff(edges)
+    else:
+        from toolbox.measuring import measuring_loop as tally_loop
+
+        announced("reader of measures", tally_loop.read_steps)
+        program, machine = nodes.program, nodes.program.machine
+        addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
+        tally_loop.read_steps(
+            addresses, machine.states, machine.elements, machine.guards, time, nodes.states[rows], nodes.mode[rows], nodes.held[rows],
+            nodes.parameters.copy(), program.first_held, begin, end, _tolerance(nodes.accuracy), lowest, highest, when_lowest, when_highest, integral,
+        )  # fmt: skip
+    long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
+    return Steps(
+        np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
+        *(array.ravel()[long] for array in (lowest, highest, when_lowest, when_highest, integral)),
+    )  # fmt: skip
+
+
+def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] = ()) -> int:
+    """Address of the function (t, x, p, m) -> signals and bounds of elements, then their first and second derivatives in time."""
+    key = f"tally of {signals} and {list(bounds)}"
+    found = program.outputs.get(key)
+    if found is None:
+        body = plain_body(with_derivatives(program, signals, bounds), 0)
+        text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
+        found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
+    return found
+
+
+def with_derivatives(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.Function:
+    """(t, x, p, m) -> signals and bounds of elements, then their first, then their second derivatives in time."""
+    system, p = program.system, program.expressions[0]
+    field = program.form.field[: system.x.numel()]
+    terms = [observed(program, signals, bounds)]
+    for _ in range(2):
+        terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
+    return ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])

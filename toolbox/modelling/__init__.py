@@ -1,0 +1,1 @@
+"""Parts, laws, and the hybrid system that they make."""

@@ -1,0 +1,305 @@
+"""Parts of a plant: what a component writes, and its fields as numbers, as structure and as symbols."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import Element, FrictionLaw, State, is_finite_number, rows_as_tuples
+
+
+@dataclass
+class Update:
+    """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
+
+    external: the values come from a Python callable instead.  noise: {name of a measured signal: symbol of its standard normal noise}.
+    """
+
+    memory: Mapping[State, Any]
+    outputs: Mapping[str, tuple[Any, str]]
+    external: bool = False
+    noise: Mapping[str, ca.SX] = dataclasses.field(default_factory=dict)
+
+
+@dataclass
+class Equations:
+    """What a part adds to a plant.
+
+    flow: {state: its time derivative};  gives: {signal name: (expression, unit)};  elements: the set-valued elements whose forces the flow
+    uses;  stored: energy [J];  losses, supplies: {name: power [W]}, dissipated and put in. Energy and power are written from the
+    physics, not from the flow: the audit compares the two. States are given as signals by themselves.
+    """
+
+    flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
+    gives: Mapping[str, tuple[Any, str]] = dataclasses.field(default_factory=dict)
+    elements: Sequence[Element] = ()
+    stored: Any = None
+    losses: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    supplies: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    update: Update | None = None
+
+
+Signal = Callable[..., ca.SX]
+"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """A part of a plant: subclass it as a frozen dataclass, declare numbers with `quantity`, write `equations`.
+
+    The prefix of its parameter names is that of its first state (or first given signal). Two parts of a kind need `name=`, which
+    replaces that prefix.
+    """
+
+    name: str | None = dataclasses.field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        rows_as_tuples(self)
+
+    def equations(self, signal: Signal) -> Equations:
+        """The equations of the part; numeric fields of `self` are casadi symbols here."""
+        raise NotImplementedError
+
+    def check(self) -> None:
+        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+
+    @property
+    def routes(self) -> Mapping[str, str]:
+        """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
+
+        A part that stands between control laws and what they drive, such as an actuator, needs no other laws: {"top.torque": "drive.command"}.
+        """
+        return {}
+
+
+@dataclass(frozen=True)
+class _Field:
+    """What a class declares about one of its fields."""
+
+    name: str
+    spec: dataclasses.Field[Any]
+    numeric: bool
+    tuples: bool
+    law: bool
+    optional: bool
+    kind: str
+
+
+_FIELDS: dict[type, tuple[_Field, ...]] = {}
+_KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "int": (lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool), "an integer"),
+    "str": (lambda value: isinstance(value, str), "a string"),
+    "bool": (lambda value: isinstance(value, (bool, np.bool_)), "True or False"),
+    "tuple[str, ...]": (lambda value: isinstance(value, tuple) and all(isinstance(word, str) for word in value), "a tuple of strings"),
+}
+"""Whether a value is of the kind that a field declares, and the words for it."""
+
+
+def law_of(part: Component) -> Component:
+    """The law that a part carries, as a sampled one does; any other part itself, whatever it calls `law`."""
+    law = getattr(part, "law", None)
+    return law if isinstance(law, Component) else part
+
+
+def fields_of(kind: type) -> tuple[_Field, ...]:
+    """The declared fields of a part or law; looked up for every run, and therefore kept."""
+    known = _FIELDS.get(kind)
+    if known is not None:
+        return known
+    found = []
+    for spec in dataclasses.fields(kind):
+        declared = str(spec.type)
+        tuples = declared.startswith("tuple[float")
+        numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
+        optional = spec.default is None or "None" in declared
+        word = "" if numeric else declared.removesuffix(" | None").removeprefix("<class '").removesuffix("'>")
+        found.append(_Field(spec.name, spec, numeric, tuples, "FrictionLaw" in declared, optional, word))
+    return _FIELDS.setdefault(kind, tuple(found))
+
+
+def is_nested(value: Any) -> bool:
+    """True for a field that is a law or a part with fields of its own."""
+    return isinstance(value, (FrictionLaw, Component))
+
+
+def checked(part: Any) -> None:
+    """Call `check` of a part, of its law and of the friction laws among its fields, where their numbers are finite and within bounds.
+
+    Where they are not, the parameter table of the composed plant knows the full name to complain about.
+    """
+    sound = True
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        if is_nested(value):
+            try:
+                checked(value)
+            except SceneError as error:
+                raise SceneError(f"Field `{field.name}` of {type(part).__name__}: {error}") from None
+        elif field.numeric and value is not None:
+            numbers = value if isinstance(value, tuple) else (value,)
+            sound = sound and not any(bounds_broken(number, field.spec.metadata) for number in numbers)
+    if sound:
+        part.check()
+
+
+def check_fields(part: Any) -> None:
+    """Raise SceneError unless the numbers of a part that stands alone are of their kind and within their bounds, and `check` finds them sound."""
+    structure_of(part)
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        if field.numeric and value is not None:
+            for number in value if isinstance(value, tuple) else (value,):
+                broken = bounds_broken(number, field.spec.metadata)
+                if broken:
+                    raise SceneError(
+                        f"Argument `{field.name}` must be {broken} {field.spec.metadata.get('unit', '1')}, but it is {number!r}."
+                    )
+    checked(part)
+
+
+def bounds_broken(value: Any, bounds: Mapping[str, Any]) -> str | None:
+    """What a number must be and is not, by the bounds of a `quantity`; None where it is sound."""
+    if not is_finite_number(value):
+        return "a finite number"
+    for key, holds, words in _BOUNDS:
+        bound = bounds.get(key)
+        if bound is not None and not holds(value, bound):
+            return f"{words} {bound:g}"
+    return None
+
+
+_BOUNDS: list[tuple[str, Callable[[float, float], bool], str]] = [
+    ("at_least", lambda value, bound: value >= bound, ">="),
+    ("above", lambda value, bound: value > bound, ">"),
+    ("at_most", lambda value, bound: value <= bound, "<="),
+]
+
+
+def bounds_checked(part: Any) -> None:
+    """Raise SceneError for the first numeric field of a part, or of its laws, that is not finite or out of bounds."""
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        if is_nested(value):
+            bounds_checked(value)
+        elif field.numeric and value is not None:
+            for number in value if isinstance(value, tuple) else (value,):
+                broken = bounds_broken(number, field.spec.metadata)
+                if broken:
+                    raise SceneError(f"Argument `{field.name}` of {type(part).__name__} must be {broken}, but it is {number!r}.")
+
+
+def numbers_of(part: Any) -> list[float]:
+    """Numeric fields of a part and of its laws, flattened in the order of the parameter vector."""
+    out: list[float] = []
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        if is_nested(value):
+            out.extend(numbers_of(value))
+        elif field.numeric and value is not None:
+            if isinstance(value, tuple):
+                out.extend(value)
+            else:
+                out.append(value)
+    return out
+
+
+def _check_kind(part: Any, field: _Field, value: Any) -> None:
+    """Raise SceneError where a field holds another kind of thing than it declares."""
+    where = f"Argument `{field.name}` of {type(part).__name__}"
+    if field.name == "name" and value is not None and not (isinstance(value, str) and value.isidentifier()):
+        raise SceneError(f"{where} must be a word without dots, but it is {value!r}.")
+    if value is None and field.optional:
+        return
+    if field.law and not isinstance(value, FrictionLaw):
+        raise SceneError(f"{where} must be a friction law such as Coulomb(), but it is {value!r}.")
+    holds, words = _KINDS.get(field.kind, (None, ""))
+    if holds is not None and not holds(value):
+        raise SceneError(f"{where} must be {words}, but it is {value!r}.")
+    if not field.numeric:
+        return
+    if field.tuples and not isinstance(value, tuple):
+        raise SceneError(f"{where} must be a tuple of numbers, but it is {value!r}.")
+    if isinstance(value, tuple) and not field.tuples:
+        raise SceneError(f"{where} must be one number in {field.spec.metadata.get('unit', '1')}, but it is {value!r}.")
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, bool) or not isinstance(number, (float, int, np.floating, np.integer)):
+            raise SceneError(f"{where} must be a number in {field.spec.metadata.get('unit', '1')}, but it is {number!r}.")
+
+
+def structure_of(part: Any) -> Any:
+    """Everything about a part but its numbers, as a hashable key."""
+    key: list[Any] = [type(part)]
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        _check_kind(part, field, value)
+        if is_nested(value):
+            key.append(structure_of(value))
+        elif field.numeric and value is not None:
+            key.append(len(value) if isinstance(value, tuple) else "number")
+        else:
+            key.append(value)
+    try:
+        hash(tuple(key))
+    except TypeError:
+        raise SceneError(f"The fields of {type(part).__name__} must be hashable: use tuples and frozen dataclasses.") from None
+    return tuple(key)
+
+
+def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
+    """The part with its numbers read from the parameter vector."""
+
+    def rebuild(node: Any) -> Any:
+        nonlocal offset
+        changes: dict[str, Any] = {}
+        for field in fields_of(type(node)):
+            value = getattr(node, field.name)
+            if is_nested(value):
+                changes[field.name] = rebuild(value)
+            elif field.numeric and value is not None:
+                if isinstance(value, tuple):
+                    changes[field.name] = tuple(float(v) for v in values[offset : offset + len(value)])
+                    offset += len(value)
+                else:
+                    changes[field.name] = float(values[offset])
+                    offset += 1
+        return dataclasses.replace(node, **changes)
+
+    return rebuild(part)
+
+
+@dataclass
+class Slot:
+    """A numeric field on its way into the parameter table."""
+
+    owner: Any
+    field_path: str
+    spec: dataclasses.Field[Any]
+    symbol: ca.SX
+    size: int | None
+
+
+def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
+    """A copy of a part (or law) whose numeric fields are symbols; fills `slots` in the order of the parameter vector."""
+    clone = copy.copy(part)
+    for field in fields_of(type(part)):
+        value = getattr(part, field.name)
+        here = f"{path}{field.name}"
+        if is_nested(value):
+            object.__setattr__(clone, field.name, symbolic_copy(value, here + ".", slots))
+        elif field.numeric and value is not None:
+            if isinstance(value, tuple):
+                symbol = ca.SX.sym(here, len(value))
+                slots.append(Slot(clone, here, field.spec, symbol, len(value)))
+                object.__setattr__(clone, field.name, tuple(symbol[i] for i in range(len(value))))
+            else:
+                symbol = ca.SX.sym(here)
+                slots.append(Slot(clone, here, field.spec, symbol, None))
+                object.__setattr__(clone, field.name, symbol)
+    return clone

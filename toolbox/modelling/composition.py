@@ -1,0 +1,482 @@
+"""Parts of a plant, and the plant that has exactly those parts.
+
+A part is a frozen dataclass with an `equations` method. `compose` calls it on a copy whose numeric fields are casadi symbols, connects signals
+by name, and returns a `HybridSystem`: symbolic structure that is shared by all plants built from the same kinds of parts, plus one vector
+of parameter values. A plant with other numbers therefore costs microseconds and is never compiled again.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.components import (
+    Component,
+    Equations,
+    Slot,
+    Update,
+    bounds_checked,
+    checked,
+    law_of,
+    numbers_of,
+    structure_of,
+    symbolic_copy,
+)
+from toolbox.modelling.elements import Element, State, UnilateralContact, is_finite_number, time
+from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
+from toolbox.modelling.laws import designed
+from toolbox.modelling.switching import check_rates
+
+
+def compose(*components: Component) -> HybridSystem:
+    """The plant that has exactly these parts.
+
+    Signals are connected by name; a signal that no part gives becomes an input with its stand-in. Raises SceneError for an empty
+    plant, wrong types, parameters out of bounds, two parts of one name, different units under one name, a missing signal without
+    stand-in, an algebraic loop, a NaN in the equations, and elements whose force does not act on their slip.
+    """
+    if not components:
+        raise SceneError("A plant needs at least one part, but `compose` got none.")
+    for component in components:
+        if not isinstance(component, Component):
+            kind = type(component).__name__
+            found = f"the class {component.__name__}: give one of it, `{component.__name__}()`" if isinstance(component, type) else f"a {kind}"
+            found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
+            raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
+    if any(hasattr(component, "design") for component in components):
+        plant = [component for component in components if not hasattr(component, "design")]
+        if not plant:
+            raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")
+        declared = compose(*plant)
+        components = tuple(designed(c, declared) if hasattr(c, "design") else c for c in components)
+    return assembled(components)
+
+
+def assembled(components: tuple[Component, ...]) -> HybridSystem:
+    """The system of parts whose controllers have been designed."""
+    key = tuple(structure_of(component) for component in components)
+    for component in components:
+        checked(component)
+    shared = _COMPOSED.get(key)
+    if shared is None:
+        try:
+            shared = _Composer(components).system()
+        except SceneError:
+            raise
+        except Exception:  # a structure that does not fit its numbers, which `check` has not seen because one of them is out of bounds
+            for component in components:
+                bounds_checked(component)
+            raise
+        if len(_COMPOSED) >= 256:
+            _COMPOSED.pop(next(iter(list(_COMPOSED)), None), None)
+        _COMPOSED[key] = shared
+    system = copy.copy(shared)
+    system.parts = components
+    numbers = [value for component in components for value in numbers_of(component)]
+    for entry in system.parameters.values():
+        if entry.offset < len(numbers):
+            values = numbers[entry.offset] if entry.size is None else tuple(numbers[entry.offset : entry.offset + entry.size])
+            entry.check(values)
+    system.values = shared.values.copy()
+    system.values[: len(numbers)] = numbers
+    _check_gain(system)
+    _check_push(system)
+    return system
+
+
+_COMPOSED: dict[Any, HybridSystem] = {}
+
+
+class _Composer:
+    """Collects the equations of all parts, renames, connects and checks them."""
+
+    def __init__(self, components: Sequence[Component]):
+        self.components = components
+        self.placeholders: dict[str, tuple[ca.SX, str]] = {}
+        self.stand_ins: dict[str, Any] = {}
+        self.disputed: set[str] = set()
+        self.aliases: list[tuple[ca.SX, ca.SX]] = []
+        self.parameters: dict[str, Parameter] = {}
+        self.symbols: list[ca.SX] = []
+        self.defaults: list[float] = []
+        self.states: dict[str, tuple[int, int | None, str]] = {}
+        self.x: list[ca.SX] = []
+        self.flow: list[ca.SX] = []
+        self.given: dict[str, tuple[ca.SX, str]] = {}
+        self.elements: list[Element] = []
+        self.owners: dict[str, int] = {}
+        self.stored: dict[str, ca.SX] = {}
+        self.losses: dict[str, ca.SX] = {}
+        self.supplies: dict[str, ca.SX] = {}
+        self.held: list[ca.SX] = []
+        self.updates: list[tuple[Update, int, tuple[str, ...], dict[str, tuple[int, int | None]]]] = []
+        self.routes: dict[str, str] = {}
+        for component in components:
+            for name, target in component.routes.items():
+                if name in self.routes:
+                    raise SceneError(f"Two parts stand between control laws and `{name}`: a plant can have one.")
+                self.routes[name] = target
+
+    def system(self) -> HybridSystem:
+        for i, component in enumerate(self.components):
+            self._add(component)
+            for name in [*self.states, *(element.name for element in self.elements)]:
+                self.owners.setdefault(name, i)
+        return self._connected()
+
+    def _add(self, component: Component) -> None:
+        title = type(component).__name__
+        slots: list[Slot] = []
+        symbolic = symbolic_copy(component, "", slots)
+        needs: list[tuple[str, str, Any, ca.SX]] = []
+
+        def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+            for known, known_unit, _, placeholder in needs:
+                if known == name and known_unit == unit:
+                    return placeholder
+            placeholder = ca.SX.sym(name)
+            needs.append((name, unit, default, placeholder))
+            return placeholder
+
+        mode = ca.GlobalOptions.getNumpyMode()
+        ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
+        try:
+            equations = symbolic.equations(signal)
+        except RecursionError as error:
+            if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
+                raise
+            raise SceneError(
+                f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
+            ) from error
+        except RuntimeError as error:
+            if "truth value" not in str(error):
+                raise
+            raise SceneError(
+                f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
+                "or declare what they decide on as int, str or bool."
+            ) from error
+        finally:
+            ca.GlobalOptions.setNumpyMode(mode)
+        if not isinstance(equations, Equations):
+            raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
+        for variable in equations.flow:
+            if not isinstance(variable, State):
+                raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
+        law = law_of(component)
+        memory = equations.update.memory if equations.update is not None else equations.flow
+        first = next(iter(memory), None)
+        label = first.label if first is not None else next(iter(equations.gives), "")
+        if first is None and hasattr(law, "drives"):  # what a control law gives belongs to the plant
+            label = type(law).__name__.lower()
+        prefix = label.partition(".")[0] or title.lower()
+        own = component.name or prefix
+        routes = self.routes if hasattr(law, "drives") else {}
+
+        def renamed(name: str) -> str:
+            head, dot, tail = name.partition(".")
+            return own + dot + tail if head == prefix else routes.get(name, name)
+
+        originals = [twin for element in equations.elements for twin in (element, *element.companions)]
+        elements = [copy.copy(element) for element in originals]
+        for element in elements:
+            element.name = renamed(element.name)
+            if component.name and element.name.partition(".")[0] != own:
+                element.name = f"{own}.{element.name}"
+            if any(element.name == other.name for other in self.elements):
+                raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
+            self.elements.append(element)
+
+        self._check_regular(title, equations)
+        for slot in slots:
+            path = f"{own}.{slot.field_path.removeprefix('law.')}"
+            unit = slot.spec.metadata.get("unit", "1")
+            if slot.owner is not symbolic:
+                users = [e for e, original in zip(elements, originals, strict=True) if original.law is slot.owner]
+                if len(users) == 1:
+                    path = f"{users[0].name}.{slot.field_path}"
+                if users:
+                    unit = _unit_at(users[0], unit)
+            self._add_parameter(path, slot, unit)
+        for name, unit, default, placeholder in needs:
+            self._need(renamed(name), unit, default, placeholder, title)
+        for variable, derivative in equations.flow.items():
+            name = renamed(variable.label)
+            derivative = ca.densify(ca.SX(derivative))
+            if derivative.shape != variable.shape:
+                raise SceneError(f"The derivative of `{name}` must have shape {variable.shape}, but it has {derivative.shape}.")
+            if name in self.states:
+                raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+            self.states[name] = (sum(v.numel() for v in self.x), variable.length, variable.unit)
+            self.x.append(ca.SX(variable))
+            self.flow.append(derivative)
+            self._give(name, ca.SX(variable), variable.unit)
+        for name, (expression, unit) in equations.gives.items():
+            self._give(renamed(name), ca.SX(expression), unit)
+        for element in elements:
+            for tail, (expression, unit) in element.signals().items():
+                if f"{element.name}.{tail}" not in self.given:
+                    self._give(f"{element.name}.{tail}", expression, unit)
+        if equations.update is not None:
+            outputs = {renamed(name): value for name, value in equations.update.outputs.items()}
+            places: dict[str, tuple[int, int | None]] = {}
+            first_held = sum(symbol.numel() for symbol in self.held)
+            for variable in equations.update.memory:
+                name = renamed(variable.label)
+                if name in self.given or name in places:
+                    raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+                places[name] = (sum(size or 1 for _, size in places.values()), variable.length)
+            for name, (_, unit) in outputs.items():
+                self.held.append(ca.SX.sym(name))
+                self._give(name, self.held[-1], unit)
+            for variable, name in zip(equations.update.memory, places, strict=True):
+                self.held.append(ca.SX.sym(name, variable.numel()))
+                self._give(name, self.held[-1], variable.unit)
+            self.updates.append((equations.update, first_held, tuple(outputs), places))
+        if equations.stored is not None:
+            self.stored[own] = ca.SX(equations.stored)
+        for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
+            for name, power in source.items():
+                target[f"{own}.{name}"] = ca.SX(power)
+
+    def _check_regular(self, title: str, equations: Equations) -> None:
+        expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
+        for element in equations.elements:
+            expressions += [getattr(element, name) for name in element.expressions]
+        expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
+        if equations.update is not None:
+            expressions += [*equations.update.memory.values(), *(e for e, _ in equations.update.outputs.values())]
+        for expression in expressions:
+            expression = ca.SX(expression)
+            function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9})
+            for k in range(function.n_instructions()):
+                if function.instruction_id(k) == ca.OP_CONST and math.isnan(function.instruction_constant(k)):
+                    raise SceneError(
+                        f"The equations of {title} contain a NaN constant: use casadi functions inside `equations`, not `math`."
+                    )
+
+    def _add_parameter(self, path: str, slot: Slot, unit: str) -> None:
+        if path in self.parameters:
+            raise SceneError(f"Two parts have the parameter `{path}`: give one of them a `name=`.")
+        metadata = slot.spec.metadata
+        self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata)
+        self.symbols.append(slot.symbol)
+        self.defaults.extend([math.nan] * slot.symbol.numel())
+
+    @property
+    def _n_parameters(self) -> int:
+        return len(self.defaults)
+
+    def _give(self, name: str, expression: ca.SX, unit: str) -> None:
+        if name in self.given:
+            raise SceneError(f"Two parts give the signal `{name}`.")
+        self.given[name] = (expression, unit)
+
+    def _need(self, name: str, unit: str, default: Any, placeholder: ca.SX, title: str) -> None:
+        if name not in self.placeholders:
+            self.placeholders[name] = (placeholder, unit)
+            self.stand_ins[name] = default
+            return
+        first, known_unit = self.placeholders[name]
+        if known_unit != unit:
+            raise SceneError(f"Signal `{name}` is needed in {known_unit} and, by {title}, in {unit}: units must agree.")
+        self.aliases.append((placeholder, first))
+        if self.stand_ins[name] is None:
+            self.stand_ins[name] = default
+        elif default is not None and not ca.is_equal(ca.SX(default), ca.SX(self.stand_ins[name]), 10):
+            self.disputed.add(name)
+
+    def _connected(self) -> HybridSystem:
+        inputs: dict[str, Input] = {}
+        for name in self.placeholders:  # one entry of a vector state
+            head, _, tail = name.rpartition(".")
+            if name not in self.given and head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0):
+                self.given[name] = (self.given[head][0][int(tail)], self.given[head][1])
+        for name, (placeholder, unit) in self.placeholders.items():
+            if name in self.given:
+                if self.given[name][1] != unit:
+                    raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
+                continue
+            default = self.stand_ins[name]
+            if name in self.disputed:
+                raise SceneError(f"Two parts have different stand-ins for the signal `{name}`: let one of them, or an input, give it.")
+            if default is None:
+                raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no stand-in: {suggest(name, self.given)}")
+            if isinstance(default, ca.SX):
+                expression = default
+                if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
+                    raise SceneError(f"The stand-in of `{name}` must be a number or an expression of parameters, but it is {default}.")
+            elif not is_finite_number(default):
+                raise SceneError(f"The stand-in of `{name}` must be a finite number in {unit}, but it is {default!r}.")
+            else:
+                if name in self.parameters:
+                    raise SceneError(
+                        f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in."
+                    )
+                expression = ca.SX.sym(name)
+                self.parameters[name] = Parameter(name, unit, "stand-in of a signal", None, self._n_parameters, {})
+                self.symbols.append(expression)
+                self.defaults.append(float(default))
+            inputs[name] = Input(name, placeholder, unit, expression)
+
+        links = {name: self.placeholders[name][0] for name in self.placeholders if name in self.given}
+        system = HybridSystem()
+        bundle: dict[str, ca.SX] = {f"given:{k}": v for k, (v, _) in self.given.items()}
+        bundle |= {f"flow:{i}": v for i, v in enumerate(self.flow)}
+        for kind in ("stored", "losses", "supplies"):
+            bundle |= {f"{kind}:{k}": v for k, v in getattr(self, kind).items()}
+        for i, element in enumerate(self.elements):
+            bundle |= {f"{name}:{i}": getattr(element, name) for name in element.expressions}
+        for i, (update, _, _, _) in enumerate(self.updates):
+            memory = [ca.SX(value) for value in update.memory.values()]
+            bundle[f"memory:{i}"] = ca.densify(ca.vertcat(*memory)) if memory else ca.SX(0, 1)
+            bundle[f"output:{i}"] = ca.densify(ca.vertcat(*[ca.SX(value) for value, _ in update.outputs.values()], *update.memory))
+        if self.aliases:  # a signal that several parts need has several placeholders: all become the first one
+            bundle = _substituted(bundle, [a for a, _ in self.aliases], [b for _, b in self.aliases])
+        order = _topological({name: bundle[f"given:{name}"] for name in links}, links)
+        for name in order:
+            bundle = _substituted(bundle, [links[name]], [bundle[f"given:{name}"]])
+
+        system.t = time
+        system.x = ca.vertcat(*self.x) if self.x else ca.SX(0, 1)
+        system.p = ca.vertcat(*self.symbols) if self.symbols else ca.SX(0, 1)
+        system.u = ca.vertcat(*[i.symbol for i in inputs.values()]) if inputs else ca.SX(0, 1)
+        system.F = ca.vertcat(*[e.multiplier for e in self.elements]) if self.elements else ca.SX(0, 1)
+        system.m = ca.vertcat(*[e.mode for e in self.elements]) if self.elements else ca.SX(0, 1)
+        if not self.x:
+            raise SceneError("A plant needs at least one state, but these parts have none.")
+        system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
+        system.states = self.states
+        system.owners = self.owners
+        system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
+        for i, element in enumerate(self.elements):
+            for name in element.expressions:
+                setattr(element, name, bundle[f"{name}:{i}"])
+        system.elements = tuple(self.elements)
+        system.inputs = inputs
+        system.parameters = self.parameters
+        for kind in ("stored", "losses", "supplies"):
+            setattr(system, kind, {name: bundle[f"{kind}:{name}"] for name in getattr(self, kind)})
+        system.held = ca.vertcat(*self.held) if self.held else ca.SX(0, 1)
+        memories = [ca.vertcat(*u.memory) if u.memory else ca.SX(0, 1) for u, _, _, _ in self.updates]
+        noises = [ca.vertcat(*u.noise.values()) if u.noise else ca.SX(0, 1) for u, _, _, _ in self.updates]
+        system.updates = tuple(
+            SampledUpdate(
+                z, bundle[f"memory:{i}"], bundle[f"output:{i}"], names, places, first, update.external, noise, tuple(update.noise)
+            )
+            for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
+        )
+        system.routes = self.routes
+        system.values = np.array(self.defaults, float)
+        system.kernels = {}
+        system.parts = ()
+        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
+        strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
+        if strangers:
+            unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
+            remedy = f"element `{unlisted[0]}` must be in `elements`" if unlisted else "a state must be a key of `flow`"
+            raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; {remedy}.")
+        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
+        if ca.depends_on(slips, system.held):
+            raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
+        _ = system.switching  # raises where the elements are not well posed
+        others = ca.vertcat(system.p, system.u, system.F, system.m, system.held)
+        check_rates(time, system.x, others, system.flow, system.elements)
+        return system
+
+
+def _unit_at(element: Element, unit: str) -> str:
+    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
+    if unit in ("m/s", "rad/s"):
+        return element.slip_unit
+    if unit in ("s/m", "s/rad"):
+        return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
+    if unit == "s2/m2" and element.slip_unit == "rad/s":
+        return "s2/rad2"
+    return element.force_unit if unit in ("N", "N m") else unit
+
+
+def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:
+    return dict(zip(bundle, ca.substitute(list(bundle.values()), old, new), strict=True))
+
+
+def _topological(expressions: dict[str, ca.SX], links: dict[str, ca.SX]) -> list[str]:
+    """Names ordered so that substituting one after the other leaves no placeholder; raises SceneError on an algebraic loop."""
+    depends = {n: {o for o, s in links.items() if ca.depends_on(e, s)} for n, e in expressions.items()}
+    order: list[str] = []
+    left = set(expressions)
+    while left:
+        # a name whose placeholder no other remaining expression would bring back goes last
+        free = sorted(n for n in left if not any(n in depends[o] for o in left))
+        if not free:
+            raise SceneError(f"The signals {', '.join(f'`{n}`' for n in sorted(left))} form an algebraic loop.")
+        order.extend(free)
+        left -= set(free)
+    return order
+
+
+def _check_push(system: HybridSystem) -> None:
+    """The force of every elastic contact must act against its closure, where the force enters the rate of the gap and three states agree on its sign.
+
+    Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
+    """
+    elastic = {i: element for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds}
+    if not elastic:
+        return
+    found = system.kernels.get("push")
+    if found is None:
+        shares = []
+        for i, element in elastic.items():
+            grows = ca.jtimes(element.rate, system.x, system.flow)
+            closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
+            shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
+        symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
+        found = system.kernels["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+    n = system.x.numel()
+    tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
+    seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
+    for element, row in zip(elastic.values(), seen, strict=True):
+        if (row > 0.0).all() and np.ptp(row) < 1e-6 * row.max():
+            raise SceneError(
+                f"The force of `{element.name}` must act against its closure, but in the flow it stands with the sign that closes the gap further."
+            )
+
+
+def _check_gain(system: HybridSystem) -> None:
+    """Every force must pull its own slip towards zero, and no slip may be a combination of others (where the numbers alone decide that)."""
+    gain = system.switching.gain
+    if not system.elements or ca.depends_on(gain, ca.vertcat(system.t, system.x, system.u)):
+        return
+    matrix = np.array(system.function("gain", gain, "A")(0.0, 0.0, 0.0, system.values, 0.0))
+    held = [i for i, element in enumerate(system.elements) if element.holds]
+    matrix = matrix[np.ix_(held, held)]
+    holding = [system.elements[i] for i in held]
+    for element, entry in zip(holding, np.diag(matrix), strict=True):
+        if not entry > 0:
+            raise SceneError(
+                f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
+            )
+    if gain.sparsity().is_diag() or not held:
+        return
+    size = np.sqrt(np.diag(matrix))
+    matrix = matrix / np.outer(size, size)
+    # two stops of one body are never closed together: only one of them counts
+    opposed = [
+        j for j, b in enumerate(holding) if b.unilateral and any(a.unilateral and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
+    ]
+    kept = [i for i in range(len(holding)) if i not in opposed]
+    matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
+    values, vectors = np.linalg.eig(matrix)
+    weakest = np.argmin(np.abs(values))
+    if abs(values[weakest]) < 1e-12:
+        share = np.abs(vectors[:, weakest])
+        names = ", ".join(f"`{e.name}`" for e, part in zip(holding, share, strict=True) if part > 1e-6 * share.max())
+        raise SceneError(
+            f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force."
+        )

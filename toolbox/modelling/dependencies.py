@@ -1,0 +1,141 @@
+"""Which parts of a plant the requested measures depend on, and what the others cost.
+
+A measure reads signals or the mode of an element. What those depend on follows from the sparsity of the Jacobian of the closed loop: a state from its
+derivative, the mode of an element from its guards, a held signal from the law that computes it. A part that owns nothing on these paths can be
+left out of the scene without changing any of the measures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.components import numbers_of
+from toolbox.modelling.hybrid_system import HybridSystem
+
+
+@dataclass(frozen=True)
+class Need:
+    """One part of a plant: what it adds, and the measures that depend on it (none: it can be left out)."""
+
+    part: str
+    states: int
+    elements: int
+    measures: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What every part of a plant is needed for; `print` it for the table.
+
+    parts: one `Need` each, in the order of the plant;  idle: share of the operations of the right-hand side and guards, 0 to 1, that no measure needs.
+    """
+
+    parts: tuple[Need, ...]
+    idle: float
+
+    @property
+    def unused(self) -> tuple[Need, ...]:
+        """Parts that no measure depends on."""
+        return tuple(need for need in self.parts if not need.measures)
+
+    @property
+    def warning(self) -> str:
+        """One sentence about parts that no measure looks at; empty where every part is needed."""
+        if not self.unused:
+            return ""
+        parts = ", ".join(f"{need.part} ({need.states} states, {need.elements} elements)" for need in self.unused)
+        return f"No measure depends on {parts}: leaving out what nobody looks at would save {100 * self.idle:.0f} % of the operations."
+
+    def __str__(self) -> str:
+        width = max(len(need.part) for need in self.parts)
+        lines = [
+            f"{need.part:<{width}}  {need.states:>4} states  {need.elements:>4} elements  {', '.join(need.measures) or 'no measure depends on it'}"
+            for need in self.parts
+        ]
+        return "\n".join([*lines, *filter(None, [self.warning])])
+
+
+def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Needs:
+    """What the first `count` parts of a plant (all) are needed for.
+
+    measures: {measure: names of the signals and elements that it reads}. Raises SceneError for a name that the plant does not have.
+    """
+    if not isinstance(measures, Mapping) or any(isinstance(names, str) for names in measures.values()):
+        raise SceneError(f"Argument `measures` must map the names of measures to lists of signals and elements, but it is {measures!r}.")
+    form = system.switching
+    elements = [element.name for element in system.elements]
+    memory = [update.memory for update in system.updates]
+    held = [update.outputs for update in system.updates]
+    nodes = ca.vertcat(system.x, system.m, *memory, system.held)
+    first = system.x.numel()
+    guards = [ca.vertcat(form.guards[2 * i], form.guards[2 * i + 1]) for i in range(len(elements))]
+    expressions = [
+        *(form.field[j] for j in range(first)),
+        *guards,
+        *(entry for update in system.updates for entry in ca.vertsplit(ca.densify(update.following)) if update.memory.numel()),
+        *(entry for outputs in held for entry in ca.vertsplit(ca.densify(outputs))),
+    ]
+    expressions = [ca.substitute(expression, system.F, form.force) if elements else expression for expression in expressions]
+    depends = [_columns(expression, nodes) for expression in expressions]
+    values = np.cumsum([0, *(len(numbers_of(part)) for part in system.parts)])
+    chosen: list[set[str]] = [set() for _ in system.parts]
+    every: set[int] = set()
+    for measure, names in measures.items():
+        seen: set[int] = set()
+        read = ca.SX(0, 1)
+        for name in names:
+            if name in elements:
+                seen.add(first + elements.index(name))
+                continue
+            system.signal_unit(name)
+            row = system.rows(name)
+            signal = system.expression(name) if row is None else system.x[row[0] : row[0] + (row[1] or 1)]
+            read = ca.vertcat(read, ca.substitute(signal, system.F, form.force) if elements else signal)
+        seen |= _columns(read, nodes)
+        waiting = list(seen)
+        while waiting:
+            following = depends[waiting.pop()] - seen
+            seen |= following
+            waiting += following
+        used = ca.vertcat(read, *[expressions[k] for k in sorted(seen)])
+        parameters = _columns(used, system.p)
+        for name, owner in system.owners.items():
+            if name in elements:
+                rows = {first + elements.index(name)}
+            else:
+                start, size, _ = system.states[name]
+                rows = set(range(start, start + (size or 1)))
+            if rows & seen:
+                chosen[owner].add(measure)
+        for i in range(len(system.parts)):
+            if any(values[i] <= k < values[i + 1] for k in parameters):
+                chosen[i].add(measure)
+        every |= seen
+    total, spent = (_operations([expressions[k] for k in chosen_rows]) for chosen_rows in (range(len(expressions)), sorted(every)))
+    parts = []
+    for i, part in enumerate(system.parts[:count]):
+        own = [name for name, owner in system.owners.items() if owner == i]
+        states = sum(system.states[name][1] or 1 for name in own if name in system.states)
+        read_by = tuple(measure for measure in measures if measure in chosen[i])
+        parts.append(Need(type(part).__name__, states, sum(name in elements for name in own), read_by))
+    return Needs(tuple(parts), 1.0 - spent / total if total else 0.0)
+
+
+def _columns(expression: ca.SX, symbols: ca.SX) -> set[int]:
+    """Indices of the symbols that an expression depends on."""
+    if not expression.numel() or not symbols.numel():
+        return set()
+    return {int(j) for j in ca.jacobian_sparsity(ca.densify(expression), symbols).get_triplet()[1]}
+
+
+def _operations(expressions: Sequence[ca.SX]) -> int:
+    """Number of instructions of all expressions together."""
+    if not expressions:
+        return 0
+    together = ca.vertcat(*expressions)
+    return int(ca.Function("count", ca.symvar(together), [together]).n_nodes())

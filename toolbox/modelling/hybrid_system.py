@@ -1,0 +1,323 @@
+"""The normal form of a plant: symbols, tables and casadi functions, shared by all plants of one structure."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
+from toolbox.modelling.elements import Element
+from toolbox.modelling.switching import Switching, switching
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One entry of the parameter table: `size` is None for a scalar; `offset` points into the parameter vector."""
+
+    name: str
+    unit: str
+    meaning: str
+    size: int | None
+    offset: int
+    bounds: Mapping[str, float | None]
+
+    def check(self, values: Any) -> None:
+        """Raise SceneError unless every value is finite and within the declared bounds."""
+        for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
+            broken = bounds_broken(value, self.bounds)
+            if broken:
+                unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
+                raise SceneError(f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
+
+
+@dataclass(frozen=True)
+class Input:
+    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
+
+    name: str
+    symbol: ca.SX
+    unit: str
+    default: ca.SX
+
+
+@dataclass(frozen=True)
+class SampledUpdate:
+    """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
+
+    names: of its outputs, behind which `outputs` repeats the memory;  places: {state of the memory: (first row, size or None)};  noise,
+    channels: symbols of the noise of a sample and the measured signals they belong to.
+    """
+
+    memory: ca.SX
+    following: ca.SX
+    outputs: ca.SX
+    names: tuple[str, ...]
+    places: dict[str, tuple[int, int | None]]
+    first_held: int
+    external: bool
+    noise: ca.SX
+    channels: tuple[str, ...]
+
+
+class HybridSystem:
+    """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
+
+    t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
+    states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
+    parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
+    owners: {state or element: index of the part that has it};  held: symbols of the signals held by sampled laws;  updates: those laws;
+    routes: {signal that control laws name: what they find in its place};
+    kernels: what is computed or compiled once per structure.
+    """
+
+    parts: tuple[Component, ...]
+    values: np.ndarray
+    t: ca.SX
+    x: ca.SX
+    u: ca.SX
+    p: ca.SX
+    F: ca.SX
+    m: ca.SX
+    flow: ca.SX
+    states: dict[str, tuple[int, int | None, str]]
+    signals: dict[str, tuple[ca.SX, str]]
+    inputs: dict[str, Input]
+    parameters: dict[str, Parameter]
+    elements: tuple[Element, ...]
+    stored: dict[str, ca.SX]
+    losses: dict[str, ca.SX]
+    supplies: dict[str, ca.SX]
+    owners: dict[str, int]
+    held: ca.SX
+    updates: tuple[SampledUpdate, ...]
+    routes: dict[str, str]
+    kernels: dict[Any, Any]
+
+    def __repr__(self) -> str:
+        parts = ", ".join(type(part).__name__ for part in self.parts)
+        contacts = ", ".join(element.name for element in self.elements) or "none"
+        free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
+        return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
+
+    @property
+    def switching(self) -> Switching:
+        """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
+        made = self.kernels.get("switching")
+        if made is None:
+            made = self.kernels["switching"] = switching(self.t, self.x, self.flow, self.elements)
+        return made
+
+    @property
+    def rhs(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> dx/dt; m holds one of 0, 1, -1 per element."""
+        return self.function("rhs", self.switching.field, "dx")
+
+    @property
+    def forces(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> forces of the elements."""
+        return self.function("forces", self.switching.force, "F")
+
+    @property
+    def slips(self) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> slips of the elements."""
+        return self.function("slips", ca.densify(self.switching.slip), "v")
+
+    @property
+    def input_defaults(self) -> ca.Function:
+        """casadi Function p -> stand-ins of the inputs."""
+        made = self.kernels.get("input_defaults")
+        if made is None:
+            defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
+            made = self.kernels["input_defaults"] = ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+        return made
+
+    def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
+        """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
+        names = ["t", "x", "u", "p", "m"]
+        made = self.kernels.get(name)  # shared by all plants of this structure
+        if made is None:
+            made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
+            self.kernels[name] = made
+        return made
+
+    def to_casadi(self) -> dict[str, ca.SX]:
+        """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
+        return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
+
+    def __reduce__(self) -> Any:
+        """A plant travels as its parts and values."""
+        return _restored, (self.parts, self.values)
+
+    def __copy__(self) -> HybridSystem:
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
+
+    def rows(self, name: str) -> tuple[int, int | None, str] | None:
+        """(first row of x, size or None, unit) of a state or of one entry of a vector state (`chain.speed.0`); None for any other name."""
+        if not isinstance(name, str):
+            return None
+        if name in self.states:
+            return self.states[name]
+        head, _, tail = name.rpartition(".")
+        if head in self.states and tail.isdigit() and int(tail) < (self.states[head][1] or 0):
+            return self.states[head][0] + int(tail), None, self.states[head][2]
+        return None
+
+    def has_signal(self, name: object) -> bool:
+        """True for a signal, an input, or one entry of a vector state."""
+        return isinstance(name, str) and (name in self.signals or name in self.inputs or self.rows(name) is not None)
+
+    def has_parameter(self, name: str) -> bool:
+        """True for a parameter, or one entry of a tuple of them."""
+        head, _, tail = name.rpartition(".")
+        return name in self.parameters or (head in self.parameters and tail.isdigit() and int(tail) < (self.parameters[head].size or 0))
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal, an input, a parameter, or one entry of a vector state or tuple; raises SceneError for an unknown name."""
+        if isinstance(name, str) and self.has_signal(name):
+            return self.signal_unit(name)
+        if not isinstance(name, str) or not self.has_parameter(name):
+            raise SceneError(f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}")
+        return self._parameter(name).unit
+
+    def signal_unit(self, name: str) -> str:
+        """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""
+        rows = self.rows(name)
+        if rows is not None:
+            return rows[2]
+        return self.signals[name][1] if isinstance(name, str) and name in self.signals else self._input(name).unit
+
+    def expression(self, name: str) -> ca.SX:
+        """A signal or input in the symbols t, x, u, p, F and m; raises SceneError for an unknown name."""
+        return self.signals[name][0] if isinstance(name, str) and name in self.signals else self._input(name).symbol
+
+    def _input(self, name: str) -> Input:
+        if not isinstance(name, str) or name not in self.inputs:
+            raise SceneError(f"There is no signal `{name}`: {suggest(name, [*self.signals, *self.inputs])}")
+        return self.inputs[name]
+
+    def parameter(self, name: str) -> Any:
+        """Declared value of a parameter in SI: a float, or an array for a tuple; raises SceneError for an unknown name."""
+        entry = self._parameter(name)
+        if entry.size is None:
+            return float(self.values[entry.offset])
+        return self.values[entry.offset : entry.offset + entry.size].copy()
+
+    def _parameter(self, name: str) -> Parameter:
+        if not isinstance(name, str):
+            raise SceneError(f"The name of a parameter must be a string, but it is {name!r}.")
+        entry = self.parameters.get(name)
+        if entry is not None:
+            return entry
+        if self.has_parameter(name):
+            head, _, tail = name.rpartition(".")
+            whole = self.parameters[head]
+            return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
+        raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
+
+    def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
+        """The same plant with other parameter values; nothing is compiled. Raises SceneError as `compose` does."""
+        changed = copy.copy(self)
+        changed.values = self.values.copy()
+        for name, value in mapping("parameters", values).items():
+            entry = self._parameter(name)
+            if isinstance(value, np.ndarray) and not value.ndim:
+                value = value.item()
+            entry.check(value)
+            if entry.size is None:
+                if np.ndim(value):
+                    raise SceneError(f"Argument `{name}` must be one number in {entry.unit}, but it is {value!r}.")
+                changed.values[entry.offset] = value
+            else:
+                array = np.asarray(value, float)
+                if array.shape != (entry.size,):
+                    raise SceneError(f"Argument `{name}` must have shape ({entry.size},), but it has {array.shape}.")
+                changed.values[entry.offset : entry.offset + entry.size] = array
+        changed.parts = tuple(rebuilt(part, changed.values, offset) for part, offset in zip(self.parts, self._offsets(), strict=True))
+        for part in changed.parts:
+            checked(part)
+        return changed
+
+    def varying(self, names: Sequence[str]) -> HybridSystem:
+        """The same plant with scalar parameters as inputs of the same names, so that a run may change them in time: rock that gets harder on the way.
+
+        Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends on: changing a spring or an inertia
+        in time does work that no part accounts for.
+        """
+        if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+            raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
+        key = ("varying", *names)
+        found = self.kernels.get(key)
+        if found is None:
+            found = self.kernels[key] = self._released([self._parameter(name) for name in names])
+        released = copy.copy(found)
+        released.parts, released.values = self.parts, self.values
+        return released
+
+    def _released(self, entries: Sequence[Parameter]) -> HybridSystem:
+        symbols = []
+        for entry in entries:
+            if entry.size is not None:
+                raise SceneError(f"Argument `{entry.name}` must be one number to vary in time, but it has {entry.size} entries: name one, `{entry.name}.0`.")
+            for part, energy in self.stored.items():
+                if ca.depends_on(energy, self.p[entry.offset]):
+                    raise SceneError(f"Argument `{entry.name}` must not vary in time: the energy stored in `{part}` depends on it.")
+            symbols.append(ca.SX.sym(entry.name))
+        constants = [self.p[entry.offset] for entry in entries]
+
+        def of_time(expression: ca.SX) -> ca.SX:
+            return ca.substitute(expression, ca.vertcat(*constants), ca.vertcat(*symbols))
+
+        twin = copy.copy(self)
+        twin.flow = of_time(self.flow)
+        twin.elements = tuple(copy.copy(element) for element in self.elements)
+        for element in twin.elements:
+            for kind in element.expressions:
+                setattr(element, kind, of_time(getattr(element, kind)))
+        twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
+        twin.losses = {name: of_time(power) for name, power in self.losses.items()}
+        twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
+        twin.updates = tuple(
+            dataclasses.replace(update, following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates
+        )
+        inputs = {entry.name: Input(entry.name, s, entry.unit, c) for entry, s, c in zip(entries, symbols, constants, strict=True)}
+        twin.inputs = {**self.inputs, **inputs}
+        twin.u = ca.vertcat(self.u, *symbols)
+        twin.parameters = self.parameters | {entry.name: entry for entry in entries}
+        twin.kernels = {}
+        return twin
+
+    def _offsets(self) -> Iterator[int]:
+        offset = 0
+        for part in self.parts:
+            yield offset
+            offset += len(numbers_of(part))
+
+
+def checked_plant(given: Any, argument: str = "plant") -> HybridSystem:
+    """What is given as a plant; raises SceneError with the name of the argument for anything else. A `machine` could have been a Scene, too."""
+    if not isinstance(given, HybridSystem):
+        wanted = "a plant made by `compose`" + (" or a Scene" if argument == "machine" else "")
+        kind = type(given).__name__
+        hint = f": `compose({kind}(...))`" if isinstance(given, Component) else ""
+        hint = ", which runs its cases itself: `scene.run(label)`" if hasattr(given, "cases") else hint
+        raise SceneError(f"Argument `{argument}` must be {wanted}, but it is a {kind}{hint}.")
+    return given
+
+
+def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
+    """A plant from what `HybridSystem.__reduce__` gives."""
+    from toolbox.modelling.composition import assembled
+
+    system = assembled(parts)
+    system.values = values
+    return system

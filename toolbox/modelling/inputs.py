@@ -1,0 +1,126 @@
+"""Inputs in time: tables and named shapes.
+
+All shapes but one are names of `toolbox`, too: the swept sine is `toolbox.inputs.sweep`, because `toolbox.sweep` varies the numbers of a machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import finite_array, is_finite_number
+
+
+@dataclass(frozen=True)
+class Table:
+    """Linear between nodes, constant outside; a repeated time is a jump. `times` [s] non-decreasing, same length as `values`."""
+
+    times: np.ndarray
+    values: np.ndarray
+
+    @staticmethod
+    def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
+        """A checked table; raises SceneError naming the input."""
+        t, v = finite_array(times), finite_array(values)
+        if t is None or v is None:
+            raise SceneError(f"Argument `{name}` must be (times, values) of finite numbers, but it is ({times!r}, {values!r}).")
+        if t.ndim != 1 or t.shape != v.shape or not t.size:
+            raise SceneError(f"Argument `{name}` must have as many times as values, but it has shapes {t.shape} and {v.shape}.")
+        if (np.diff(t) < 0).any():
+            raise SceneError(f"Argument `{name}` must have non-decreasing times.")
+        return Table(t, v)
+
+    def segments(self) -> list[tuple[float, float, float, float]]:
+        """(begin, value there, slope, time of that value) for every linear piece; the first begins at -infinity."""
+        pieces = [(-np.inf, float(self.values[0]), 0.0, 0.0)]
+        for i in range(self.times.size):
+            t, v = float(self.times[i]), float(self.values[i])
+            if i + 1 < self.times.size and self.times[i + 1] > t:
+                pieces.append((t, v, (float(self.values[i + 1]) - v) / (float(self.times[i + 1]) - t), t))
+            elif i + 1 == self.times.size:
+                pieces.append((t, v, 0.0, t))
+        return pieces
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A formula of time with coefficients: another coefficient never recompiles."""
+
+    kind: str
+    coefficients: tuple[float, ...]
+
+    def expression(self, t: ca.SX, c: ca.SX) -> ca.SX:
+        """The formula in the symbols of time and coefficients."""
+        return _FORMULAS[self.kind](t, c)
+
+
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest value."""
+        return self.coefficients[0] - abs(self.coefficients[1]), self.coefficients[0] + abs(self.coefficients[1])
+
+
+_FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
+    "sine": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * c[2] * t + c[3]),
+    "sweep": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * (c[2] + (c[3] - c[2]) * t / (2 * c[4])) * t),
+}
+
+
+def step(before: float, after: float, at: float) -> Table:
+    """A jump from `before` to `after` at time `at` [s]."""
+    return Table.of("step", (at, at), (before, after))
+
+
+def ramp(start: float, end: float, begin: float, finish: float) -> Table:
+    """Linear from `start` at time `begin` to `end` at time `finish` [s], constant outside."""
+    return Table.of("ramp", (begin, finish), (start, end))
+
+
+def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> Shape:
+    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    return Shape("sine", _checked("sine", mean, amplitude, frequency, phase))
+
+
+def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
+    """A sine around `mean` whose frequency grows linearly from `start` to `end` [Hz] over `duration` [s], and goes on growing."""
+    if not is_finite_number(duration) or duration <= 0:
+        raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
+    return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
+
+
+def square(mean: float, amplitude: float, frequency: float, until: float) -> Table:
+    """mean + amplitude in the first half of every period, mean - amplitude in the second; frequency in Hz, constant after the time `until` [s]."""
+    half = _half_periods("square", mean, amplitude, frequency, until)
+    times = np.repeat(half, 2)[1:-1]
+    sides = np.where(np.arange(half.size - 1) % 2 == 0, 1.0, -1.0)
+    return Table.of("square", times, mean + amplitude * np.repeat(sides, 2))
+
+
+def triangle(mean: float, amplitude: float, frequency: float, until: float) -> Table:
+    """From mean up to mean + amplitude, down to mean - amplitude and back in every period; frequency in Hz, constant after the time `until` [s]."""
+    half = _half_periods("triangle", mean, amplitude, frequency, until)
+    peaks = 0.5 * (half[1:] + half[:-1])
+    sides = np.where(np.arange(peaks.size) % 2 == 0, 1.0, -1.0)
+    return Table.of("triangle", np.append(0.0, peaks), mean + amplitude * np.append(0.0, sides))
+
+
+def _half_periods(kind: str, mean: float, amplitude: float, frequency: float, until: float) -> np.ndarray:
+    """Begins of all half periods up to the first one not before `until`."""
+    _checked(kind, mean, amplitude, frequency, until)
+    for name, value in (("frequency", frequency), ("until", until)):
+        if not value > 0:
+            raise SceneError(f"Argument `{name}` of a {kind} must be > 0, but it is {value!r}.")
+    if frequency * until > 1e6:
+        raise SceneError(f"Argument `until` of a {kind} must leave at most 1e6 periods, but there are {frequency * until:g}.")
+    return np.arange(int(np.ceil(2 * frequency * until * (1 - 1e-12))) + 1) / (2 * frequency)
+
+
+def _checked(kind: str, *numbers: Any) -> tuple[float, ...]:
+    for number in numbers:
+        if not is_finite_number(number):
+            raise SceneError(f"The numbers of a {kind} must be finite, but one is {number!r}.")
+    return tuple(float(number) for number in numbers)

@@ -1,0 +1,303 @@
+"""Control laws and how they meet a plant: continuous, sampled with a hold, delayed, or a Python callable.
+
+Order at one instant: event, sample, update, hold. A sampled law reads the plant at t_k = k period, updates its own states, and its outputs are
+held from t_k + delay on; delays may exceed the period, then several outputs are on their way at once. Its memory is recorded as signals, as the
+law saw it when it computed the outputs that are held.
+
+Why noise is a function and not a generator: the noise of a sample depends on (seed, name of the signal, number of the sample) and on nothing
+else, so that the second run of `run.error`, a run interrupted and continued, and a run among thousands see the same measurements.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
+from toolbox.modelling.elements import is_finite_number, quantity, time
+from toolbox.modelling.hybrid_system import HybridSystem
+
+
+@dataclass(frozen=True)
+class Controller(Component):
+    """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
+
+    measures, drives: names of the signals it reads and gives;  its numeric fields are casadi symbols inside both methods, so that
+    another gain never recompiles. `design(plant)` is called once on the plant's declared values and returns the law to be used: a
+    Controller, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
+    """
+
+    measures: ClassVar[tuple[str, ...]] = ()
+    drives: ClassVar[tuple[str, ...]] = ()
+
+    def design(self, plant: HybridSystem) -> Any:
+        """The law with gains filled in from the plant; by default itself."""
+        return self
+
+    def continuous(self, signal: Signal) -> Equations:
+        """The law as equations of a part."""
+        raise SceneError(f"{type(self).__name__} has no continuous form: give `sample_time`.")
+
+    def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        """The law as an update at every sample; `period` [s] is a symbol."""
+        raise SceneError(f"{type(self).__name__} has no sampled form: leave out `sample_time`.")
+
+    def equations(self, signal: Signal) -> Equations:
+        return self.continuous(signal)
+
+
+def designed(law: Any, plant: HybridSystem) -> Any:
+    """What `design(plant)` of a law returns.
+
+    Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
+    """
+    if not hasattr(law, "design"):
+        raise SceneError(f"A control law must be a Controller, but it is {law!r}.")
+    if type(law).design is Controller.design:
+        return law
+    check_fields(law)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is an error here or, as a gain, in the table of parameters
+            return law.design(plant)
+    except (SceneError, NotImplementedError):
+        raise
+    except (ArithmeticError, ValueError) as error:  # of numpy and scipy
+        raise SceneError(f"{type(law).__name__} cannot be designed on this plant with these numbers: {error}") from error
+
+
+@dataclass(frozen=True)
+class Sensors(Component):
+    """What stands between the signals of a plant and a sampled law: white noise, then the steps of an encoder.
+
+        y = step round((signal + noise n_k) / step),   n_k standard normal, independent of one another
+
+    noisy, coarse: names of the signals;  noise, resolution: a standard deviation and a step for each, in the unit of the signal.
+    """
+
+    noisy: tuple[str, ...] = ()
+    noise: tuple[float, ...] | None = quantity(None, "1", "standard deviations of the measurement noise", at_least=0)
+    coarse: tuple[str, ...] = ()
+    resolution: tuple[float, ...] | None = quantity(None, "1", "steps of the measured values", above=0)
+
+    @staticmethod
+    def of(noise: Mapping[str, float], resolution: Mapping[str, float]) -> Sensors:
+        """Sensors with these standard deviations and steps by name of the signal."""
+        return Sensors(tuple(noise), tuple(noise.values()) or None, tuple(resolution), tuple(resolution.values()) or None)
+
+    def reading(self, name: str, value: Any, noise: Any) -> Any:
+        """What is measured of a signal, given its value and its standard normal noise; numbers or casadi expressions."""
+        if self.noise is not None and name in self.noisy:
+            value = value + self.noise[self.noisy.index(name)] * noise
+        if self.resolution is not None and name in self.coarse:
+            step = self.resolution[self.coarse.index(name)]
+            value = step * ca.floor(value / step + 0.5)
+        return value
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+
+    law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
+    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `stand_ins`
+    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
+    callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
+    state.  noise: {measured signal: standard deviation of
+    white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
+    Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
+    before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
+    """
+
+    law: Controller | Callable[[float, Any], Any]
+    period: float
+    delay: float = 0.0
+    noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    measures: str | Sequence[str] | None = None
+    drives: str | Sequence[str] | None = None
+
+    def check(self) -> None:
+        """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
+        for word, told in (("measures", self.measures), ("drives", self.drives)):
+            if told is None:
+                continue
+            if isinstance(self.law, Controller):
+                raise SceneError(f"Argument `{word}` must be left to a callable: {type(self.law).__name__} declares what it {word}.")
+            if not isinstance(told, (str, list, tuple)) or not told or not all(isinstance(name, str) for name in told):
+                raise SceneError(f"Argument `{word}` must be the name of a signal, or several, but it is {told!r}.")
+        if not is_finite_number(self.period) or self.period <= 0:
+            raise SceneError(f"Argument `sample_time` must be > 0 s, but it is {self.period!r}.")
+        if not is_finite_number(self.delay) or self.delay < 0:
+            raise SceneError(f"Argument `delay` must be >= 0 s, but it is {self.delay!r}.")
+        for word, given, bound in (("noise", self.noise, ">="), ("resolution", self.resolution, ">")):
+            if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+                raise SceneError(f"Argument `{word}` must map names of signals to numbers, but it is {given!r}.")
+            for name, value in given.items():
+                if not is_finite_number(value) or value < 0 or (bound == ">" and value == 0):
+                    raise SceneError(f"Argument `{word}` of `{name}` must be {bound} 0, but it is {value!r}.")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
+            raise SceneError(f"Argument `seed` must be an integer >= 0, but it is {self.seed!r}.")
+
+    def sensors(self, measured: Sequence[str]) -> Sensors:
+        """The sensors of a law that measures these signals; raises SceneError for a name that is not among them."""
+        for word, given in (("noise", self.noise), ("resolution", self.resolution)):
+            for name in given:
+                if name not in measured:
+                    raise SceneError(
+                        f"Argument `{word}` must name signals that the law measures, but `{name}` is none: {suggest(name, measured)}"
+                    )
+        numbers = [{name: float(value) for name, value in given.items()} for given in (self.noise, self.resolution)]
+        return Sensors.of(*numbers)
+
+
+@dataclass(frozen=True)
+class Held(Component):
+    """A sampled law as a part of the plant: it reads the signals through its sensors, and its outputs are held signals."""
+
+    law: Controller = field(default_factory=Controller)
+    sensors: Sensors = field(default_factory=Sensors)
+    period: Any = quantity(0.01, "s", "sample time", above=0)
+
+    def equations(self, signal: Signal) -> Equations:
+        noise: dict[str, ca.SX] = {}
+
+        def sensed(name: str, unit: str, default: Any = None) -> ca.SX:
+            if name in self.sensors.noisy:
+                noise.setdefault(name, ca.SX.sym(f"noise of {name}"))
+            return self.sensors.reading(name, signal(name, unit, default), noise.get(name))
+
+        update = self.law.sampled(sensed, self.period)
+        return Equations(update=dataclasses.replace(update, noise=noise))
+
+
+@dataclass(frozen=True)
+class External(Component):
+    """The signals that a Python callable drives, as held signals without an update.
+
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a stand-in last;  stand_ins:
+    their values, and wanted: their units.
+    """
+
+    asked: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()
+    drives: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    wanted: tuple[str, ...] = ()
+    stand_ins: tuple[float, ...] | None = quantity(None, "1", "stand-ins of the last signals that it measures")
+    sensors: Sensors = field(default_factory=Sensors)
+
+    def equations(self, signal: Signal) -> Equations:
+        if self.stand_ins is not None:
+            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.stand_ins, strict=True):
+                signal(name, unit, default=value)
+        outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
+        return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
+
+
+def held(sampled: Sampled, law: Controller) -> Held:
+    """The part that stands for a sampled law; raises SceneError for sensors of signals that it does not measure."""
+    asked: list[str] = []
+
+    def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+        asked.append(name)
+        return ca.SX.sym(name)
+
+    if sampled.noise or sampled.resolution:
+        law.sampled(signal, ca.SX.sym("period"))
+    return Held(law, sampled.sensors(asked), float(sampled.period), name=law.name)
+
+
+def names(value: str | Sequence[str]) -> tuple[str, ...]:
+    """A tuple of names from one name or several. Raises SceneError for anything else."""
+    listed = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, Iterable) else (value,)
+    if not all(isinstance(name, str) for name in listed):
+        raise SceneError(f"A name, or several, must be given as strings, but it is {value!r}.")
+    return listed
+
+
+def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
+    """The part that stands for a Python callable; raises SceneError where its signals are unknown."""
+    law = sampled.law
+    try:
+        inspect.signature(law).bind(0.0, None)  # type: ignore[arg-type]
+    except ValueError:  # something compiled, which does not tell
+        pass
+    except TypeError as error:
+        raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
+    asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measures is None else sampled.measures)
+    measures = tuple(plant.routes.get(name, name) for name in asked)
+    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",)) if sampled.drives is None else sampled.drives))
+    for name in measures:
+        if not plant.has_signal(name):
+            raise SceneError(f"The controller measures `{name}`, which the plant does not give: {_told(name, plant.signals, sampled, plant)}")
+        if name in plant.states and plant.states[name][1] is not None:
+            raise SceneError(f"The controller measures `{name}`, which is a vector: name its entries in `measures`, `{name}.0` and so on.")
+    for name in drives:
+        if name not in plant.inputs:
+            raise SceneError(f"The controller drives `{name}`, which is no input of the plant: {_told(name, plant.inputs, sampled, plant)}")
+    units = tuple(plant.inputs[name].unit for name in drives)
+    more: dict[str, tuple[float, str]] = dict(getattr(law, "stand_ins", {}))
+    places = measures + tuple(plant.routes.get(name, name) for name in more)
+    return External(
+        asked=asked + tuple(more),
+        measures=places,
+        drives=drives,
+        units=units,
+        wanted=tuple(unit for _, unit in more.values()),
+        stand_ins=tuple(float(value) for value, _ in more.values()) or None,
+        sensors=sampled.sensors(asked),
+    )
+
+
+def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem) -> str:
+    """How to tell a callable its signals, with signals of the plant."""
+    scalars = [each for each, (expression, _) in plant.signals.items() if expression.numel() == 1] or ["..."]
+    measured = next((each for each in scalars if each.endswith(".speed")), scalars[0])
+    driven = next(iter(plant.inputs), "...")
+    return f'write `Sampled(law, {sampled.period:g}, measures="{measured}", drives="{driven}")`, with a tuple of names for several; {suggest(name, known)}'
+
+
+@dataclass(frozen=True)
+class Takeover(Controller):
+    """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
+
+    before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
+    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises
+    SceneError where the two drive different signals.
+    """
+
+    before: Controller = field(default_factory=Controller)
+    after: Controller = field(default_factory=Controller)
+    at: float = quantity(0.0, "s", "time of the takeover", at_least=0)
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What both laws drive."""
+        return self.before.drives
+
+    def design(self, plant: HybridSystem) -> Controller:
+        """Both laws designed on the plant."""
+        return dataclasses.replace(self, before=designed(self.before, plant), after=designed(self.after, plant))
+
+    def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        if set(self.before.drives) != set(self.after.drives):
+            driven = [", ".join(law.drives) or "nothing" for law in (self.before, self.after)]
+            raise SceneError(f"The laws of a takeover must drive the same signals, but they drive {driven[0]} and {driven[1]}.")
+        first, second = self.before.sampled(signal, period), self.after.sampled(signal, period)
+        for variable in first.memory:
+            variable.label = f"before.{variable.label}"
+        now = time >= self.at
+        memory = {variable: ca.if_else(now, value, variable) for variable, value in second.memory.items()}
+        memory |= {variable: ca.if_else(now, variable, value) for variable, value in first.memory.items()}
+        outputs = {**first.outputs, **second.outputs}
+        for name in {*first.outputs} & {*second.outputs}:
+            outputs[name] = (ca.if_else(now, second.outputs[name][0], first.outputs[name][0]), outputs[name][1])
+        return Update(memory, outputs)

@@ -1,0 +1,201 @@
+"""Observers, and laws that act on their estimates instead of on measurements.
+
+An observer is written like a law: it reads what is measured and what is commanded, has states, and gives its estimates under the names of the
+signals they stand for. `Observed(law, observer)` closes the loop: wherever the law asks for a signal that the observer estimates, it gets the
+estimate of the same sample, and wherever the observer asks for a signal that the law drives, it gets the command.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.components import Equations, Signal, Update, check_fields
+from toolbox.modelling.elements import State, state
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, designed
+
+
+class Estimator(Protocol):
+    """An observer in Python, sampled at `period` [s]."""
+
+    period: float
+
+    def estimate(self, y: np.ndarray) -> Mapping[str, float]:
+        """The estimates at a sample with measurement y, by the names of the signals they stand for."""
+
+    def predict(self, command: float) -> None:
+        """Go to the next sample with the command of this one."""
+
+
+@dataclass(frozen=True)
+class Observer(Controller):
+    """An observer: `sampled` and `continuous` as of a law, whose outputs are estimates under the names of the signals they stand for.
+
+    measures: what it reads;  estimates: what it gives. Estimates must depend on measurements and states only, not on the command of the same
+    instant. For use inside `Observed`.
+    """
+
+    estimates: ClassVar[tuple[str, ...]] = ()
+
+    def estimator(self, plant: HybridSystem) -> Estimator | None:
+        """For an observer that no expression holds, such as one that optimises: its object for the plant."""
+        return None
+
+    def design(self, plant: HybridSystem) -> Observer:
+        """The observer with what it knows of the plant filled in; by default itself."""
+        return self
+
+
+MOST_LATE = 1000
+"""Commands on their way that an observer can remember."""
+
+
+@dataclass(frozen=True)
+class Observed(Controller):
+    """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
+
+    late: number of samples by which a command reaches the plant later, as the observer knows it (delay / period); sampled only. `design`
+    designs both. Raises SceneError where units of estimates and signals differ or an estimate depends on the command.
+    """
+
+    law: Controller = field(default_factory=Controller)
+    observer: Observer = field(default_factory=Observer)
+    late: int = 0
+
+    def check(self) -> None:
+        if not 0 <= self.late <= MOST_LATE:
+            raise SceneError(f"Argument `late` must be between 0 and {MOST_LATE} samples, but it is {self.late}.")
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the law drives."""
+        return self.law.drives
+
+    def design(self, plant: HybridSystem) -> Any:
+        """The law and the observer designed on the plant; a Python callable where no expression holds the observer."""
+        check_fields(self.observer)
+        estimator = self.observer.estimator(plant)
+        if estimator is not None:
+            if self.late:
+                raise SceneError(
+                    f"Argument `late` must be 0, but it is {self.late}: {type(self.observer).__name__} has a delay of its own."
+                )
+            return EstimatedLaw(designed(self.law, plant), estimator, self.observer.measures)
+        return dataclasses.replace(self, law=designed(self.law, plant), observer=designed(self.observer, plant))
+
+    def continuous(self, signal: Signal) -> Equations:
+        if self.late:
+            raise SceneError("An observer of late commands has no continuous form: give `sample_time`.")
+        commands, known = _commands(self.law, signal)
+        seen = self.observer.continuous(known)
+        acts = self.law.continuous(_estimated(signal, seen.gives, commands))
+        flow = _with_commands({**seen.flow}, commands, acts.gives)
+        gives = {**acts.gives, **{f"estimate.{name}": value for name, value in seen.gives.items()}}
+        return Equations(flow={**acts.flow, **flow}, gives=gives, elements=acts.elements)
+
+    def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        commands, known = _commands(self.law, signal)
+        seen = self.observer.sampled(known, period)
+        acts = self.law.sampled(_estimated(signal, seen.outputs, commands), period)
+        arriving = dict(acts.outputs)
+        waiting: dict[State, Any] = {}
+        for name in commands if self.late else ():
+            unit = acts.outputs[name][1]
+            line = [state(f"waiting{k}.{name}", unit) for k in range(self.late)]
+            waiting |= dict(zip(line, [*line[1:], acts.outputs[name][0]], strict=True))
+            arriving[name] = (line[0], unit)
+        memory = _with_commands({**seen.memory}, commands, arriving)
+        outputs = {**acts.outputs, **{f"estimate.{name}": value for name, value in seen.outputs.items()}}
+        return Update({**acts.memory, **memory, **waiting}, outputs)
+
+
+class EstimatedLaw:
+    """A law with a sampled form on the estimates of an `Estimator`: a callable (t, y) -> u; `estimates` are those of every sample so far."""
+
+    def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
+        self.estimator, self.drives = estimator, law.drives
+        self.known = tuple(estimator.estimate(np.zeros(len(measures))))
+        self.stand_ins: dict[str, tuple[float, str]] = {}
+        asked: dict[str, ca.SX] = {}
+        more: list[str] = []
+
+        def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+            if name not in asked:
+                asked[name] = ca.SX.sym(name)
+                if name not in self.known and default is not None:
+                    self.stand_ins[name] = (float(default), unit)
+                elif name not in self.known:
+                    more.append(name)
+            return asked[name]
+
+        update = law.sampled(signal, ca.SX(estimator.period))
+        self.own = len(measures)
+        self.measures = (*measures, *more)
+        self.asked = tuple(asked)
+        memory = [ca.SX(state) for state in update.memory]
+        self.step = ca.Function(
+            "step",
+            [ca.vertcat(*memory) if memory else ca.SX(0, 1), ca.vertcat(*asked.values()) if asked else ca.SX(0, 1)],
+            [ca.vertcat(*[ca.SX(v) for v in update.memory.values()]) if memory else ca.SX(0, 1), ca.SX(update.outputs[law.drives[0]][0])],
+        )
+        self.memory = np.zeros(sum(state.numel() for state in memory))
+        self.samples, self.estimates = 0, list[Mapping[str, float]]()
+
+    def __call__(self, t: float, y: np.ndarray) -> float:
+        if self.samples and abs(t - self.samples * self.estimator.period) > 1e-6 * max(t, self.estimator.period):
+            raise SceneError(
+                f"Argument `sample_time` must be {self.estimator.period:g} s, the `period` of the observer, but a sample came at {t:g} s."
+            )
+        found = self.estimator.estimate(y[: self.own])
+        given = dict(zip((*self.measures, *self.stand_ins), y, strict=True)) | dict(found)
+        memory, output = self.step(self.memory, [given[name] for name in self.asked])
+        self.memory, command = np.array(memory).ravel(), float(output)
+        self.estimator.predict(command)
+        self.estimates.append(found)
+        self.samples += 1
+        return command
+
+
+def _commands(law: Controller, signal: Signal) -> tuple[dict[str, ca.SX], Signal]:
+    """What the observer may ask for: the signals of the plant, and symbols for the commands of the law, collected in the mapping."""
+    commands: dict[str, ca.SX] = {}
+
+    def known(name: str, unit: str, default: Any = None) -> ca.SX:
+        if name in law.drives:
+            return commands.setdefault(name, ca.SX.sym(name))
+        return signal(name, unit, default)
+
+    return commands, known
+
+
+def _estimated(signal: Signal, estimates: Mapping[str, tuple[Any, str]], commands: Mapping[str, ca.SX]) -> Signal:
+    """What the law may ask for: estimates where there are any, else the signals of the plant."""
+    for name, (value, _) in estimates.items():
+        if commands and ca.depends_on(ca.SX(value), ca.vertcat(*commands.values())):
+            raise SceneError(f"The estimate of `{name}` must not depend on the command of the same instant.")
+
+    def estimated(name: str, unit: str, default: Any = None) -> ca.SX:
+        if name not in estimates:
+            return signal(name, unit, default)
+        value, given = estimates[name]
+        if given != unit:
+            raise SceneError(f"The estimate of `{name}` is given in {given} but needed in {unit}: units must agree.")
+        return ca.SX(value)
+
+    return estimated
+
+
+def _with_commands(memory: Mapping[State, Any], commands: Mapping[str, ca.SX], values: Mapping[str, tuple[Any, str]]) -> dict[State, Any]:
+    """Rates or next values of the observer with its command symbols replaced by what reaches the plant."""
+    if not commands or not memory:
+        return dict(memory)
+    old = [commands[name] for name in commands]
+    new = [ca.SX(values[name][0]) for name in commands]
+    return dict(zip(memory, ca.substitute([ca.SX(value) for value in memory.values()], old, new), strict=True))

@@ -1,0 +1,168 @@
+"""A plant with regularised friction: what most of the literature simulates, with its width stated and its price known.
+
+    F(v) = -load tanh(v/w) [mu(|v|) + b exp(-|v| / (2 w))],   |v| = v tanh(v/w)        w: the width, a slip speed
+
+b = 0 is the plain form, whose peak lies below the static bound by a part that grows with the width. The matched form takes the b that makes the peak equal to
+the bound, so that a contact breaks free where it should. Both creep where the set-valued contact sticks: under a force r times the bound by about
+w atanh(r). For w -> 0 the motion is that of the set-valued law.
+
+Why not the default: the creep and the slow passage of the peak make an error that falls with the width at best, while the equations become stiffer.
+
+A smoothed contact is said to "stick" while |v| < 3 w, where the law has not yet reached its sliding branch, with a hysteresis of 10 percent. This mode is
+only shown: no force depends on it.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.elements import Element, Hysteresis, is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
+from toolbox.prediction.rollout import missing_peak
+
+STICKING = 3.0
+"""Slip speed in widths below which a smoothed contact is shown as sticking."""
+
+
+class Creep(Hysteresis):
+    """Whether a smoothed contact creeps ("stick") or slides ("slip")."""
+
+    legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip"}
+
+    def __init__(self, name: str, slip: ca.SX, width: ca.SX):
+        super().__init__(name, (slip / (STICKING * width)) ** 2, 0.9**2, 1.1**2)
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {}
+
+
+class SmoothSystem(HybridSystem):
+    """A plant whose friction is regularised; `sharp` is the set-valued plant it stands for, `widths` {element: width}, `matched` the form of the peak."""
+
+    sharp: HybridSystem
+    widths: dict[str, float]
+    matched: bool
+
+    def with_parameters(self, values: Mapping[str, Any]) -> SmoothSystem:
+        """The same plant with other parameter values, its peaks matched again."""
+        return smoothed(self.sharp.with_parameters(values), self.widths, matched=self.matched)
+
+    def __reduce__(self) -> Any:
+        return _restored, (self.sharp, self.widths, self.matched)
+
+
+def _restored(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
+    return smoothed(sharp, widths, matched=matched)
+
+
+def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:
+    """The plant with smooth friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
+
+    width: one for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.  matched: whether the
+    peak of the law is the static bound. Switches of elastic contacts and of laws with breaks stay. Its parameters `<element>.smoothing_width` and
+    `<element>.smoothing_peak` hold w and b. Raises SceneError for a width that is not > 0, and for a rigid unilateral contact.
+    """
+    if isinstance(checked_plant(plant), SmoothSystem):
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    if not isinstance(matched, bool):
+        raise SceneError(f"Argument `matched` must be True or False, but it is {matched!r}.")
+    widths = checked_widths(plant, width)
+    key = ("smoothed", tuple(widths))
+    template = plant.kernels.get(key)
+    if template is None:
+        template = plant.kernels[key] = _smooth_structure(plant, list(widths))
+    made = copy.copy(template)
+    made.parts, made.sharp, made.widths, made.matched = plant.parts, plant, widths, matched
+    peaks = [_peak(plant, template, name, w) if matched else 0.0 for name, w in widths.items()]
+    made.values = np.concatenate([plant.values, list(widths.values()), peaks])
+    return made
+
+
+def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
+    """{element: width} of the elements that are to be smoothed; raises SceneError as `smoothed` does."""
+    holding = {element.name: element for element in plant.elements if element.holds}
+    rigid = next((e.name for e in holding.values() if e.unilateral), None)
+    given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)
+    for name, value in given.items():
+        if name not in holding:
+            raise SceneError(f"There is no friction or relay `{name}`: {suggest(name, holding)}")
+        if holding[name].unilateral:
+            raise SceneError(f"The rigid contact `{rigid}` cannot be smoothed: give it a `stiffness` in place of a restitution.")
+        if not is_finite_number(value) or not value > 0:
+            raise SceneError(f"Argument `width` of `{name}` must be > 0 {holding[name].slip_unit}, but it is {value!r}.")
+    return {name: float(given[name]) for name in holding if name in given}
+
+
+def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
+    """The system with widths and missing peaks as parameters behind those of the plant."""
+    chosen = [element for element in plant.elements if element.name in names]
+    widths, peaks = [ca.SX.sym(f"{e.name}.width") for e in chosen], [ca.SX.sym(f"{e.name}.peak") for e in chosen]
+    old: list[ca.SX] = []
+    new: list[ca.SX] = []
+
+    def smooth(expression: ca.SX) -> ca.SX:
+        return ca.substitute([ca.SX(expression)], old, new)[0] if old else ca.SX(expression)
+
+    for element, w, b in zip(chosen, widths, peaks, strict=True):
+        side = ca.tanh(element.slip / w)
+        old.append(element.mode)
+        new.append(side)
+        near = ca.exp(-element.slip * side / (2 * w))
+        force = -side * smooth(element.load) * (smooth(element.sliding) + b * near)
+        old.append(element.multiplier)
+        new.append(force)
+
+    made = object.__new__(SmoothSystem)
+    made.__dict__.update(plant.__dict__)
+    elements: list[Element] = []
+    for element in plant.elements:
+        if element.name in names:
+            elements.append(Creep(element.name, element.slip, widths[names.index(element.name)]))
+            continue
+        twin = copy.copy(element)
+        for kind in element.expressions:
+            setattr(twin, kind, smooth(getattr(element, kind)))
+        elements.append(twin)
+    made.elements = tuple(elements)
+    made.F = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
+    made.m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
+    made.flow = smooth(plant.flow)
+    made.signals = {name: (smooth(expression), unit) for name, (expression, unit) in plant.signals.items()}
+    for kind in ("stored", "losses", "supplies"):
+        setattr(made, kind, {name: smooth(expression) for name, expression in getattr(plant, kind).items()})
+    made.updates = tuple(
+        dataclasses.replace(update, following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
+    )
+    made.p = ca.vertcat(plant.p, *widths, *peaks)
+    made.parameters = dict(plant.parameters)
+    first = plant.p.numel()
+    for i, element in enumerate(chosen):
+        for tail, offset, unit, meaning in (
+            ("smoothing_width", first + i, element.slip_unit, "width of the smoothed law"),
+            ("smoothing_peak", first + len(chosen) + i, "1", "what the plain form lacks to its peak"),
+        ):
+            made.parameters[f"{element.name}.{tail}"] = Parameter(f"{element.name}.{tail}", unit, meaning, None, offset, {})
+    made.kernels = {}
+    return made
+
+
+def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) -> float:
+    """b of the matched form for the numbers of a plant."""
+    element = next(e for e in plant.elements if e.name == name)
+    if element.law is None:
+        return 0.0
+    function = template.kernels.get(("peak", name))
+    if function is None:
+        v, w = ca.SX.sym("v"), ca.SX.sym("w")
+        side = ca.tanh(v / w)
+        law = element.law.sliding(v * side, *[ca.SX(0)] * len(element.law.breaks()))
+        results = [side * law, side * ca.exp(-v * side / (2 * w)), ca.SX(element.law.breakaway())]
+        function = template.kernels[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
+    return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)

@@ -1,0 +1,320 @@
+"""The normal form of a system with set-valued forces, and the algebra of its modes.
+
+    x' = f(t, x, u, p, F)      F, the forces of the elements, enters affinely
+    v_i = slip_i(t, x, p)
+    stick (m_i = 0):   v_i stays 0 and F_i is whatever keeps it there, while |F_i| <= static_i
+    slip  (m_i = +-1): F_i = -m_i kinetic_i
+
+The mode vector m is a numeric input of one set of expressions: with B = df/dF, A = dv/dx B and b the slip rate at F = 0, the forces solve
+
+    m_i = 0:   sum_j A_ij F_j = -b_i            (slip rate zero)
+    m_i != 0:  F_i + m_i K_i F = -m_i kinetic_i(F = 0)
+
+so that no mode is ever enumerated or compiled on its own. A rigid unilateral contact is the same with its own bound: it holds while its multiplier pushes,
+and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
+
+    held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
+
+
+@dataclass(frozen=True)
+class Switching:
+    """Expressions of a system with modes as numeric input; every field is a casadi SX column.
+
+    field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
+    modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
+    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel;
+    sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
+    a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
+    attached: for every element the rigid contact whose force bounds it, or -1;  loader: for every element the unilateral contact without which it has no
+    load, or -1. The bound of a rigid contact is the size of the forces that its own has to balance, a scale for what is zero.
+    open_field, balance: where forces hold each other, dx/dt with forces as symbols, and what these forces make zero; else empty.
+    """
+
+    field: ca.SX
+    force: ca.SX
+    static: ca.SX
+    slip: ca.SX
+    slip_rate: ca.SX
+    guards: ca.SX
+    guard_rates: ca.SX
+    projected: ca.SX
+    gain: ca.SX
+    burden: ca.SX
+    sticks: ca.SX
+    impulse: tuple[ca.SX, ca.SX, ca.SX] | None
+    attached: tuple[int, ...]
+    loader: tuple[int, ...]
+    open_field: ca.SX
+    balance: ca.SX
+
+
+def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
+    """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
+
+    Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
+    """
+    force, mode, slip, load, sliding, static = (
+        ca.vertcat(*[getattr(e, name) for e in elements]) if elements else ca.SX(0, 1)
+        for name in ("multiplier", "mode", "slip", "load", "sliding", "static")
+    )
+    kinetic = load * sliding
+    holding = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
+
+    gain_of_force = ca.jacobian(flow, force)
+    coupling = ca.jacobian(kinetic, force)
+    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
+        ca.jacobian(static, force), force
+    )):
+        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
+    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
+        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
+    slip_of_state = ca.jacobian(slip, x)
+    gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
+    for i, element in enumerate(elements):
+        if element.holds and not gain.has_nz(i, i):
+            raise SceneError(
+                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
+            )
+    free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
+    free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
+    zero = ca.SX.zeros(force.shape)
+    # the factors of the law are grouped so that all but the law itself is constant over a step
+    free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
+
+    sticks = holding * (1 - mode * mode)
+    slides = 1 - sticks
+    matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
+    open_field = balance = ca.SX(0, 1)
+    if matrix.sparsity().is_diag():
+        pivot = ca.diag(matrix)
+        solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
+    else:
+        right = -(sticks * free_rate + mode * free_load * free_sliding)
+        solved = masked_solve(matrix, right)
+        open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
+        balance = matrix @ force - right
+    bound = ca.substitute(static, force, solved)
+    field = _held_exactly(free + gain_of_force @ solved, slip, slip_of_state, x, t, sticks)
+    slip_rate = free_rate + gain @ solved
+
+    limit = sticks * bound
+    held = sticks * solved
+    guards = ca.SX(0, 1)
+    for i, element in enumerate(elements):
+        guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
+    watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
+    kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
+    guards = ca.vertcat(guards, *kinks)
+    guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
+    projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
+    burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
+    attached, impulse = [-1] * len(elements), None
+    rigid = [i for i, element in enumerate(elements) if element.unilateral]
+    if rigid:
+        strength = ca.jacobian(static, force)
+        for i in range(len(elements)):
+            attached[i] = next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1)
+        balanced = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
+        for j in rigid:
+            bound[j] = balanced[j] / gain[j, j]
+        impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
+    loader = _loaders(elements)
+    return Switching(
+        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance
+    )
+
+
+def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
+    """For every friction the unilateral contact that, when open, leaves it without any load; -1 for none."""
+    contacts = [(j, e) for j, e in enumerate(elements) if isinstance(e, UnilateralContact)]
+    found = []
+    for element in elements:
+        symbols = [(j, ca.vertcat(e.multiplier, e.mode)) for j, e in contacts if element.law is not None]
+        alone = [j for j, s in symbols if ca.depends_on(element.load, s) and ca.substitute(element.load, s, ca.vertcat(0, 1)).is_zero()]
+        found.append(alone[0] if alone else -1)
+    return tuple(found)
+
+
+def _impact(
+    x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as held take part."""
+    held, elastic = ca.SX.sym("held", len(elements)), ca.SX.sym("elastic")
+    restitution = ca.vertcat(*[e.restitution if isinstance(e, UnilateralContact) and e.unilateral else 0 for e in elements])
+    matrix = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held) + ca.diag((1 - held) * mode) @ coupling)
+    impulses = masked_solve(matrix, -held * (1 + elastic * restitution) * slip)
+    results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
+    return held, elastic, ca.vertcat(*map(ca.densify, results))
+
+
+def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:
+    """Raise SceneError where the rate of a unilateral contact is not the time derivative of its closure, as numbers at random points show."""
+    contacts = [element for element in elements if isinstance(element, UnilateralContact)]
+    if not contacts:
+        return
+    closure, rate = (ca.vertcat(*[getattr(e, name) for e in contacts]) for name in ("closure", "rate"))
+    derivative = ca.jtimes(closure, ca.vertcat(t, x), ca.vertcat(1, ca.densify(flow)))
+    size = ca.fabs(derivative) + ca.fabs(rate)
+    compared = ca.Function("compared", [t, x, others], [ca.fabs(derivative - rate), size])
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        difference, scale = (np.array(v).ravel() for v in compared(random.random(), random.normal(size=x.numel()), 0.5 + random.random(others.numel())))
+        for i, element in enumerate(contacts):
+            if difference[i] > 1e-6 * scale[i]:  # false where a number is not finite
+                raise SceneError(f"The rate of `{element.name}` must be the time derivative of its closure, but they differ.")
+
+
+def _held_exactly(field: ca.SX, slip: ca.SX, slip_of_state: ca.SX, x: ca.SX, t: ca.SX, sticks: ca.SX) -> ca.SX:
+    """The field with the rate of a sticking slip that holds one state masked, not left to cancellation."""
+    field = ca.densify(field)
+    for i, j in _single(slip_of_state, x):
+        field[j] = (1 - sticks[i]) * field[j] - sticks[i] * ca.jacobian(slip[i], t) / slip_of_state[i, j]
+    return field
+
+
+def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
+    """(slip, state) where a slip contains a single state, with a factor that no state changes."""
+    columns: dict[int, list[int]] = {}
+    for i, j in zip(*slip_of_state.sparsity().get_triplet(), strict=True):
+        columns.setdefault(i, []).append(j)
+    return [(i, js[0]) for i, js in columns.items() if len(js) == 1 and not ca.depends_on(slip_of_state[i, js[0]], x)]
+
+
+def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
+    """The balance of impulses: sticking rows as for forces, sliding rows give zero impulse."""
+    return ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))
+
+
+def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """Solve `matrix * y = right` by elimination on the sparsity pattern, in natural order and without pivoting.
+
+    Rows of sliding elements are unit rows and the block of sticking ones is a Delassus matrix, so the pivots are positive. A diagonal
+    matrix costs one division a row and a tridiagonal one eliminates without fill.
+    """
+    n = matrix.shape[0]
+    rows = _rows(matrix)
+    values = [right[i] for i in range(n)]
+    below: list[list[int]] = [[] for _ in range(n)]
+    for i, row in enumerate(rows):
+        for j in row:
+            if j < i:
+                below[j].append(i)
+    for k in range(n):
+        for i in sorted(set(below[k])):
+            factor = rows[i].pop(k) / rows[k][k]
+            for j, entry in rows[k].items():
+                if j > k:
+                    if j not in rows[i] and j < i:
+                        below[j].append(i)
+                    rows[i][j] = rows[i].get(j, 0) - factor * entry
+            values[i] = values[i] - factor * values[k]
+    solution: list[ca.SX] = [ca.SX(0)] * n
+    for i in reversed(range(n)):
+        known = sum((entry * solution[j] for j, entry in rows[i].items() if j > i), ca.SX(0))
+        solution[i] = (values[i] - known) / rows[i][i]
+    return ca.vertcat(*solution) if n else ca.SX(0, 1)
+
+
+def _rows(matrix: ca.SX) -> list[dict[int, ca.SX]]:
+    rows: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
+    for k, (i, j) in enumerate(zip(*matrix.sparsity().get_triplet(), strict=True)):
+        rows[i][j] = matrix.nz[k]
+    return rows
+
+
+def _project(
+    x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX
+) -> ca.SX:
+    """Set the slip of sticking elements to zero by an impulse, then remove round-off exactly where a state enters a slip with factor +-1."""
+    if not slip.numel():
+        return x
+    impulse = masked_solve(matrix, -sticks * slip)
+    projected = x + gain_of_force @ impulse
+    alone = dict(_single(slip_of_state, x))
+    for i, j in alone.items():
+        rest = ca.substitute(slip[i], x[j], 0)
+        projected[j] = (1 - sticks[i]) * projected[j] - sticks[i] * rest / slip_of_state[i, j]
+    supports: list[dict[int, float]] = [{} for _ in range(slip.numel())]
+    for k, (i, j) in enumerate(zip(*slip_of_state.sparsity().get_triplet(), strict=True)):
+        entry = slip_of_state.nz[k]
+        supports[i][j] = float(entry) if entry.is_constant() else 0.0
+    for i, pivot in _exact_order(supports):
+        if i in alone:
+            continue
+        support = list(supports[i])
+        slip_now = ca.substitute(slip[i], x[support], projected[support])
+        projected[pivot] = projected[pivot] - sticks[i] * slip_now * supports[i][pivot]
+    return projected
+
+
+def _exact_order(supports: list[dict[int, float]]) -> list[tuple[int, int]]:
+    """Order in which slips can be zeroed one by one, each through a state of its own that no earlier slip of the list contains."""
+    remaining = set(range(len(supports)))
+    last_first: list[tuple[int, int]] = []
+    users: dict[int, set[int]] = {}
+    for i, support in enumerate(supports):
+        for j in support:
+            users.setdefault(j, set()).add(i)
+    found = True
+    while found:
+        found = False
+        for i in sorted(remaining):
+            pivot = next((j for j, factor in supports[i].items() if abs(factor) == 1.0 and users[j] & remaining == {i}), None)
+            if pivot is not None:
+                last_first.append((i, pivot))
+                remaining.discard(i)
+                found = True
+    return last_first[::-1]
+
+
+def kink_arguments(expression: ca.SX) -> list[ca.SX]:
+    """Arguments at whose sign change the expression has a kink: of fabs(a), a; of fmin(a, b) and fmax(a, b), a - b.
+
+    Raises SceneError for sign, floor, comparisons and the like: a jump must be a declared element.
+    """
+    jumps = {ca.OP_SIGN: "sign", ca.OP_FLOOR: "floor", ca.OP_CEIL: "ceil", ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==",
+             ca.OP_NE: "!=", ca.OP_IF_ELSE_ZERO: "if_else", ca.OP_FMOD: "fmod", ca.OP_COPYSIGN: "copysign", ca.OP_REMAINDER: "remainder"}  # fmt: skip
+    expression = ca.densify(expression)
+    function = ca.Function("scan", ca.symvar(expression), [expression], {"max_io": 10**9}) if not expression.is_constant() else None
+    if function is None or not any(
+        function.instruction_id(k) in jumps or function.instruction_id(k) in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX)
+        for k in range(function.n_instructions())
+    ):
+        return []
+    found: dict[int, ca.SX] = {}
+    seen: set[int] = set()
+    stack = [expression.nz[k] for k in range(expression.nnz())]
+    while stack:
+        node = stack.pop()
+        key = node.element_hash()
+        if key in seen or node.is_constant() or node.is_symbolic():
+            continue
+        seen.add(key)
+        op = node.op()
+        if op in jumps:
+            raise SceneError(
+                f"The flow, a slip or a bound jumps (`{jumps[op]}`): a jump must be a declared element, such as Relay, or a table with a "
+                "repeated time."
+            )
+        if op == ca.OP_FABS:
+            argument = node.dep(0)
+        elif op in (ca.OP_FMIN, ca.OP_FMAX):
+            argument = node.dep(0) - node.dep(1)
+        else:
+            argument = None
+        if argument is not None and not any(ca.is_equal(argument, other, 2) for other in found.values()):
+            found[key] = argument
+        stack.extend(node.dep(k) for k in range(node.n_dep()))
+    return list(found.values())

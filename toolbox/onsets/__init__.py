@@ -1,0 +1,1 @@
+"""Where stick-slip begins and where it ends."""

@@ -1,0 +1,204 @@
+"""Assertions on runs for the tests of a control law: each says in numbers what failed, and saves a figure of it.
+
+The pytest plugin gives them as the fixture `stickslip`; elsewhere, `Checks(folder=..., name=...)` does the same.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.measuring import measure
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.onset import onset
+from toolbox.onsets.report import Onset
+from toolbox.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """What a machine really is, in parts of what it is declared to be: {"bit.weight": 0.2} is a fifth more weight."""
+
+    parts: Mapping[str, float]
+
+    def __call__(self, plant: HybridSystem) -> dict[str, Any]:
+        """{parameter: perturbed value} of a plant, for `simulate(..., parameters=...)`; raises SceneError for unknown parameters."""
+        return {name: plant.parameter(name) * (1.0 + part) for name, part in self.parts.items()}
+
+
+@dataclass(frozen=True)
+class Checks:
+    """Assertions on runs; each raises AssertionError with its numbers, or returns what it measured.
+
+    folder, name: where the figure of a failed check goes, and what its file name begins with.
+    """
+
+    folder: Path
+    name: str = "check"
+
+    def no_stick_slip(self, run: Trajectory, after: float, element: str | None = None) -> None:
+        """No stick phase, however short, touches the time after `after` [s]. element: the contact; the first one without."""
+        __tracebackhide__ = True
+        contact = _contact(run, element)
+        sticks = measure.stick_intervals(run, contact, after)
+        if sticks:
+            lengths = [last - first for first, last in sticks]
+            self._fail(
+                "no_stick_slip",
+                f"`{contact}` must not stick after {after:g} s, but it sticks {len(sticks)} time(s) for {sum(lengths):.4g} s in all, the longest "
+                f"{max(lengths):.4g} s, first at {sticks[0][0]:.4g} s",
+                lambda: run.plot(),
+            )
+
+    def severity_below(self, run: Trajectory, limit: float, after: float, signal: str = "bit.speed") -> float:
+        """The severity of a speed, half its range by its mean, is below a limit after `after` [s]; returns it."""
+        __tracebackhide__ = True
+        value = measure.severity(run, signal, after)
+        if not value < limit:
+            found = measure.extent(run, signal, after)
+            unit = run.unit(signal)
+            self._fail(
+                "severity_below",
+                f"The severity of `{signal}` after {after:g} s must be below {limit:g}, but it is {value:.4g}: "
+                f"{found.minimum:.5g} .. {found.maximum:.5g} {unit}, mean {found.mean:.5g} {unit}",
+                lambda: run.plot(signal),
+            )
+        return value
+
+    def bounded(self, run: Trajectory, signal: str, low: float = -math.inf, high: float = math.inf, after: float = 0.0) -> None:
+        """A signal stays within [low, high] after `after` [s], between the steps, too."""
+        __tracebackhide__ = True
+        found = measure.extent(run, signal, after)
+        unit = run.unit(signal)
+        for value, when, broken, word in (
+            (found.maximum, found.time_of_maximum, found.maximum > high, f"<= {high:.6g}"),
+            (found.minimum, found.time_of_minimum, found.minimum < low, f">= {low:.6g}"),
+        ):
+            if broken:
+                self._fail(
+                    "bounded",
+                    f"`{signal}` must be {word} {unit} after {after:g} s, but it is {value:.6g} {unit} at {when:.4g} s",
+                    lambda: run.plot(signal),
+                )
+
+    def settles(self, run: Trajectory, signal: str, target: float, within: float, band: float = 0.02, after: float = 0.0) -> float:
+        """A signal stays within `band` (a part of the target) of its target from `within` seconds after `after` on; returns the time it takes."""
+        __tracebackhide__ = True
+        taken = measure.settling(run, signal, target, band, after=after)
+        if not taken <= within:
+            unit = run.unit(signal)
+            end = float(np.ravel(run.at(run.end)[signal])[0])
+            words = "it never does" if math.isinf(taken) else f"it takes {taken:.4g} s"
+            self._fail(
+                "settles",
+                f"`{signal}` must settle to {target:.6g} {unit} +- {100 * band:g} % within {within:g} s, but {words}, and ends at {end:.6g} {unit}",
+                lambda: run.plot(signal),
+            )
+        return taken
+
+    def respects_limits(self, run: Trajectory, limits: Mapping[str, float | tuple[float, float]], after: float = 0.0) -> None:
+        """Every signal keeps its limit: a number is the largest absolute value, a pair is (lowest, highest)."""
+        __tracebackhide__ = True
+        if not limits:
+            raise SceneError("Argument `limits` must hold at least one limit, but it is empty.")
+        for signal, limit in limits.items():
+            low, high = limit if isinstance(limit, tuple) else (-abs(limit), abs(limit))
+            self.bounded(run, signal, low, high, after)
+
+    def energy_balances(self, run: Trajectory, within: float = 1e-5) -> float:
+        """Stored energy, losses and supplies agree within a part of what is turned over; returns the part that is missing."""
+        __tracebackhide__ = True
+        audit = measure.energy_audit(run)
+        if not audit.relative <= within:
+            text = f"The energy must balance within {within:.1e}, but {audit.relative:.1e} of it is missing:\n{audit}"
+            self._fail("energy_balances", text, lambda: run.plot())
+        return audit.relative
+
+    def onset_below(self, machine: Any, parameter: str, limit: float, between: tuple[float, float], **arguments: Any) -> Onset:
+        """From `limit` to the end of the range the machine is free: both borders, that of smooth running and that of existing stick-slip, lie below.
+
+        machine, parameter, between, arguments: as in `toolbox.onset`. The borders count with their tolerance. Returns the onset.
+        """
+        __tracebackhide__ = True
+        if not is_finite_number(limit) or not between[0] < limit <= between[1]:
+            raise SceneError(f"Argument `limit` must be in the range {between[0]:g} .. {between[1]:g}, but it is {limit!r}.")
+        found = onset(machine, parameter, between, **{"at": limit, **arguments})
+        late = [
+            (name, border)
+            for name, borders in (("smooth running is lost", found.losses), ("existing stick-slip ends", found.ends))
+            for border in borders
+            if border.value + border.tolerance > limit
+        ]
+        lasting = [
+            name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].verdict != "smooth"
+        ]
+        if late or lasting:
+            words = [f"{name} at {border.value:.5g} +- {border.tolerance:.2g} {found.unit}" for name, border in late]
+            words += [f"begun from {name} the machine is not smooth even at {between[1]:g} {found.unit}" for name in lasting]
+            self._fail(
+                "onset_below",
+                f"Stick-slip over `{parameter}` must end below {limit:g} {found.unit}, but {', and '.join(words)}.\n{found}",
+                found.plot,
+            )
+        return found
+
+    def beats(
+        self, run: Trajectory, other: Trajectory, after: float, signal: str = "bit.speed", element: str | None = None, by: float = 1.0
+    ) -> float:
+        """A run sticks no longer than another and its severity is below that of the other, divided by `by`; returns the ratio of severities."""
+        __tracebackhide__ = True
+        contact = _contact(run, element)
+        mine, theirs = (measure.severity(each, signal, after) for each in (run, other))
+        stuck, stuck_other = (each.time_in(contact, "stick", after=after) for each in (run, other))
+        if not (stuck <= stuck_other and mine < theirs / by):
+            asked = f" by a factor of {by:g}" if by != 1.0 else ""
+
+            def both() -> Any:
+                from toolbox.simulation.plot import comparison
+
+                return comparison({"this": run, "the other": other}, signal, contact)
+
+            self._fail(
+                "beats",
+                f"The run must beat the other after {after:g} s{asked}, but the severity of `{signal}` is {mine:.4g} against {theirs:.4g}, and "
+                f"`{contact}` sticks {stuck:.4g} s against {stuck_other:.4g} s",
+                both,
+            )
+        return mine / theirs if theirs else math.nan
+
+    def _fail(self, check: str, text: str, draw: Callable[[], Any]) -> None:
+        __tracebackhide__ = True
+        raise AssertionError(f"{text.rstrip('.')}.\n{self._figure(check, text, draw)}")
+
+    def _figure(self, check: str, text: str, draw: Callable[[], Any]) -> str:
+        """Save the figure of a failure and say where; a figure that cannot be drawn must not hide what failed."""
+        path = self.folder / f"{re.sub(r'[^A-Za-z0-9]+', '_', self.name).strip('_')}_{check}.png"
+        try:
+            import matplotlib
+
+            matplotlib.use("Agg")  # a test has no screen
+            import matplotlib.pyplot as plt
+
+            self.folder.mkdir(parents=True, exist_ok=True)
+            figure = np.ravel(draw())[0].figure
+            figure.suptitle(f"{self.name}: {check}", fontsize=9.0)
+            figure.savefig(path, dpi=150)
+            plt.close(figure)
+        except Exception as error:
+            return f"(There is no figure: {error})"
+        return f"Figure: {path}"
+
+
+def _contact(run: Trajectory, element: str | None) -> str:
+    contacts = [each.name for each in run.program.system.elements if each.law is not None]
+    if element is None and not contacts:
+        raise SceneError("The run must have a contact with dry friction to be judged, but it has none.")
+    return element or contacts[0]

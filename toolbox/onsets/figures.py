@@ -1,0 +1,256 @@
+"""Pictures of analyses: severity over one parameter or two, Hopf curves, poles, what a drive reflects, the front of a tuning, a model fitted to data.
+
+Every function draws into `ax` or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
+
+if TYPE_CHECKING:
+    from toolbox.calibration.fit import Fit
+    from toolbox.onsets.report import Onset
+    from toolbox.onsets.severity_map import SeverityMap
+    from toolbox.tuning.results import Tuned
+
+
+def onset_diagram(found: Onset, ax: Any = None) -> Any:
+    """Severity over the parameter: from smooth running and from inside stick-slip, the Hopf points, both borders, the bistable band, the working point."""
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
+        unit = "" if found.unit == "1" else f" [{found.unit}]"
+        for low, high in found.bistable:
+            ax.axvspan(low, high, color="0.90", linewidth=0, zorder=0, label="bistable")
+        for point in found.hopf:
+            ax.axvline(point.value, color="0.2", linewidth=1.0, linestyle=(0, (4, 2)), label="Hopf point", zorder=1)
+        for border in found.ends:
+            ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (1.2, 1.2)), label="stick-slip ends", zorder=1)
+        if found.values[0] <= found.at <= found.values[-1]:
+            ax.plot([found.at], [0.0], marker="^", color="black", markersize=7, linestyle="none", clip_on=False, zorder=4, label="working point",
+                    transform=ax.get_xaxis_transform())  # fmt: skip
+        branches = ((found.sticking, LINES[1], "s", "from stick-slip"), (found.smooth, LINES[0], "o", "from smooth running"))
+        for branch, style, marker, label in branches:
+            # a line across a border would show severities that nothing has
+            x, y = [float(found.values[0])], [branch[0].severity]
+            for value, before, after in zip(found.values[1:], branch, branch[1:], strict=False):
+                jump = before.verdict != after.verdict
+                x += [np.nan, float(value)] if jump else [float(value)]
+                y += [np.nan, after.severity] if jump else [after.severity]
+            look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
+            ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
+        ax.set_xlabel(in_words(found.parameter) + unit)
+        ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
+        ax.set_xlim(found.values[0], found.values[-1])
+        ax.set_ylim(bottom=0.0)
+        handles, labels = ax.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        ax.legend(once.values(), once.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
+    return ax
+
+
+def onset_panels(onsets: Mapping[str, Onset]) -> Any:
+    """One onset diagram per controller, on common axes. Returns the axes; raises SceneError for none."""
+    if not onsets:
+        raise SceneError("Argument `onsets` must hold at least one onset, but it is empty.")
+    with plt.rc_context(PAPER):
+        _, axes = plt.subplots(
+            len(onsets), 1, sharex=True, sharey=True, squeeze=False, figsize=(WIDTH, 0.9 + 1.7 * len(onsets)), layout="constrained"
+        )
+        panels = axes[:, 0]
+        for i, (ax, (label, found)) in enumerate(zip(panels, onsets.items(), strict=True)):
+            onset_diagram(found, ax=ax)
+            legend = ax.get_legend()
+            if i:
+                legend.remove()
+            ax.text(0.99, 0.94, label, transform=ax.transAxes, ha="right", va="top", fontsize=9.0)
+            ax.set_ylabel("severity [1]")
+            if i < len(onsets) - 1:
+                ax.set_xlabel("")
+    return panels
+
+
+def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
+    """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
+
+    The grey tells the severity, and white where the machine runs smoothly; lines differ in their dashes as well.
+    """
+    from matplotlib.collections import LineCollection
+
+    from toolbox.simulation.plot import in_words
+
+    looks: dict[str, tuple[str, dict[str, Any]]] = {
+        "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
+        "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
+        "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
+    }
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 3.5), layout="constrained", sharex=True, sharey=True)
+        (x, y), scales = found.axes, [_thousands(axis, unit) for axis, unit in zip(found.axes, found.units, strict=True)]
+        values = np.concatenate([found.smooth.severity.ravel(), found.sticking.severity.ravel()])
+        top = float(np.quantile(values[np.isfinite(values)], 0.99)) if np.isfinite(values).any() else 1.0
+        shade = None
+        for ax, branch, title in zip(axes, (found.smooth, found.sticking), ("from smooth running", "from inside stick-slip"), strict=True):
+            ax.set_facecolor("#f3e3d3")
+            shown = np.ma.masked_invalid(np.where(branch.verdict == -1, np.nan, branch.severity))
+            shade = ax.pcolormesh(
+                x / scales[0][0], y / scales[1][0], shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="nearest", rasterized=True
+            )
+            for name, (label, look) in looks.items():
+                segments = found.borders[name] / [scales[0][0], scales[1][0]]
+                ax.add_collection(LineCollection(list(chained(segments)), label=label, zorder=3, **look))
+            ax.set_title(title, loc="left", fontsize=9.0)
+            ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
+            ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
+        axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
+        figure = axes[0].figure
+        bar = figure.colorbar(
+            shade, ax=list(axes), label=f"severity of {in_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
+        )
+        bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return axes
+
+
+def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
+    """(divisor, unit) in which an axis is read best."""
+    large = float(np.abs(axis).max()) >= 1e4 and unit.split()[0].split("/")[0] in ("N", "Pa", "W", "J")
+    return (1e3, f"k{unit}") if large else (1.0, unit)
+
+
+def chained(segments: np.ndarray) -> list[np.ndarray]:
+    """Segments joined end to end into lines, so that dashes run through."""
+    ends: dict[tuple[float, float], list[int]] = {}
+    keys = [[tuple(end) for end in segment] for segment in segments.tolist()]
+    for k, pair in enumerate(keys):
+        for end in pair:
+            ends.setdefault(end, []).append(k)
+    free, lines = set(range(len(keys))), []
+    order = sorted(free, key=lambda k: min(len(ends[end]) for end in keys[k]))  # open lines begin at an end of theirs
+    for k in order:
+        if k not in free:
+            continue
+        free.discard(k)
+        a, b = keys[k]
+        line = [a, b] if len(ends[a]) <= len(ends[b]) else [b, a]
+        while True:
+            following = next((other for other in ends[line[-1]] if other in free), None)
+            if following is None:
+                break
+            free.discard(following)
+            line.append(keys[following][1] if keys[following][0] == line[-1] else keys[following][0])
+        lines.append(np.array(line))
+    return lines
+
+
+def tuning_diagram(found: Tuned, ax: Any = None) -> Any:
+    """The first two objectives of every trial, with the front, the given law and the tuned one; of one objective the best so far over the trials."""
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.4), layout="constrained")
+        values = np.array([found.counted(trial) for trial in found.trials])
+        values[~np.isfinite(values)] = np.nan
+        names = [name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in zip(found.objectives, found.units, strict=True)]
+        if len(names) == 1:
+            count = np.arange(1, len(values) + 1)
+            ax.plot(count, values[:, 0], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried")
+            ax.step(count, np.fmin.accumulate(values[:, 0]), where="post", label="best so far", **LINES[0])
+            ax.set_xlabel("points tried [1]")
+            ax.set_ylabel(names[0])
+            ax.set_xlim(0, len(values) + 1)
+        else:
+            front = np.array([found.counted(trial) for trial in found.front]).reshape(-1, len(names))
+            ax.plot(values[:, 0], values[:, 1], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried", zorder=1)
+            if len(names) == 2:
+                ax.step(front[:, 0], front[:, 1], where="post", zorder=2, **LINES[0])
+            ax.plot(
+                front[:, 0], front[:, 1], marker="o", markersize=4.0, color=LINES[0]["color"], linestyle="none", label="front", zorder=3
+            )
+            given = found.counted(found.before)
+            if np.isfinite(given).all():
+                ax.plot(
+                    *given[:2],
+                    marker="s",
+                    markersize=6.5,
+                    markerfacecolor="white",
+                    color=LINES[1]["color"],
+                    linestyle="none",
+                    label="as given",
+                    zorder=4,
+                )
+            if len(front):
+                best = found.counted(found.best)
+                ax.plot(
+                    *best[:2], marker="*", markersize=11, markerfacecolor="white", color="black", linestyle="none", label="tuned", zorder=5
+                )
+                # what is tried far from the front says little about it
+                seen = np.vstack([front, [given] if np.isfinite(given).all() else front[:1]])[:, :2]
+                low, high = seen.min(axis=0), seen.max(axis=0)
+                room = np.where(high > low, 0.15 * (high - low), 0.1 * np.maximum(np.abs(high), 1e-3))
+                ax.set_xlim(low[0] - room[0], high[0] + room[0])
+                ax.set_ylim(low[1] - room[1], high[1] + room[1])
+            ax.set_xlabel(names[0])
+            ax.set_ylabel(names[1])
+        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.2)
+    return ax
+
+
+def fitted(found: Fit) -> Any:
+    """Measured against model: one panel per signal, or the loop of friction over slip, and below each what is left. Returns the axes, (2, signals)."""
+    from toolbox.calibration.residuals import Loop
+
+    misfit = found.misfit
+    model = misfit.model(found.values)
+    loop = isinstance(misfit, Loop)
+    dots = {"marker": ".", "linestyle": "none", "color": "0.6", "markersize": 2.5, "rasterized": True}
+    with plt.rc_context(PAPER):
+        figure, axes = plt.subplots(2, len(misfit.outputs), squeeze=False, sharex="col", figsize=(WIDTH, 3.8), height_ratios=(2.2, 1.0),
+                                    layout="constrained")  # fmt: skip
+        for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
+            unit = misfit.plant.unit(name)
+            time, measured = misfit.time[name], misfit.measured[name]
+            if loop:
+                element = misfit.plant.elements[misfit.place]
+                x, slides = misfit.slip[misfit.rows], ~misfit.released
+                resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)
+                top.plot(
+                    misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest"
+                )
+                top.plot(x[slides], measured[slides], **dots, label="measured, slipping")
+                top.plot(
+                    x[slides],
+                    model[name][slides],
+                    **{**dots, "color": LINES[0]["color"], "markersize": 1.8},
+                    label="law, at the measured load",
+                )
+                if misfit.released.any():
+                    top.plot(
+                        x[misfit.released],
+                        measured[misfit.released],
+                        marker="^",
+                        linestyle="none",
+                        color=LINES[1]["color"],
+                        label="break-away",
+                    )
+                bottom.set_xlabel(f"slip of {element.name} [{element.slip_unit}]")
+            else:
+                x = time
+                top.plot(x, measured, **dots, label="measured")
+                top.plot(x, model[name], label="model", **{**LINES[0], "linewidth": 1.1})
+                bottom.set_xlabel("time [s]")
+            bottom.plot(x, measured - model[name], **dots)
+            bottom.axhline(0.0, color="0.2", linewidth=0.7)
+            top.set_ylabel(f"{in_words(name)} [{unit}]")
+            bottom.set_ylabel(f"left [{unit}]")
+            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
+        figure.align_ylabels(axes)
+    return axes

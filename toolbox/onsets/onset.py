@@ -1,0 +1,188 @@
+"""Onset of stick-slip: where smooth running is lost, where stick-slip that has begun ends, and how far a working point is from both.
+
+Two borders belong to every machine that sticks and slips, because it remembers. From smooth running, a small disturbance grows only beyond the Hopf
+point. From inside stick-slip, the cycle lives on until it can no longer reach zero slip, and that is often far away: on a two-inertia drill
+string under a stiff drive at three times the speed. Between the two, the machine runs smoothly until something disturbs it, and then sticks and slips for
+ever. A margin to the Hopf point alone therefore understates the danger, and `onset` never reports one border without the other.
+
+How runs find both borders is told in `toolbox.onsets.search`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.free_parameter import Knob, checked_range, continuous_loop
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Sampled
+from toolbox.onsets.report import PERIODS, STICKING, Onset
+from toolbox.onsets.search import Search, swing_period
+from toolbox.simulation.simulate import checked_run
+from toolbox.steady_states.equilibria import Followed, state_values
+from toolbox.steady_states.hopf import hopf_points
+from toolbox.steady_states.linear import input_values
+
+if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
+
+
+def onset(
+    machine: HybridSystem | Scene,
+    parameter: str,
+    between: tuple[float, float],
+    *,
+    controller: Any = None,
+    sample_time: float | None = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+    guess: Mapping[str, Any] | None = None,
+    element: str | None = None,
+    signal: str | None = None,
+    values: int = 13,
+    tolerance: float | None = None,
+    at: float | None = None,
+    duration: float | None = None,
+    perturbation: float = 1e-3,
+    accuracy: float | None = None,
+) -> Onset:
+    """Where stick-slip begins and where it ends over one parameter or input: both branches, the Hopf points and the margin at a working point.
+
+    machine: a plant, or a scene whose controller is named by `controller` (its first one without).  parameter, between: what is varied and its range
+    in SI; any input, any parameter of the plant or the law.  controller, sample_time, parameters: as in `simulate`; a sampled law also needs its
+    continuous form, for the steady state.  inputs: numbers.  mode: of the steady state, as in `equilibrium`.  guess: {state: value} near
+    the steady state at the working point, where none is found without, as under a drive with limits.  element, signal: the contact and
+    the speed to judge; without, those of the scene, or the first contact and its speed.  values: how many values both branches are simulated at.
+    tolerance: of the borders; a thousandth of the range without.  at: the working point; the declared value without.  duration: of a run [s];
+    without, 100 periods of the least damped motion.  perturbation: of smooth running, in parts of the steady slip.
+
+    A law keeps its design on the declared plant while a parameter of the plant varies. Stick-slip means at least three stick phases longer
+    than can be resolved in the second half of a run that keep coming until its end. Raises SceneError for unknown names, a range that is none,
+    inputs that vary in time, and laws without a continuous form.
+    """
+    from toolbox.scenes.scene import Scene
+
+    title = ""
+    if isinstance(machine, Scene):
+        scene = machine
+        case = scene.case(controller) if controller is not None else scene.cases[0]
+        given = {**scene.inputs, **case.inputs, **(inputs or {})}
+        moving = next((name for name, value in given.items() if not is_finite_number(value)), None)
+        if moving is not None:
+            raise SceneError(f"Argument `{moving}` must be a number for an onset to exist, but the scene varies it in time.")
+        inputs, parameters = {name: float(value) for name, value in given.items()}, {**scene.parameters, **(parameters or {})}  # type: ignore[arg-type]
+        plant, law, title = scene.plant(), case.controller, case.label
+        element, signal = element or scene.element, signal or scene.signal
+        accuracy = scene.accuracy if accuracy is None else accuracy
+    else:
+        plant, law = checked_plant(machine, "machine"), controller
+        if law is not None and sample_time is not None:
+            law = [
+                each if isinstance(each, Sampled) else Sampled(each, sample_time)
+                for each in (law if isinstance(law, (list, tuple)) else [law])
+            ]
+    low, high = checked_range(between)
+    if not isinstance(values, int) or values < 3:
+        raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
+    for word, number in (("tolerance", tolerance), ("duration", duration), ("perturbation", perturbation), ("at", at)):
+        if number is None and word != "perturbation":
+            continue
+        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
+            raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
+    closed = continuous_loop(plant, law, inputs=inputs, parameters=parameters)
+    knob = Knob.of(closed, parameter)
+    input_values(closed, inputs or {})
+    contact = judged_contact(closed, element)
+    speed = signal or judged_speed(closed, contact)
+    closed.signal_unit(speed)
+    at = knob.declared(closed, inputs or {}) if at is None else float(at)
+    grid = np.linspace(low, high, values)
+    if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
+        grid = np.sort(np.append(grid, at))
+    laws = law if isinstance(law, (list, tuple)) or law is None else [law]
+    search = Search(
+        base=checked_run(
+            plant, 0.0, inputs={**(inputs or {}), **({parameter: low} if knob.is_input else {})}, parameters=parameters, controller=laws,
+            accuracy=1e-6 if accuracy is None else accuracy,
+        ),
+        knob=knob,
+        followed=Followed(closed, knob, inputs or {}, mode, guess),
+        element=contact,
+        signal=speed,
+        perturbation=float(perturbation),
+    )  # fmt: skip
+    noises = {name: entry for name, entry in search.base.system.parameters.items() if name.endswith(".sensors.noise")}
+    search.silence = {name: [0.0] * entry.size if entry.size else 0.0 for name, entry in noises.items()}
+    if low <= at <= high:
+        search.followed(at)  # first, because a guess is near this one
+    steady = [point for point in (search.followed(float(value)) for value in grid) if point is not None]
+    if not steady:
+        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {search.followed.reason}")
+    try:
+        hopf = hopf_points(
+            closed, parameter, (low, high), inputs=inputs, mode=mode, guess=None if not steady else state_values(closed, steady[-1].states)
+        )
+    except SceneError as error:
+        hopf = []
+        search.notes.append(f"no Hopf point: {error}")
+    search.period = max(point.period for point in hopf) if hopf else float(np.median([swing_period(point) for point in steady]))
+    search.duration = PERIODS * search.period if duration is None else float(duration)
+    tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
+    numbers = [float(value) for value in grid]
+    smooth = [search.smooth(value) for value in numbers]
+    losses = search.borders(numbers, [judged.verdict == "smooth" for judged in smooth], search.is_smooth, tolerance)
+    for _ in numbers:
+        for value in [v for v, judged in search.found.items() if judged.verdict not in STICKING and search.inside.get(v)]:
+            del search.found[value]
+        sticking = search.sweep(numbers)
+        ends = search.borders(numbers, [judged.verdict not in STICKING for judged in sticking], search.is_free, tolerance)
+        if all(judged.verdict in STICKING for value, judged in zip(numbers, sticking, strict=True) if search.inside.get(value)):
+            break  # else the search for a border arrived in stick-slip where a larger step of the sweep had lost it
+    if laws and any(isinstance(each, Sampled) for each in laws):
+        search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
+    if search.silence:
+        search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
+    return Onset(
+        title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
+        parameter=parameter,
+        unit=knob.unit,
+        element=contact,
+        signal=speed,
+        values=np.array(numbers),
+        smooth=tuple(smooth),
+        sticking=tuple(sticking),
+        hopf=tuple(hopf),
+        losses=tuple(losses),
+        ends=tuple(ends),
+        at=at,
+        period=search.period,
+        duration=search.duration,
+        accuracy=search.base.accuracy,
+        perturbation=float(perturbation),
+        runs=search.runs,
+        notes=tuple(search.notes),
+    )
+
+
+def judged_contact(closed: HybridSystem, element: str | None) -> str:
+    """The contact whose sticking is judged: the one named, else the first. Raises SceneError where there is none."""
+    contacts = [each.name for each in closed.elements if each.law is not None]
+    if not contacts:
+        raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
+    if element is not None and element not in contacts:
+        raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, contacts)}")
+    return element or contacts[0]
+
+
+def judged_speed(closed: HybridSystem, contact: str) -> str:
+    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
+
+    speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
+    return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

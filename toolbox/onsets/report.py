@@ -1,0 +1,293 @@
+"""Both branches of a machine over one parameter as a result: verdicts, borders, margin to a working point, report, picture and table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.elements import is_finite_number
+from toolbox.steady_states.hopf import HopfPoint
+
+STICKING = ("stick-slip", "stuck")
+"""Verdicts from which a machine must be freed."""
+
+PERIODS = 100
+"""Periods of the least damped motion that a run lasts; stick phases are counted in the second half."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a run came to.
+
+    verdict: "smooth" (the disturbance dies), "swing" (it grows or lasts, without stick), "stick-slip" (stick phases that come back until the end),
+    "stuck" (rest for good), "failed", or "none" (there is no steady state to start from);  severity: half-range of the judged
+    signal by its mean;  sticks: resolved stick phases in the second half;  longest: the longest of them [s].
+    """
+
+    verdict: str
+    severity: float = math.nan
+    sticks: int = 0
+    longest: float = 0.0
+
+
+@dataclass(frozen=True)
+class Border:
+    """A border between two verdicts: `value` +- `tolerance`; safe: "above" or "below", the side without stick-slip or with stable running.
+
+    tolerance: one and a half of the last interval, because each step of the parameter shakes the machine by as much again.
+    confirmed: whether runs of five times the duration, and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
+    """
+
+    value: float
+    tolerance: float
+    safe: str
+    confirmed: bool
+
+    def margin(self, at: float) -> float:
+        """Distance of a working point to the border in parts of the border, positive on the safe side."""
+        distance = at - self.value if self.safe == "above" else self.value - at
+        return distance / abs(self.value) if self.value else math.copysign(math.inf, distance)
+
+
+@dataclass(frozen=True)
+class Onset:
+    """Both branches of a machine over one parameter: `print(onset)` for the report, `onset.plot()` for the picture.
+
+    values: of the parameter, shape (n,), in `unit`;  smooth, sticking: verdicts from the disturbed steady state, and from inside stick-slip;  hopf: Hopf
+    points of the linear system, exact;  losses: borders of smooth running, by simulation;  ends: borders of existing stick-slip;  at: the
+    working point, `at_smooth` and `at_sticking` its verdicts (None outside of the range);  period: of the least damped motion [s];  duration: of a run
+    [s];  runs: how many;  notes: what was not done, or not confirmed.
+    """
+
+    title: str
+    parameter: str
+    unit: str
+    element: str
+    signal: str
+    values: np.ndarray
+    smooth: tuple[Judged, ...]
+    sticking: tuple[Judged, ...]
+    hopf: tuple[HopfPoint, ...]
+    losses: tuple[Border, ...]
+    ends: tuple[Border, ...]
+    at: float
+    period: float
+    duration: float
+    accuracy: float
+    perturbation: float
+    runs: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def loss(self) -> float:
+        """Border of smooth running, by simulation: that nearest to the working point; nan where there is none in the range."""
+        return self._nearest(self.losses)
+
+    @property
+    def end(self) -> float:
+        """Border of existing stick-slip: that nearest to the working point; nan where there is none in the range."""
+        return self._nearest(self.ends)
+
+    def _nearest(self, borders: Sequence[Border]) -> float:
+        return min((border.value for border in borders), key=lambda value: abs(value - self.at), default=math.nan)
+
+    @property
+    def bistable(self) -> list[tuple[float, float]]:
+        """(low, high) of the bands in which smooth running is stable and stick-slip, once begun, stays."""
+        edges = sorted({float(self.values[0]), float(self.values[-1]), *(border.value for border in (*self.losses, *self.ends))})
+        bands: list[tuple[float, float]] = []
+        for low, high in itertools.pairwise(edges):
+            inside = [i for i, value in enumerate(self.values) if low < value < high] or [
+                int(np.argmin(np.abs(self.values - (low + high) / 2)))
+            ]
+            middle = inside[len(inside) // 2]
+            safe = self._side(self.losses, (low + high) / 2, self.smooth[middle].verdict == "smooth")
+            sticks = not self._side(self.ends, (low + high) / 2, self.sticking[middle].verdict not in STICKING)
+            if safe and sticks:
+                if bands and bands[-1][1] == low:
+                    low = bands.pop()[0]
+                bands.append((low, high))
+        return bands
+
+    @staticmethod
+    def _side(borders: Sequence[Border], value: float, otherwise: bool) -> bool:
+        """Whether a value is on the safe side of the border nearest to it; `otherwise` where there is none."""
+        if not borders:
+            return otherwise
+        nearest = min(borders, key=lambda border: abs(border.value - value))
+        return (value > nearest.value) == (nearest.safe == "above")
+
+    def verdict(self, value: float) -> str:
+        """What the machine does at a value of the parameter within the range: "free", "bistable", "swing", "stick-slip" or "stuck".
+
+        By the nearest value that was simulated on the same side of all borders. Raises SceneError outside of the range.
+        """
+        if not is_finite_number(value) or not self.values[0] <= value <= self.values[-1]:
+            raise SceneError(
+                f"Argument `value` must be between {self.values[0]:g} and {self.values[-1]:g} {self.unit}, but it is {value!r}."
+            )
+        cuts = [border.value for border in (*self.losses, *self.ends)]
+        apart = [sum(min(v, value) < cut <= max(v, value) for cut in cuts) for v in self.values]
+        near = min(range(self.values.size), key=lambda i: (apart[i], abs(self.values[i] - value)))
+        smooth = self._side(self.losses, value, self.smooth[near].verdict == "smooth")
+        sticks = not self._side(self.ends, value, self.sticking[near].verdict not in STICKING)
+        if sticks:
+            return "bistable" if smooth else self.sticking[near].verdict if self.sticking[near].verdict in STICKING else "stick-slip"
+        return "free" if smooth else self.smooth[near].verdict
+
+    @property
+    def advice(self) -> str:
+        """The working point in one sentence, with its margins to both borders."""
+        shown = f"{self.at:.6g} {self.unit}"
+        if not self.values[0] <= self.at <= self.values[-1]:
+            return f"The working point {shown} is outside of the range."
+        words = {
+            "free": "is free: a disturbance dies, and stick-slip that has begun ends.",
+            "bistable": "is bistable: smooth until something disturbs it, and stick-slip or standstill that has begun never ends by itself.",
+            "stick-slip": "sticks and slips: the least disturbance grows into it.",
+            "swing": "swings without stick: the least disturbance grows, and stick-slip that has begun turns into it.",
+            "stuck": "comes to rest for good, and does not break away.",
+        }
+        verdict = self.verdict(self.at)
+        margins = []
+        for name, borders in (("loss of smooth running", self.losses), ("end of stick-slip", self.ends)):
+            if borders:
+                border = min(borders, key=lambda border: abs(border.value - self.at))
+                margins.append(f"{100 * border.margin(self.at):+.1f} % to the {name}")
+        return f"The working point {shown} {words.get(verdict, f'has no steady running ({verdict}).')}" + (
+            f" Margin {' and '.join(margins)}." if margins else ""
+        )
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        lines = [
+            f"Onset of stick-slip: {self.title}",
+            f"{self.parameter} from {self.values[0]:g} to {self.values[-1]:g}{unit}, judged by `{self.element}` and `{self.signal}`",
+            "",
+        ]
+        rows = [
+            (f"Hopf point, {p.kind} loss", f"{p.value:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
+            for p in self.hopf
+        ]
+        for name, borders in (("smooth running is lost", self.losses), ("existing stick-slip ends", self.ends)):
+            rows += [
+                (
+                    name,
+                    f"{b.value:.6g}",
+                    f"+- {b.tolerance:.2g}, safe {b.safe}" + ("" if b.confirmed else ", NOT confirmed by longer and finer runs"),
+                )
+                for b in borders
+            ]
+            if not borders:
+                rows.append((name, "-", self._nowhere(name)))
+        rows += [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+        widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
+        lines += [f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows]
+        lines += ["", self.advice, ""]
+        head = (f"{self.parameter}", "from smooth running", "severity", "from stick-slip", "severity", "longest stick")
+        cells = [head]
+        for value, a, b in zip(self.values, self.smooth, self.sticking, strict=True):
+            cells.append(
+                (f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), f"{b.longest:.3g} s" if b.longest else "-")
+            )
+        widths = [max(len(row[i]) for row in cells) for i in range(6)]
+        lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+        checked = (
+            f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
+            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy."
+        )
+        return "\n".join([*lines, "", checked, *(f"Note: {note}" for note in self.notes)])
+
+    def _nowhere(self, name: str) -> str:
+        branch, calm = (self.smooth, "smooth") if name.startswith("smooth") else (self.sticking, "stick-slip")
+        same = {judged.verdict in (STICKING if calm == "stick-slip" else (calm,)) for judged in branch}
+        everywhere = same == {True}
+        if calm == "smooth":
+            return (
+                "nowhere in the range: smooth running is stable in all of it"
+                if everywhere
+                else "smooth running is stable nowhere in the range"
+            )
+        return "nowhere in the range: stick-slip lasts in all of it" if everywhere else "no stick-slip was found in the range"
+
+    def plot(self, ax: Any = None) -> Any:
+        """Severity over the parameter, both branches and the borders; see `toolbox.onsets.figures.onset_diagram`."""
+        from toolbox.onsets.figures import onset_diagram
+
+        return onset_diagram(self, ax=ax)
+
+    def save(self, path: str | Path) -> Path:
+        """Write one row per value as csv, whole or not at all: value, verdict, severity and sticks of both branches."""
+
+        from toolbox.files.atomic import replaced
+
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow([f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS)])
+        for value, *branches in zip(self.values, self.smooth, self.sticking, strict=True):
+            cells = [getattr(judged, name) for judged in branches for name in COLUMNS]
+            table.writerow([float(value), *("" if cell != cell else cell for cell in cells)])
+        with replaced(Path(path)) as file:
+            file.write(text.getvalue().encode())
+        return Path(path)
+
+
+COLUMNS = ("verdict", "severity", "sticks", "longest")
+
+
+def shown(value: float) -> str:
+    """A number of a report; "-" where there is none."""
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Onsets of several controllers over one parameter, side by side: `print(comparison)`, `comparison["soft torque"]`."""
+
+    onsets: Mapping[str, Onset]
+    failures: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, label: str) -> Onset:
+        if label not in self.onsets:
+            raise SceneError(f"There is no onset of `{label}`: {suggest(label, self.onsets)}")
+        return self.onsets[label]
+
+    @cached_property
+    def rows(self) -> list[tuple[str, ...]]:
+        """One line per controller as text: name, Hopf point, loss, end, bistable band, verdict at the working point and margin."""
+        lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "bistable", "at", "there", "margin")]
+        for label, found in self.onsets.items():
+            inside = found.values[0] <= found.at <= found.values[-1]
+            borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends) if row]
+            lines.append(
+                (
+                    label,
+                    shown(min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
+                    shown(found.loss),
+                    shown(found.end),
+                    ", ".join(f"{low:.3g} .. {high:.3g}" for low, high in found.bistable) or "-",
+                    f"{found.at:.4g}",
+                    found.verdict(found.at) if inside else "outside",
+                    f"{100 * min(borders):+.0f} %" if borders else "-",
+                )
+            )
+        return lines + [(label, "failed", *[""] * 6) for label in self.failures]
+
+    def __str__(self) -> str:
+        widths = [max(len(row[i]) for row in self.rows) for i in range(8)]
+        lines = [
+            "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))).rstrip()
+            for row in self.rows
+        ]
+        lines.insert(1, "-" * max(map(len, lines)))
+        return "\n".join([*lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])

@@ -1,0 +1,303 @@
+"""The runs behind an onset.
+
+At every value of the parameter one run starts from the steady state, disturbed a little along its least damped motion; and in sweeps
+up and down each run continues from the end of the run before it while that one still stuck and slipped. Where the verdict changes between
+neighbours the border is halved down to the tolerance, then both sides are judged again by a longer and by a more accurate run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SimulationError
+from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.report import STICKING, Border, Judged
+from toolbox.simulation.simulate import Run, again
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
+from toolbox.steady_states.linear import Equilibrium, function_of, state_labels
+from toolbox.steady_states.poles import critical_pole
+
+
+@dataclass
+class End:
+    """Where a run ended, for the next one to begin there."""
+
+    start: dict[str, Any]
+    resume: tuple[np.ndarray, np.ndarray] | None
+
+
+@dataclass
+class Search:
+    """Runs of one closed loop with one knob, judged and counted.
+
+    silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows.
+    """
+
+    base: Run
+    knob: Knob
+    followed: Followed
+    element: str
+    signal: str
+    perturbation: float
+    silence: dict[str, Any] = field(default_factory=dict)
+    period: float = 1.0
+    duration: float = 0.0
+    runs: int = 0
+    notes: list[str] = field(default_factory=list)
+    inside: dict[float, dict[str, End]] = field(default_factory=dict)
+    found: dict[float, Judged] = field(default_factory=dict)
+
+    def run(
+        self, value: float, begin: End, numbers: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
+    ) -> tuple[Judged, End | None]:
+        """One run at a value of the knob, and with other numbers, and where it ended."""
+        changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
+        if self.knob.is_input:
+            changes["inputs"] = {**self.base.inputs, self.knob.name: value}
+            changes["system"] = self.base.system.with_parameters(numbers or {})
+        else:
+            changes["system"] = self.base.system.with_parameters({self.knob.name: value, **(numbers or {})})
+        duration = longer * self.duration
+        self.runs += 1
+        for _ in range(3):
+            try:
+                run = again(self.base, duration=duration, longest_step=duration / 256, **changes)
+            except SimulationError:
+                return Judged("failed"), None
+            judged = self.judged(run, value)
+            if judged.verdict != "unclear":
+                break
+            duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
+        else:
+            judged = dataclasses.replace(judged, verdict="stuck")
+        return judged, End(state_values(run.program.system, run.states[-1]), _held(run))
+
+    def walked(self, begin: End, origin: float, value: float) -> End:
+        """Where the machine is after the knob went from one value to another in small steps: a jump at once would shake it out of its cycle."""
+        if value == origin:
+            return begin
+        for k in range(1, STEPS):
+            middle = origin + (value - origin) * k / STEPS
+            changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume}
+            if self.knob.is_input:
+                changes["inputs"] = {**self.base.inputs, self.knob.name: middle}
+            else:
+                changes["system"] = self.base.system.with_parameters({self.knob.name: middle})
+            try:
+                run = again(self.base, duration=2.3 * self.period, longest_step=self.period / 256, **changes)
+            except SimulationError:
+                return begin
+            begin = End(state_values(run.program.system, run.states[-1]), _held(run))
+        return begin
+
+    def judged(self, run: Trajectory, value: float) -> Judged:
+        """The verdict on the second half of a run."""
+        from toolbox.measuring import measure
+
+        half = run.end / 2
+        shortest = max(10 * self.base.accuracy, 1e-6) * self.period
+        sticks = [(a, b) for a, b in measure.stick_intervals(run, self.element, half) if b - a > shortest]
+        longest = max((b - a for a, b in sticks), default=0.0)
+        # whole cycles at the end say how large they are, also those that stick twice or three times
+        last = min(max(len(sticks) - 1, 0) // 2 * 2, 6)
+        whole = (sticks[-1 - last][0], sticks[-1][0]) if last else (max(half, run.end - 8 * self.period), None)
+        found = measure.extent(run, self.signal, *whole)
+        swing = found.maximum - found.minimum
+        severity = swing / (2 * abs(found.mean)) if found.mean else math.inf if swing else math.nan
+        if sticks:
+            gap = max(np.diff([a for a, _ in sticks]), default=math.inf)
+            if len(sticks) >= 3 and run.end - sticks[-1][1] <= 2 * gap:
+                return Judged("stick-slip", severity, len(sticks), longest)
+            if len(sticks) < 3 and (sticks[-1][1] >= run.end or run.end - sticks[-1][1] < sticks[-1][0] - half):
+                return Judged("unclear", severity, len(sticks), longest)
+        rest = self.followed(value)
+        if rest is None:
+            return Judged("swing" if swing else "smooth", severity, len(sticks), longest)
+        target = float(np.ravel(rest[self.signal])[0])
+        early = measure.extent(run, self.signal, 0.0, min(2 * self.period, half))
+        first, late = (max(abs(e.maximum - target), abs(e.minimum - target)) for e in (early, found))
+        calm = late < first or late <= 10 * self.base.accuracy * max(abs(target), abs(found.maximum), abs(found.minimum))
+        return Judged("smooth" if calm else "swing", severity, len(sticks), longest)
+
+    # ------------------------------------------------------------------------------------------------------------------- from smooth running
+    def smooth(self, value: float, **changes: float) -> Judged:
+        """The verdict from the disturbed steady state; where it ends in stick-slip, its end is kept to continue from."""
+        rest = self.followed(value)
+        if rest is None:
+            return Judged("none")
+        judged, end = self.run(value, self.disturbed(rest), self.silence, **changes)
+        if judged.verdict in STICKING and end is not None:
+            self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
+        return judged
+
+    def is_smooth(self, value: float, origin: float, **changes: float) -> bool:
+        """Whether smooth running is stable at a value."""
+        return self.smooth(value, **changes).verdict == "smooth"
+
+    def disturbed(self, rest: Equilibrium) -> End:
+        """The steady state moved along its least damped motion, until the slip of the judged contact changes by the perturbation at most."""
+        plant = rest.plant
+        _, vector = critical_pole(rest)
+        index = [element.name for element in plant.elements].index(self.element)
+        slope = np.array(function_of(plant, ("slip_slope", self.element), lambda: [_slip_slope(plant, index)])(
+            0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()  # fmt: skip
+        slip = float(np.array(plant.slips(0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()[index])
+        phase = slope @ vector
+        if abs(phase) <= 1e-12 * np.linalg.norm(slope) * np.linalg.norm(vector):  # this motion does not move the contact
+            motion = np.real(vector)
+            x = rest.states + self.perturbation * np.abs(rest.states).max(initial=1.0) * motion / np.abs(motion).max()
+        else:
+            x = rest.states + self.perturbation * abs(slip or 1.0) * np.real(vector / phase)
+        return self.begin(rest, x)
+
+    def begin(self, rest: Equilibrium, x: np.ndarray) -> End:
+        """A state of the continuous loop as the beginning of a run: states of sampled laws become their memory, what they drive is held."""
+        system = self.base.system
+        named = dict(zip([name for name, _ in state_labels(rest.plant)], x.tolist(), strict=True))
+        start = {name: value for name, value in state_values(rest.plant, x).items() if name in system.states}
+        if not system.updates:
+            return End(start, None)
+        memory, held = [], np.zeros(system.held.numel())
+        for update in system.updates:
+            symbols = [update.memory[i].name() for i in range(update.memory.numel())]
+            unknown = [name for name in symbols if name not in named]
+            note = f"the memory {', '.join(unknown)} of a sampled law is no state of its continuous form, and begins at zero"
+            if unknown and note not in self.notes:
+                self.notes.append(note)
+            memory += [*(named.get(name, 0.0) for name in symbols), *[0.0] * len(update.channels)]
+            for i, name in enumerate(update.names):
+                held[update.first_held + i] = rest[name]
+        return End(start, (np.array(memory, float), held))
+
+    # ---------------------------------------------------------------------------------------------------------------- from inside stick-slip
+    def sweep(self, values: Sequence[float]) -> list[Judged]:
+        """Verdicts from inside stick-slip: sweeps up and down, each run from the end of the one before while that stuck and slipped."""
+        found = self.found
+        for row in (values, values[::-1]):
+            before: dict[str, End] = {}
+            last = row[0]
+            for value in row:
+                own = self.inside.setdefault(value, {})
+                first = value not in found
+                # standstill and stick-slip may both last: each is continued, the others are tried until stick-slip is found
+                begins = [self.walked(begin, last, value) for verdict, begin in before.items() if verdict not in own]
+                for begin in [*begins, *((*own.values(), *self.stuck(value)) if first else ())]:
+                    judged, end = self.run(value, begin)
+                    if value not in found or _worse(judged, found[value]):
+                        found[value] = judged
+                    if judged.verdict in STICKING and end is not None:
+                        own[judged.verdict] = end
+                    if judged.verdict == "stick-slip" and not any(begin is one for one in begins[:-1]):  # all of the neighbour's are tried
+                        break
+                found.setdefault(value, Judged("none"))
+                before, last = dict(own), value
+        return [found[value] for value in values]
+
+    def stuck(self, value: float) -> list[End]:
+        """Beginnings from which stick-slip may start: the steady state with the contact stuck, and the whole machine at rest."""
+        rest = self.followed(value)
+        begins = []
+        if rest is not None:
+            plant, m = rest.plant, _modes(rest)
+            m[[element.name for element in plant.elements].index(self.element)] = 0.0
+            project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+            begins.append(self.begin(rest, np.array(project(0.0, rest.states, rest.inputs, plant.values, m)).ravel()))
+        return [*begins, End(dict(self.base.start), None)]
+
+    def is_free(self, value: float, origin: float, **changes: float) -> bool:
+        """Whether stick-slip, continued from where it was found, ends at a value."""
+        free = True
+        for begin in list(self.inside[origin].values()):
+            judged, end = self.run(value, self.walked(begin, origin, value), **changes)
+            if judged.verdict in STICKING and end is not None:
+                self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
+                free = False
+        return free
+
+    # ---------------------------------------------------------------------------------------------------------------------------------- borders
+    def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
+        """The borders between neighbours of different verdict, halved to the tolerance and judged again by longer and by finer runs."""
+        found = []
+        for (a, safe_a), (b, safe_b) in itertools.pairwise(zip(values, safe, strict=True)):
+            if safe_a == safe_b:
+                continue
+            good, bad = outer_good, outer_bad = (a, b) if safe_a else (b, a)
+            longer, confirmed = 1.0, False
+            for attempt in range(ROUNDS):
+                while 1.5 * abs(good - bad) > tolerance:
+                    middle = (good + bad) / 2
+                    if test(middle, bad, longer=longer):
+                        good = middle
+                    else:
+                        bad = middle
+                wrong = self.contradicted(good, bad, test)
+                confirmed = wrong is None
+                if confirmed:
+                    break
+                if wrong in (outer_good, outer_bad) or attempt == ROUNDS - 1:
+                    break
+                # the verdict came too early: the search goes on between there and the neighbour, with longer runs
+                longer = 5.0
+                good, bad = (outer_good, good) if wrong == good else (bad, outer_bad)
+            found.append(Border((good + bad) / 2, 1.5 * abs(good - bad), "above" if good > bad else "below", confirmed))
+        return found
+
+    @staticmethod
+    def contradicted(good: float, bad: float, test: Callable[..., bool]) -> float | None:
+        """The side of a border that longer or finer runs judge otherwise; None where both agree."""
+        for changes in ({"longer": 5.0}, {"finer": 0.01}):
+            if not test(good, bad, **changes):
+                return good
+            if test(bad, bad, **changes):
+                return bad
+        return None
+
+
+STEPS = 12
+"""Steps in which the parameter goes from one value to the next, with a little more than two periods at each."""
+
+ROUNDS = 6
+"""How often the search for a border is taken up again, with runs five times as long."""
+
+
+def _worse(judged: Judged, other: Judged) -> bool:
+    """Whether a verdict is more of a stick-slip than another."""
+    rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
+    return rank.index(judged.verdict) > rank.index(other.verdict)
+
+
+def _held(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+    if not run.program.system.updates or run.memory is None:
+        return None
+    first = run.program.held_slot - run.program.first_held
+    return run.memory, run.held[-1][first : first + run.program.system.held.numel()].copy()
+
+
+def _modes(rest: Equilibrium) -> np.ndarray:
+    codes = [{word: float(code) for code, word in element.legend.items()} for element in rest.plant.elements]
+    return np.array([code[rest.modes[element.name]] for code, element in zip(codes, rest.plant.elements, strict=True)])
+
+
+def _slip_slope(plant: HybridSystem, index: int) -> Any:
+
+    return ca.jacobian(plant.switching.slip[index], plant.x)
+
+
+def swing_period(rest: Equilibrium) -> float:
+    """Period of the least damped swing of a steady state [s], or the time constant of its slowest motion where nothing swings."""
+    poles = np.linalg.eigvals(flow_slopes(rest))
+    poles = poles[np.abs(poles) > 1e-9 * np.abs(poles).max(initial=0.0)]
+    swinging = poles[poles.imag > 1e-6 * np.abs(poles)]
+    if swinging.size:
+        return float(2 * math.pi / swinging[int(np.argmax(swinging.real))].imag)
+    return float(2 * math.pi / np.abs(poles).min(initial=1.0)) if poles.size else 1.0

@@ -1,0 +1,1 @@
+"""Variational equations, sensitivities, limit cycles and their branches."""

@@ -1,0 +1,92 @@
+"""A branch of cycles over a parameter as a result: cycles, stability, the points at which their kind changes, and the bifurcation diagram."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.orbits.limit_cycle import Cycle
+
+
+@dataclass(frozen=True)
+class Bifurcation:
+    """A point at which the kind of a cycle changes: kind, value of the parameter, the cycle there (where switches change, the last one before it)."""
+
+    kind: str
+    value: float
+    cycle: Cycle
+
+    def __str__(self) -> str:
+        return f"{self.kind} at {self.value:.9g}, period {self.cycle.period:.6g} s"
+
+
+@dataclass
+class Branch:
+    """Cycles along a parameter: `branch.values`, `branch.periods`, `branch.stable`, `branch.bifurcations`, `branch.plot("bit.speed")`.
+
+    parameter: its name;  unit: its unit;  values: shape (points,);  cycles: one per point;  ended: why the branch ends.
+    """
+
+    parameter: str
+    unit: str
+    values: list[float] = field(default_factory=list)
+    cycles: list[Cycle] = field(default_factory=list)
+    bifurcations: list[Bifurcation] = field(default_factory=list)
+    ended: str = ""
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Period of every cycle [s]."""
+        return np.array([cycle.period for cycle in self.cycles])
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether every cycle is stable."""
+        return np.array([cycle.stable for cycle in self.cycles])
+
+    def extremes(self, signal: str) -> np.ndarray:
+        """Smallest and largest value of a signal over every cycle, shape (points, 2)."""
+        return np.array([cycle.extremes(signal) for cycle in self.cycles])
+
+    def plot(self, signal: str, ax: Any = None) -> Any:
+        """The bifurcation diagram: largest and smallest value of a signal, solid where stable and dashed where not, with its bifurcations marked."""
+        import matplotlib.pyplot as plt
+
+        from toolbox.simulation.plot import LINES
+
+        if ax is None:
+            _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
+        values, ends, stable = np.array(self.values), self.extremes(signal), self.stable
+        color = LINES[0]["color"]
+        cuts = [0, *(np.flatnonzero(np.diff(stable.astype(int))) + 1).tolist(), values.size]
+        labels = set()
+        for a, b in itertools.pairwise(cuts):
+            piece = slice(max(a - 1, 0), b)
+            word = "stable" if stable[a] else "unstable"
+            for side in (0, 1):
+                style = {"linestyle": "-", "linewidth": 1.6} if stable[a] else {"linestyle": (0, (4, 2)), "linewidth": 1.2}
+                ax.plot(values[piece], ends[piece, side], color=color, label=None if word in labels else word, **style)
+                labels.add(word)
+        markers = {"fold": "o", "period doubling": "s", "Neimark-Sacker": "D", "grazing": "v", "grazing-sliding": "v", "crossing-sliding": "X",
+                   "adding-sliding": "^", "switching-sliding": ">", "Hopf": "P"}  # fmt: skip
+        for point in self.bifurcations:
+            low, high = point.cycle.extremes(signal)
+            label = None if point.kind in labels else point.kind
+            labels.add(point.kind)
+            ax.plot([point.value] * 2, [low, high], markers[point.kind], color=LINES[1]["color"], markersize=5.5, markeredgecolor="0.1",
+                    markeredgewidth=0.6, linestyle="none", label=label, zorder=4)  # fmt: skip
+        unit = self.cycles[0].run.unit(signal)
+        ax.set_xlabel(f"{self.parameter}" + ("" if self.unit == "1" else f" [{self.unit}]"))
+        ax.set_ylabel(f"{signal}, smallest and largest" + ("" if unit == "1" else f" [{unit}]"))
+        ax.legend(frameon=False)
+        return ax
+
+    def __str__(self) -> str:
+        lines = [
+            f"{len(self.values)} cycles, {self.parameter} from {min(self.values):.6g} to {max(self.values):.6g} {self.unit}: "
+            f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"
+        ]
+        return "\n".join([*lines, *(f"  {point}" for point in self.bifurcations)])

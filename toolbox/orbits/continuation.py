@@ -1,0 +1,123 @@
+"""Cycles followed through a parameter, stable and unstable alike, with the points at which their kind changes.
+
+Pseudo-arclength continuation of the equations of `toolbox.orbits.limit_cycle`: unknowns are the start state, the period of a free cycle and the
+parameter; the next point
+is predicted along the tangent and corrected in the plane across it, so that folds are passed like any other point. Along it are located, the first three by
+Brent's method to 1e-9:
+
+    fold               the tangent has no part along the parameter (a multiplier passes 1)
+    period doubling    det(M + I) = 0 (a multiplier passes -1)
+    Neimark-Sacker     a pair of complex multipliers passes the unit circle, prod (mu_i mu_j - 1) = 0
+    ...-sliding        the sticks of a period change: grazing-, crossing-, adding- or switching-sliding, see `toolbox.orbits.sliding`
+    grazing            other switches of a period change: a contact is touched
+    Hopf               the cycle shrinks to a steady state, where the branch ends
+
+Where switches change, the point is bisected if the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates
+at which the last two cycles meet the event; either way to about 1e-7 of the span.
+At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
+taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import number, whole
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import is_finite_number
+from toolbox.orbits.arclength import ArcWalk
+from toolbox.orbits.branch import Bifurcation, Branch
+from toolbox.orbits.limit_cycle import Cycle, signature_of
+from toolbox.orbits.sensitivity import unit_of
+
+
+def follow(
+    cycle: Cycle,
+    parameter: str,
+    span: tuple[float, float],
+    *,
+    points: int = 100,
+    step: float = 0.02,
+    towards: float | None = None,
+) -> Branch:
+    """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
+
+    span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
+    start towards, by default the farther one. The frequency of a sine takes the period with it; one written into a part does not. A branch ends early at a
+    Hopf point and where no further cycle is found; `ended` says why.
+
+    Raises SceneError for wrong arguments.
+    """
+    if not isinstance(cycle, Cycle):
+        raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
+    if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
+        raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
+    if not is_finite_number(step) or not step > 0:
+        raise SceneError(f"Argument `step` must be > 0, but it is {step!r}.")
+    walk = ArcWalk(cycle, parameter, (float(span[0]), float(span[1])))
+    if not span[0] <= walk.here.value <= span[1]:
+        raise SceneError(f"Argument `span` must hold the value {walk.here.value:g} of `{parameter}`, but it is {span!r}.")
+    whole("points", points, 1)
+    goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
+    walk.head_for(1.0 if goal > walk.here.value else -1.0)
+    unit = unit_of(cycle.run, parameter)
+    branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    size, turned = step / 4, 0
+    left: Any = None  # the switches of the cycles from which the last corner led away
+    while len(branch.values) < points:
+        point = walk.step(size)
+        if point is not None and left is not None and signature_of(point.run) == left:
+            point = None  # back across the corner
+        if point is None:
+            size /= 2
+            if size > 1e-5 * step:
+                continue
+            rest = _at_rest(branch, walk.kept)
+            if rest is not None:
+                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.ended = "the cycle shrinks to a steady state"
+                break
+            here = branch.cycles[-1].signature
+            point = walk.around(left) if turned < 2 else None
+            touched = walk.touched()
+            if point is None:
+                branch.ended = (
+                    "no further cycle is found" if touched is None else "the switches of the cycle touch zero, and none is found beyond"
+                )
+                if touched is not None:
+                    branch.bifurcations.append(Bifurcation(walk.corner(), touched, branch.cycles[-1]))
+                break
+            turned, left = turned + 1, here
+            branch.bifurcations.append(Bifurcation(walk.corner(), branch.values[-1] if touched is None else touched, branch.cycles[-1]))
+            size = min(step / 16, 10 * float(np.linalg.norm(point.u - walk.here.u)))
+        else:
+            turned, left = 0, None
+            rest = walk.vanishing(point, size)
+            if rest is not None:
+                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.ended = "the cycle shrinks to a steady state"
+                break
+            branch.bifurcations += walk.changes(walk.here, point, size)
+        if not span[0] <= point.value <= span[1]:
+            branch.ended = f"the end of the span at {span[0] if point.value < span[0] else span[1]:g}"
+            break
+        walk.move_to(point)
+        branch.values.append(point.value)
+        branch.cycles.append(walk.cycle(point))
+        size = min(step, size * (1.5 if point.iterations <= 4 else 0.7 if point.iterations > 6 else 1.0))
+    return branch
+
+
+def _at_rest(branch: Branch, kept: np.ndarray) -> float | None:
+    """The parameter to which the square of the swing, linear in it near a Hopf point, vanishes from the last two cycles; None where they are not small."""
+    if len(branch.values) < 2 or branch.cycles[-1].forced:
+        return None
+    swing = np.array([np.ptp(cycle.run.states[:, kept], axis=0) for cycle in branch.cycles])
+    size = (swing / (swing.max(axis=0) + 1e-300)).max(axis=1) ** 2
+    if size[-1] > 0.05**2 or size[-1] >= size[-2]:
+        return None
+    a, b = branch.values[-2:]
+    return float(b + (b - a) * size[-1] / (size[-2] - size[-1]))

@@ -1,0 +1,307 @@
+"""Exact derivatives of a run: of its states, signals, event times and measures, with respect to start states, parameters and inputs.
+
+Between events the variational equations are carried along by the very steps of the run; at events saltation matrices account for the change of the event's
+time (see `toolbox.orbits.variational`). Nothing is differenced, so one run gives as many derivatives as asked for, to the accuracy of the run itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.inputs import Shape
+from toolbox.modelling.laws import names
+from toolbox.orbits.sampled_memory import check_laws, sample_times
+from toolbox.simulation.simulate import Run, again
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.work_arrays import place_start
+
+COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
+"""Words by which the numbers of a shape are named: `block.load.amplitude`."""
+
+
+class Sensitivity:
+    """Derivatives of a run: `d["bit.speed"]` (nt, k), `d.end("bit.speed")` (k,), `d.event_times` (events, k), `d.time_in("bit", "stick")` (k,).
+
+    run: the trajectory;  to: the k names, in the order of the last axis;  time: times of the derivatives, those of the run [s]. Derivatives are at fixed
+    time: between an event and its image in a neighbouring run the two differ by a jump, which is in `event_times`.
+    """
+
+    def __init__(self, run: Trajectory, to: tuple[str, ...], order: np.ndarray, columns: tuple[int, ...], tangent: Any):
+        self.run, self.to, self.time = run, to, run.time
+        self._order, self._columns = order, columns
+        self._own = order.size - len(columns)
+        self._tangent = tangent
+        self.event_times: np.ndarray = tangent.event_times[:, order]
+
+    @cached_property
+    def states(self) -> np.ndarray:
+        """Derivatives of all states at `time`, shape (nt, n, k)."""
+        return self._at_times()[:, : self.run.program.system.x.numel(), self._order]
+
+    def _at_times(self) -> np.ndarray:
+        return self._tangent.nodes if self.run.nodes is self.run else self._between(self.run.time)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Derivatives of a signal, shape (nt, k), or (nt, size, k) of a vector signal; raises SceneError for an unknown name."""
+        values = self._of(name, self._at_times(), self.run)
+        return values[:, 0] if values.shape[1] == 1 else values
+
+    def end(self, name: str) -> np.ndarray:
+        """Derivatives of a signal at the end of the run, shape (k,) or (size, k)."""
+        values = self._of(name, self._tangent.end[None], self.run.at(self.run.end))[0]
+        return values[0] if values.shape[0] == 1 else values
+
+    def _of(self, name: str, tangent: np.ndarray, samples: Any) -> np.ndarray:
+        slope, n = self._slopes(name, samples), tangent.shape[1]
+        values = slope[:, :, 1 : 1 + n] @ tangent
+        values[:, :, self._own :] += slope[:, :, 1 + n :]
+        return values[:, :, self._order]
+
+    def _slopes(self, name: str, samples: Any) -> np.ndarray:
+        """Partial derivatives of a signal with respect to time, states, held signals and parameters, shape (nt, size, ...)."""
+        program = self.run.program
+        key = ("slope of", name, self._columns)
+        function = program.outputs.get(key)
+        if function is None:
+            system, (p, u, force) = program.system, program.expressions
+            rows = system.rows(name)
+            expression = system.x[rows[0] : rows[0] + (rows[1] or 1)] if rows is not None else system.expression(name)
+            expression = ca.substitute(ca.substitute(expression, system.F, force), system.u, u) if rows is None else expression
+            chosen = ca.vertcat(system.t, system.x, system.held, *[p[c] for c in self._columns])
+            slope = ca.densify(ca.jacobian(expression, chosen))
+            function = program.outputs[key] = ca.Function("slope", [system.t, system.x, p, system.m], [slope])
+        p = np.repeat(self.run.parameters[:, None], samples.time.size, axis=1)
+        p[program.first_held :] = samples.held.T
+        slope = np.array(function(samples.time[None], samples.states.T, p, samples.mode.T.astype(float)))
+        return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
+
+    def _between(self, times: np.ndarray) -> np.ndarray:
+        from toolbox.orbits.variational import variation_of
+
+        nodes = self.run.nodes
+        return variation_of(nodes.program, self._columns).between(nodes, self._tangent.nodes, self._own, times)
+
+    def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
+        """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
+        self.run.time_in(element, mode, after)
+        total = np.zeros(len(self.to))
+        for event, row in zip(self.run.events, self.event_times, strict=True):
+            if event.element == element and event.time > after:
+                total += row * ((event.before == mode) - (event.after == mode) * 1.0)
+        return total
+
+    def peak(self, name: str, after: float = 0.0) -> np.ndarray:
+        """Derivatives of the largest value of a scalar signal after a time [s], shape (k,): those at the peak, whose own shift counts for nothing.
+
+        Raises SceneError where the largest value stands at the ends, where it is no peak.
+        """
+        from scipy.optimize import brentq
+
+        from toolbox.measuring.measure import extent
+
+        nodes = self.run.nodes
+        t = extent(nodes, name, after).time_of_maximum  # the largest node may belong to another peak
+        place = int(np.searchsorted(nodes.time, t, side="right"))
+        low, high = max(nodes.time[max(place - 2, 0)], after), nodes.time[min(place + 1, nodes.time.size - 1)]
+        if min(t - max(after, nodes.time[0]), nodes.end - t) < 1e-6 * (high - low):
+            raise SceneError(f"Argument `name` must be a signal with a peak inside the run, but `{name}` is largest at its end.")
+        for width in (high - low) * np.logspace(-6, 0, 7):
+            first, last = max(t - width, low), min(t + width, high)
+            if self._rate(name, first) > 0.0 > self._rate(name, last):
+                t = float(brentq(lambda at: self._rate(name, at), first, last, xtol=1e-15 * nodes.end, rtol=1e-14))
+                break
+        return self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0]
+
+    def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
+        """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
+        from toolbox.measuring.measure import gauss, window
+
+        nodes = self.run.nodes
+        begin, end = window(self.run, after, None)
+        total = np.zeros(len(self.to))
+        for weights, samples in gauss(self.run, begin, end):
+            slopes = self._of(name, self._between(samples.time), samples)[:, 0]
+            total += 2.0 * (weights * (samples[name] - target)) @ slopes
+        square = (nodes[name] - target) ** 2
+        times, first = np.unique(nodes._event_arrays[0], return_index=True)
+        for t, row in zip(times, self.event_times[first], strict=True):
+            if begin < t < end:
+                left, right = np.searchsorted(nodes.time, t), np.searchsorted(nodes.time, t, side="right") - 1
+                total += (square[left] - square[right]) * row
+        return total / (end - begin)
+
+    def settling(self, name: str, target: float, band: float = 0.02, *, after: float = 0.0, size: float | None = None) -> np.ndarray:
+        """Derivatives of `measure.settling` with the same arguments, -(dy/dp) / y' at the last crossing of the band, shape (k,).
+
+        Raises SceneError where the signal does not come to stay in the band during the run, which has no derivative.
+        """
+        from toolbox.measuring.measure import settling
+
+        passed = settling(self.run, name, target, band, after=after, size=size)
+        if not 0.0 < passed < np.inf:
+            raise SceneError(f"Argument `name` must be a signal that settles during the run, but `{name}` settles after {passed:g} s.")
+        nodes, t = self.run.nodes, after + passed
+        return -self._of(name, self._between(np.array([t])), nodes.at([t]))[0, 0] / self._rate(name, t)
+
+    def _rate(self, name: str, t: float) -> float:
+        """Time derivative of a scalar signal at an instant between switches."""
+        from toolbox.orbits.variational import variation_of
+
+        nodes = self.run.nodes
+        slope = self._slopes(name, nodes.at([t]))[0, 0]
+        flow = variation_of(nodes.program, self._columns).flow(nodes, t)
+        return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
+
+    def __str__(self) -> str:
+        lines = [f"Derivatives of {self.run!r} at its end, with respect to {', '.join(self.to)}"]
+        for name in self.run.names:
+            rows = np.atleast_2d(self.end(name))
+            labels = [name] if rows.shape[0] == 1 else [f"{name}.{i}" for i in range(rows.shape[0])]
+            lines += [f"  {label:<24} " + "  ".join(f"{value:12.5g}" for value in row) for label, row in zip(labels, rows, strict=True)]
+        return "\n".join(lines)
+
+
+def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
+    """Derivatives of a run with respect to the names in `to`, through every stick, slip, impact and switch.
+
+    to: parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`), constant inputs
+    (`top.torque`), numbers of a sine (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`), start values of states and of what a sampled law
+    remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state). A name given as an input is that input.
+
+    Raises SceneError for unknown names, sample times, laws in Python and measurements with encoder steps, and GrazingError where the run has no derivative.
+    """
+    if not isinstance(run, Trajectory):
+        raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
+    check_laws(run)
+    from toolbox.orbits.variational import variation_of
+
+    if run.run.method == "stiff":  # derivatives follow explicit steps, stage by stage
+        run = again(run.run, method="explicit")
+    wanted = names(to)
+    if not wanted:
+        raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")
+    starts, columns, order = [], [], []
+    for name in wanted:
+        column = parameter_column(run, name)
+        if column is None:
+            starts.append(_direction(run, name))
+            order.append(("start", len(starts) - 1))
+        else:
+            columns.append(column)
+            order.append(("parameter", len(columns) - 1))
+    own = len(starts)
+    n = run.program.system.x.numel()
+    variation = variation_of(run.program, tuple(columns))
+    begin = np.array(starts).reshape(own, -1).T if own else np.zeros((n, 0))
+    tangent = variation.along(run, begin[:n], keep=True, memory=begin[n:] if own else None)
+    return Sensitivity(run, wanted, np.array([i if kind == "start" else own + i for kind, i in order]), tuple(columns), tangent)
+
+
+def parameter_column(run: Trajectory, name: str) -> int | None:
+    """Place of a parameter, or of a constant of an input, in the parameter vector of a run; None for a state."""
+    arguments, program = run.run, run.program
+    if not isinstance(name, str):
+        raise SceneError(f"Argument `to` must hold names, but one is {name!r}.")
+    value = arguments.inputs.get(name)
+    if isinstance(value, float):
+        return program.coefficient_slot[name]
+    if value is not None:
+        raise SceneError(f"Argument `{name}` must be a constant input to have a derivative, but it varies in time.")
+    head, _, tail = name.rpartition(".")
+    shape = arguments.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        return program.coefficient_slot[head] + COEFFICIENTS[shape.kind].index(tail)
+    system = program.system
+    try:
+        entry = system._parameter(name)
+    except SceneError:
+        if name in system.inputs:
+            stand_in = system.inputs[name].default
+            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(stand_in, system.p[entry.offset])]
+            other = f", or name `{owners[0]}`, its stand-in" if owners else ""
+            raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
+        if system.has_signal(name):
+            return None
+        known = [*system.parameters, *system.states, *(n for n, v in arguments.inputs.items() if isinstance(v, float))]
+        raise SceneError(f"There is no parameter, constant input or state `{name}`: {suggest(name, known)}") from None
+    if entry.size is not None:
+        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {entry.size}.")
+    if entry.offset in sample_times(run.run):
+        raise SceneError(f"Argument `{name}` must not be a sample time: a derivative belongs to given instants of the samples.")
+    return entry.offset
+
+
+def _direction(run: Trajectory, name: str) -> np.ndarray:
+    """The direction of a start value among the states and, behind them, the memory of the sampled laws."""
+    system = run.program.system
+    direction = np.zeros(system.x.numel() + sum(update.memory.numel() for update in system.updates))
+    place = system.x.numel()
+    for update in system.updates:
+        head, _, tail = name.rpartition(".")
+        if name in update.places or (head in update.places and tail.isdigit() and int(tail) < (update.places[head][1] or 0)):
+            first, size = update.places[name] if name in update.places else (update.places[head][0] + int(tail), None)
+            direction[place + first : place + first + (size or 1)] = 1.0
+        place += update.memory.numel()
+    if not direction.any():
+        place_start(system, direction[: system.x.numel()], name, 1.0)
+    if direction.sum() != 1.0:
+        raise SceneError(f"Argument `{name}` must be one entry, such as `{name}.0`, but it has {direction.sum():g}.")
+    return direction
+
+
+def with_value(run: Run, name: str, value: float) -> Run:
+    """The arguments of a run with one parameter, constant input or number of a sine changed; raises SceneError where it breaks a bound."""
+    if name in run.inputs:
+        bounds = run.system.parameters.get(name)
+        if bounds is not None:
+            bounds.check(value)
+        return dataclasses.replace(run, inputs={**run.inputs, name: float(value)})
+    head, _, tail = name.rpartition(".")
+    shape = run.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        numbers = list(shape.coefficients)
+        numbers[COEFFICIENTS[shape.kind].index(tail)] = float(value)
+        return dataclasses.replace(run, inputs={**run.inputs, head: Shape(shape.kind, tuple(numbers))})
+    system = copy.copy(run.system)
+    entry = system._parameter(name)
+    entry.check(value)
+    system.values = system.values.copy()
+    system.values[entry.offset] = value
+    plant = (
+        run.plant.with_parameters({name: value})
+        if name.rpartition(".")[0] in run.plant.parameters or name in run.plant.parameters
+        else run.plant
+    )
+    return dataclasses.replace(run, system=system, plant=plant)
+
+
+def value_of(run: Run, name: str) -> float:
+    """The number that `with_value` changes."""
+    if name in run.inputs:
+        return float(run.inputs[name])
+    head, _, tail = name.rpartition(".")
+    shape = run.inputs.get(head)
+    if isinstance(shape, Shape) and tail in COEFFICIENTS.get(shape.kind, ()):
+        return shape.coefficients[COEFFICIENTS[shape.kind].index(tail)]
+    return float(
+        run.system.parameter(name) if run.system.parameters.get(name) is not None else run.system.values[run.system._parameter(name).offset]
+    )
+
+
+def unit_of(run: Trajectory, name: str) -> str:
+    """The unit of what `with_value` changes."""
+    system = run.program.system
+    if name in system.inputs:
+        return system.unit(name)
+    head, _, tail = name.rpartition(".")
+    if isinstance(run.run.inputs.get(head), Shape):
+        return {"frequency": "Hz", "phase": "rad"}.get(tail) or system.unit(head)
+    return system._parameter(name).unit

@@ -1,0 +1,1 @@
+"""Motion under held inputs, for predictive laws."""

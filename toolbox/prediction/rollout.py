@@ -1,0 +1,238 @@
+"""Predicted motion of a plant under held inputs, with derivatives: the exact hybrid flow, or the same with regularised friction.
+
+A rollout holds the inputs over N intervals, and gives the state at their ends with its derivatives with respect to the state and the inputs at their
+beginnings. Steps are Runge-Kutta steps of order four and fixed length; a contact that releases or sticks inside a step cuts it where its guard crosses
+zero. Across a switch at time s the derivatives jump by the saltation matrix
+
+    dx+ = dx- + (f- - f+) ds,   ds = -(g_x dx- + g_u du) / (g_x f-),   g the guard that crosses zero
+
+so that the result is the derivative of the hybrid flow along its own sequence of modes. Source: R. I. Leine, H. Nijmeijer, Dynamics and Bifurcations of
+Non-Smooth Mechanical Systems, Springer 2004, chapter 7.
+
+Why peaks are matched: tanh(v / width) times a falling law has a peak below the static bound, and a prediction with that peak believes in a release
+that does not come. `regularised` adds what is missing, within a few widths of rest:
+
+    F(v) = -load tanh(v / width) [mu(|v|) + b exp(-|v| / (2 width))],   b such that max |F| = load mu_static
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.emitter import Body, compiled, function_text, inline
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import DryFriction, Element
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.switching import switching
+
+Regularisation = Callable[[Element], ca.SX]
+"""The force of a contact as a smooth expression of its slip."""
+
+
+def regularised(width: float, matched: bool = True) -> Regularisation:
+    """Smooth friction of the given width [unit of the slip], with the peak of the set-valued law, or with the lower one that tanh leaves."""
+
+    def force(element: Element) -> ca.SX:
+        law = element.law
+        if law is None or law.breaks():
+            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks.")
+        v = element.slip
+        smooth = ca.tanh(v / width)
+        speed = v * smooth
+        near = ca.exp(-speed / (2 * width))
+        missing = lacking(law, width) if matched else 0.0
+        return -element.load * smooth * (law.sliding(speed) + missing * near)
+
+    return force
+
+
+def lacking(law: Any, width: float) -> Any:
+    """b of the module's equation for a law whose fields are numbers; raises SceneError where they are symbols."""
+    v = ca.SX.sym("v")
+    smooth = ca.tanh(v / width)
+    try:
+        base = ca.Function(
+            "base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
+        )
+    except RuntimeError:
+        raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
+    return missing_peak(base, width)
+
+
+def missing_peak(base: Callable[[np.ndarray], Any], width: float) -> float:
+    """b such that the peak of plain + b extra is the bound; base: speeds -> (plain, extra, bound)."""
+    grid = np.linspace(1e-3, 30.0, 30_000) * width
+    plain, extra, bound = (np.array(value).ravel() for value in base(grid))
+    if not plain.max() < bound[0]:
+        return 0.0
+    low, high = 0.0, abs(float(bound[0])) or 1.0
+    while (plain + high * extra).max() < bound[0]:
+        high *= 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (plain + middle * extra).max() < bound[0] else (low, middle)
+    return 0.5 * (low + high)
+
+
+class Rollout:
+    """Compiled prediction of a plant: `advance` gives states and derivatives, `states` alone is cheaper.
+
+    plant: whose contacts are `DryFriction`;  drives: names of the inputs that vary, the others stay at their stand-ins;  interval [s];
+    steps: Runge-Kutta steps per interval;  regularisation: None for exact modes. `scale` (one factor per contact) multiplies the load of each contact.
+    Modes are 0 (stick), 1, -1. Raises SceneError for a plant with other elements, or one that depends on time.
+    """
+
+    def __init__(
+        self, plant: HybridSystem, drives: Sequence[str], interval: float, steps: int, regularisation: Regularisation | None = None
+    ):
+        from toolbox.prediction import rollout_loop
+
+        for element in plant.elements:
+            if not isinstance(element, DryFriction) or element.companions:
+                raise SceneError(
+                    f"A prediction knows contacts with dry friction without breaks, but `{element.name}` is a {type(element).__name__}."
+                )
+        if ca.depends_on(plant.flow, plant.t):
+            raise SceneError("A prediction must not depend on time, but the equations of this plant do.")
+        self.loop = rollout_loop
+        self.plant, self.drives, self.interval, self.steps, self.regularisation = (
+            plant,
+            tuple(drives),
+            float(interval),
+            int(steps),
+            regularisation,
+        )
+        self.columns = np.array([list(plant.inputs).index(name) for name in drives], np.int64)
+        self.inputs = np.array(plant.input_defaults(plant.values)).ravel()
+        self.numbers = np.append(plant.values, np.ones(len(plant.elements)))
+        self.n, self.contacts = plant.x.numel(), 0 if regularisation else len(plant.elements)
+        self.slip = self._slip() if self.contacts else None
+        self._compile()
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Factors of the loads, a view that may be written."""
+        return self.numbers[self.plant.values.size :]
+
+    def __reduce__(self) -> Any:
+        """A rollout travels as its arguments and factors."""
+        return _restored, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
+
+    def __deepcopy__(self, memo: Any) -> Rollout:
+        twin = copy.copy(self)
+        twin.inputs, twin.numbers = self.inputs.copy(), self.numbers.copy()
+        return twin
+
+    def modes(self, state: np.ndarray) -> np.ndarray:
+        """Modes that the slips of a state say: 0 where a slip is exactly zero."""
+        if not self.contacts:
+            return np.zeros(0)
+        if self.slip is not None:
+            rows, offset = self.slip
+            return np.sign(rows @ state + offset)
+        slips = self.plant.slips(0.0, state, self.inputs, self.plant.values, np.zeros(self.contacts))
+        return np.sign(np.array(slips).ravel())
+
+    def _slip(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """(rows, offset) where all slips are rows x + offset, which is most plants; else None."""
+        plant = self.plant
+        slips = ca.vertcat(*[element.slip for element in plant.elements])
+        rows = ca.jacobian(slips, plant.x)
+        if ca.depends_on(rows, plant.x) or ca.depends_on(slips, ca.vertcat(plant.u, plant.m)):
+            return None
+        found = ca.Function("slip", [plant.x, plant.p, plant.t], [ca.densify(rows), ca.densify(slips)])
+        values = found(np.zeros(self.n), plant.values, 0.0)
+        return np.array(values[0]), np.array(values[1]).ravel()
+
+    def advance(
+        self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """States (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
+
+        inputs: shape (N, n_u), in the order of `drives`;  interval: another length [s] than that of the rollout, in as many steps.
+        """
+        count = inputs.shape[0]
+        X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
+        A, B = np.empty((count, self.n, self.n)), np.empty((count, self.n, len(self.drives)))
+        X[0], M[0] = state, self.modes(state)
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, A, B, M
+        )
+        return X, A, B, M
+
+    def states(self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """States (N+1, n) and modes (N+1, contacts) for inputs of shape (N, n_u), as of `advance`."""
+        count = inputs.shape[0]
+        X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
+        X[0], M[0] = state, self.modes(state)
+        none = np.empty((0, 0, 0))
+        self.loop.advance(
+            self.addresses, interval or self.interval, self.steps, self.inputs, self.columns, self.numbers, inputs, X, none, none, M
+        )
+        return X, M
+
+    def _compile(self) -> None:
+        """Machine code of a step, of a step with its derivatives, and of what a switch needs."""
+        plant = self.plant
+        scale, h = ca.SX.sym("scale", len(plant.elements)), ca.SX.sym("h")
+        twins, flow = [], plant.flow
+        for i, element in enumerate(plant.elements):
+            twin = copy.copy(element)
+            twin.load, twin.static = scale[i] * element.load, scale[i] * element.static
+            if self.regularisation is not None:
+                declared = copy.copy(twin)
+                declared.law = _declared_law(plant, element)
+                flow = ca.substitute(flow, plant.F[i], self.regularisation(declared))
+            else:
+                twins.append(twin)
+        form = switching(plant.t, plant.x, flow, twins)
+        x, u, m = plant.x, plant.u, plant.m
+        p = ca.vertcat(plant.p, scale)
+        at = [x, u, p, m]
+        field = ca.Function("field", at, [ca.substitute(form.field, plant.t, 0)])
+        guard = ca.densify(ca.substitute(form.guards[: 2 * len(twins)], plant.t, 0))  # behind them come kinks, over which a plan steps
+        guards = ca.Function("guards", at, [guard])
+        a = field(*at)
+        b = field(x + h / 2 * a, u, p, m)
+        c = field(x + h / 2 * b, u, p, m)
+        d = field(x + h * c, u, p, m)
+        end = x + h / 6 * (a + 2 * b + 2 * c + d)
+        driven = u[self.columns.tolist()]
+        move = ca.vertcat(ca.densify(end), guards(end, u, p, m))
+        slope = [ca.vec(ca.densify(ca.jacobian(end, v)).T) for v in (x, driven)]
+        edge = [ca.densify(a), guard, *[ca.vec(ca.densify(ca.jacobian(guard, v)).T) for v in (x, driven)], ca.densify(form.projected)]
+        texts, declared_names, instructions = [], set(), 0
+        for name, expression in (("move", move), ("slope", ca.vertcat(move, *slope)), ("edge", ca.vertcat(*edge))):
+            function = ca.Function(name, [h, *at], [expression])
+            body = Body()
+            places = {1: "%x", 2: "%k", 3: "%p", 4: "%m"}
+            loaded = [["%h"], *([body.load(place, j) for j in range(function.numel_in(i))] for i, place in places.items())]
+            (values,) = inline(body, function, loaded)
+            for i, value in enumerate(values):
+                body.store(value, "%y", i)
+            texts.append(function_text(name, body))
+            declared_names |= body.intrinsics
+            instructions += body.count
+        found = compiled("\n".join([*texts, *sorted(declared_names)]), ["move", "slope", "edge"], instructions)
+        self.addresses = np.array([found["move"], found["slope"], found["edge"]], np.int64)
+
+
+def _declared_law(plant: HybridSystem, element: Element) -> Any:
+    """The friction law of a contact with the numbers of the declared plant."""
+    for part in plant.parts:
+        law = getattr(part, "friction", None)
+        if law is not None and type(law) is type(element.law):
+            return law
+    raise SceneError(f"`{element.name}` cannot be regularised: no part of the plant holds its law as `friction`.")
+
+
+def _restored(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
+    """A rollout from what `Rollout.__reduce__` gives."""
+    made = Rollout(plant, drives, interval, steps, regularisation)
+    made.scale[:] = scale
+    return made

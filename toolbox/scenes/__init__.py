@@ -1,0 +1,1 @@
+"""Scenes, their file form, their verdicts."""

@@ -1,0 +1,159 @@
+"""Parts by name: everything that the packages registered under the entry-point group `stickslip.parts` offer to scenes.
+
+A name is a class or a ready-made part, perhaps behind a module: `BitRock`, `wells.NAVARRO_LOPEZ_4`, `SoftTorque`; the name of the entry point may lead
+(`models.BitRock`), and must where two packages use one name. Only parts, control laws, friction laws and ready-made parts can be reached, through
+modules of the registered package, and through public names only: a scene file is data, and cannot name anything else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from types import ModuleType
+from typing import Any
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.components import Component
+from toolbox.modelling.elements import FrictionLaw
+from toolbox.modelling.laws import Controller
+
+GROUP = "stickslip.parts"
+
+KINDS = ("part", "control law", "friction law")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A catalogue entry: its shortest name, its kind (one of KINDS), its class or ready-made part, and the module it is from."""
+
+    name: str
+    kind: str
+    item: Any
+    source: str
+
+    @property
+    def summary(self) -> str:
+        """First line of what the class says about itself; for a ready-made part, its class."""
+        if not isinstance(self.item, type):
+            return f"ready-made {type(self.item).__name__}"
+        return (self.item.__doc__ or "").strip().partition("\n")[0]
+
+    @property
+    def parameters(self) -> list[tuple[str, str, Any, str]]:
+        """(name, unit, value or default, meaning) of every field; the unit of a field that is no quantity is empty."""
+        out = []
+        for spec in dataclasses.fields(self.item):
+            if spec.name != "name":
+                value = _default(spec) if isinstance(self.item, type) else getattr(self.item, spec.name)
+                out.append((spec.name, spec.metadata.get("unit", ""), value, spec.metadata.get("meaning", "")))
+        return out
+
+
+def part(name: str, kind: str | None = None) -> Any:
+    """The class or ready-made part of that name, of any kind or of the given one. Raises SceneError with the nearest names where there is none."""
+    if not isinstance(name, str):
+        raise SceneError(f"The name of a {kind or 'part'} must be text, but it is {name!r}.")
+    found = [entry for entry in _entries() if name in (entry.name, f"{entry.source}.{entry.name}")]
+    if not found and not _packages()[0]:
+        raise SceneError(
+            f"There is no {kind or 'part'} `{name}`, because no package offers any: install stickslip-toolbox (pip install .) to register its parts."
+        )
+    fitting = [entry for entry in found if kind in (None, entry.kind)]
+    if len({id(entry.item) for entry in fitting}) > 1:
+        choices = " or ".join(f"`{entry.source}.{entry.name}`" for entry in fitting)
+        raise SceneError(f"The name `{name}` must be unique, but several packages offer it: write {choices}.")
+    if fitting:
+        return fitting[0].item
+    if found:
+        raise SceneError(f"`{name}` must be a {kind}, but it is a {found[0].kind}: {suggest(name, _names(kind))}")
+    broken = "".join(f" The parts of `{source}` cannot be loaded: {reason}." for source, reason in _packages()[1].items())
+    raise SceneError(f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken}")
+
+
+def parts(kind: str | None = None) -> list[Entry]:
+    """All catalogue entries, or those of one kind, each under its shortest name, in order of kind and name."""
+    shortest: dict[int, Entry] = {}
+    for entry in _entries():
+        known = shortest.get(id(entry.item))
+        if kind in (None, entry.kind) and (known is None or len(entry.name) < len(known.name)):
+            shortest[id(entry.item)] = entry
+    return sorted(shortest.values(), key=lambda entry: (KINDS.index(entry.kind), entry.name.lower()))
+
+
+def name_of(cls: type) -> str:
+    """The name under which scenes can ask for a class. Raises SceneError where no package offers it."""
+    candidates = [entry for entry in parts() if entry.item is cls]
+    if not candidates:
+        raise SceneError(
+            f"{cls.__name__} must be in the catalogue to be written to a scene, but no package registered under `{GROUP}` offers it."
+        )
+    entry = candidates[0]
+    clash = any(other.name == entry.name and other.item is not cls for other in _entries())
+    return f"{entry.source}.{entry.name}" if clash else entry.name
+
+
+def _names(kind: str | None) -> list[str]:
+    return [entry.name for entry in parts(kind)]
+
+
+def _default(spec: dataclasses.Field[Any]) -> Any:
+    if spec.default_factory is not dataclasses.MISSING:
+        return spec.default_factory()
+    return spec.default
+
+
+@cache
+def _packages() -> tuple[dict[str, ModuleType], dict[str, str]]:
+    """Registered modules by name of their entry point, and what went wrong with those that cannot be imported."""
+    loaded, broken = {}, {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        try:
+            module = point.load()
+        except Exception as error:  # whatever a broken package raises must not take the other packages along
+            broken[point.name] = f"{type(error).__name__}: {error}"
+            continue
+        if isinstance(module, ModuleType):
+            loaded[point.name] = module
+        else:
+            broken[point.name] = f"its entry point must name a module, but it names {module!r}"
+    return loaded, broken
+
+
+@cache
+def _entries() -> list[Entry]:
+    return [
+        Entry(name, kind, item, source)
+        for source, module in _packages()[0].items()
+        for name, kind, item in _walk(module, "", module.__name__, ())
+    ]
+
+
+def _walk(module: ModuleType, prefix: str, package: str, seen: tuple[ModuleType, ...]) -> Iterator[tuple[str, str, Any]]:
+    """(name, kind, item) of everything public in a module and, through it, in modules of the same package."""
+    for name in getattr(module, "__all__", sorted(vars(module))):
+        item = getattr(module, name, None)
+        if name.startswith("_"):
+            continue
+        if isinstance(item, ModuleType):
+            if item.__name__.startswith(package + ".") and item not in seen:
+                yield from _walk(item, f"{prefix}{name}.", package, (*seen, module))
+        else:
+            kind = _kind(item)
+            owner = (item if isinstance(item, type) else type(item)).__module__
+            if kind and (not isinstance(item, type) or owner == package or owner.startswith(package + ".")):
+                yield f"{prefix}{name}", kind, item
+
+
+def _kind(item: Any) -> str | None:
+    """The kind of a class or a ready-made part, None for everything else."""
+    if not isinstance(item, type):
+        return "part" if isinstance(item, Component) and not isinstance(item, Controller) else None
+    if not dataclasses.is_dataclass(item) or item in (Component, Controller, FrictionLaw):
+        return None
+    for base, kind in ((Controller, "control law"), (Component, "part"), (FrictionLaw, "friction law")):
+        if issubclass(item, base):
+            return kind
+    return None

@@ -1,0 +1,282 @@
+"""Scenes: a plant, the controllers to be compared on it, what happens and what to look at. `toolbox.scenes.scene_file` has their TOML form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.components import Component
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.simulation.simulate import checked_run, simulate
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.work_arrays import place_start
+
+if TYPE_CHECKING:
+    from toolbox.modelling.dependencies import Needs
+
+Number = float | tuple[float, ...]
+
+
+def judged_signal(plant: HybridSystem, element: str) -> str:
+    """The signal whose severity is judged where nobody names one: the speed of what rubs, else its slip."""
+    return f"{element}.speed" if f"{element}.speed" in plant.signals else f"{element}.slip"
+
+
+def _reference(law: Controller | None, unit: str) -> float | None:
+    """The set-point that a law declares in this unit; None without one."""
+    declared = {each.name: each.metadata.get("unit") for each in fields(law)} if law is not None else {}
+    return getattr(law, "reference", None) if declared.get("reference") == unit else None
+
+
+def judged_effort(plant: HybridSystem, signal: str) -> str:
+    """The input whose peak is reported where nobody names one: the torque of a top drive, else the first input, else the judged signal."""
+    return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """An input in time as data: a shape of `toolbox.inputs` or "table", and its numbers by name in SI."""
+
+    shape: str
+    numbers: Mapping[str, Number]
+
+    def build(self) -> Any:
+        """What `simulate` takes as this input."""
+        if self.shape == "table":
+            return self.numbers["times"], self.numbers["values"]
+        return getattr(shapes, self.shape)(**self.numbers)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s.
+
+    noise, resolution: {measured signal: standard deviation, step} of a sampled law, and the seed of the noise, as in `Sampled`.
+    """
+
+    label: str
+    law: Controller | None = None
+    sample_time: float | None = None
+    delay: float = 0.0
+    inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+
+    @property
+    def controller(self) -> Any:
+        """What `simulate` takes as controller."""
+        if self.law is None or self.sample_time is None:
+            return self.law
+        return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
+
+    @staticmethod
+    def of(label: str, controller: Controller | Sampled | None) -> Case:
+        """The case of a continuous law, of a sampled one, or of none. Raises SceneError for anything else, a Python function too."""
+        if controller is None or isinstance(controller, Controller):
+            return Case(label, controller)
+        if isinstance(controller, Sampled) and isinstance(controller.law, Controller):
+            c = controller
+            return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
+        raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A plant, the controllers to be compared on it, and what to look at; everything in SI.
+
+    parts: of the plant;  cases: one per controller, labels differ;  reference: set-point of `signal`, None for none;  start, inputs, parameters:
+    as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on; None where nothing sticks;  signal:
+    whose severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
+    as standing: what is judged then ends there, and a last stick into standstill is none.
+    """
+
+    title: str
+    parts: tuple[Component, ...]
+    cases: tuple[Case, ...]
+    duration: float
+    element: str | None
+    signal: str
+    effort: str
+    after: float
+    accuracy: float = 1e-6
+    reference: float | None = None
+    standstill: float | None = None
+    start: Mapping[str, Number] = field(default_factory=dict)
+    inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
+    parameters: Mapping[str, Number] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        plant: HybridSystem,
+        duration: float,
+        controllers: Mapping[str, Controller | Sampled | None] | None = None,
+        *,
+        title: str = "",
+        element: str | None = None,
+        signal: str | None = None,
+        effort: str | None = None,
+        after: float | None = None,
+        reference: float | None = None,
+        **others: Any,
+    ) -> Scene:
+        """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
+
+        element: without, the first contact, if any;  signal: `<element>.speed` where the plant has it, else its slip; needed without contact;
+        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;
+        others: accuracy, standstill, start, inputs, parameters. Raises SceneError as `check` does.
+        """
+        checked_plant(plant)
+        if not is_finite_number(duration) or not duration > 0:
+            raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
+        contacts = [each.name for each in plant.elements]
+        if not contacts and signal is None:
+            raise SceneError("Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none.")
+        if element is not None and element not in contacts:
+            raise SceneError(f"There is no element `{element}` to be judged: {suggest(element, contacts)}")
+        element = element or next(iter(contacts), None)
+        cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
+        signal = signal or judged_signal(plant, element or "")
+        wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
+        reference = wished.pop() if reference is None and len(wished) == 1 else reference
+        scene = Scene(
+            title or ", ".join(type(part).__name__ for part in plant.parts), plant.parts, cases, float(duration), element, signal,
+            effort or judged_effort(plant, signal), duration / 2 if after is None else after, reference=reference, **others,
+        )  # fmt: skip
+        scene.check()
+        return scene
+
+    @staticmethod
+    def load(path: str | Path) -> Scene:
+        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it."""
+        from toolbox.scenes import scene_file
+
+        path = Path(path)
+        try:
+            scene = scene_file.read(path)
+            scene.check()
+        except SceneError as error:
+            raise SceneError(f"Scene `{path}`: {error}") from None
+        return scene
+
+    def save(self, path: str | Path) -> Path:
+        """Write the scene with every parameter in SI, whole or not at all; loading it gives an equal scene.
+
+        Raises SceneError where the file cannot be written and where a part is in no catalogue.
+        """
+        from toolbox.scenes import scene_file
+
+        scene_file.write(self, Path(path))
+        return Path(path)
+
+    def __str__(self) -> str:
+        lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]
+        for case in self.cases:
+            law = "no law" if case.law is None else type(case.law).__name__
+            every = "" if case.sample_time is None else f", every {case.sample_time:g} s" + (f", {case.delay:g} s late" if case.delay else "")
+            lines.append(f"  {case.label}: {law}{every}")
+        return "\n".join(lines)
+
+    def plant(self) -> HybridSystem:
+        """The composed plant, with the declared parameters."""
+        return compose(*self.parts)
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of the cases, in order."""
+        return [case.label for case in self.cases]
+
+    def case(self, label: str) -> Case:
+        """The case of that label; raises SceneError where there is none."""
+        for case in self.cases:
+            if case.label == label:
+                return case
+        raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
+
+    def run(self, case: str | Case) -> Trajectory:
+        """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
+        return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
+
+    @property
+    def contact(self) -> str:
+        """The element; raises SceneError where nothing sticks."""
+        if self.element is None:
+            raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+        return self.element
+
+    @property
+    def judges(self) -> str:
+        """Element and signal, in words."""
+        return " and ".join(f"`{name}`" for name in (self.element, self.signal) if name is not None)
+
+    @property
+    def measures(self) -> dict[str, tuple[str, ...]]:
+        """What the verdict measures, and the signals and elements that each measure reads."""
+        stuck = {"stuck": (self.element,)} if self.element is not None else {}
+        return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
+
+    def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Needs:
+        """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
+
+        measures: {measure: names of the signals and elements it reads}; without, those of the verdict. Raises SceneError for unknown names.
+        """
+        from toolbox.modelling.dependencies import Need, Needs, needs
+
+        plant, asked = self.plant(), self.measures if measures is None else measures
+        found = [needs(checked_run(plant, self.duration, **self.arguments(case)).system, asked, len(self.parts)) for case in self.cases]
+        parts = tuple(
+            Need(
+                same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
+            )
+            for same in zip(*(each.parts for each in found), strict=True)
+        )
+        return Needs(parts, min(each.idle for each in found))
+
+    def check(self) -> None:
+        """Raise SceneError unless every case could be simulated and what is to be looked at exists; nothing is compiled."""
+        plant = self.plant()
+        if not self.duration > 0:
+            raise SceneError(f"Argument `duration` must be > 0 s, but it is {self.duration:g}.")
+        contacts = [element.name for element in plant.elements]
+        if self.element is not None and self.element not in contacts:
+            raise SceneError(f"There is no element `{self.element}` to be judged: {suggest(self.element, contacts)}")
+        for name in (self.signal, self.effort):
+            plant.signal_unit(name)
+            if name in plant.signals and plant.signals[name][0].numel() > 1:
+                raise SceneError(f"Argument `verdict` must name scalars, but `{name}` has several entries: choose one, e.g. `{name}.0`.")
+        if not 0 <= self.after < self.duration:
+            raise SceneError(
+                f"Argument `verdict.after` must be >= 0 s and before the end at {self.duration:g} s, but it is {self.after:g}."
+            )
+        if not self.cases:
+            raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
+        if len(set(self.labels)) < len(self.labels):
+            twice = next(label for label in self.labels if self.labels.count(label) > 1)
+            raise SceneError(f"The labels of controllers must differ, but `{twice}` is there {self.labels.count(twice)} times.")
+        for name, value in self.start.items():
+            place_start(plant, np.zeros(plant.x.numel()), name, value)
+        for case in self.cases:
+            try:
+                checked_run(plant, self.duration, **self.arguments(case))
+            except SceneError as error:
+                raise SceneError(f"Controller `{case.label}`: {error}") from None
+
+    def arguments(self, case: Case) -> dict[str, Any]:
+        """What `simulate` takes for one case beside the plant and the duration."""
+        given = {name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()}
+        return {
+            "start": self.start,
+            "inputs": given,
+            "parameters": self.parameters,
+            "controller": case.controller,
+            "accuracy": self.accuracy,
+        }

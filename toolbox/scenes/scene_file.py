@@ -1,0 +1,401 @@
+"""The TOML form of a scene.
+
+A scene file is data only: it names parts and laws of the catalogue and gives them numbers. A number is SI (angles in rad), or text with
+its unit. The keys, with those in brackets optional:
+
+    title, duration, [accuracy], [reference]      reference: set-point of the judged signal; laws with a field `reference` take it
+    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
+                      takes the arguments of its `from_tables` instead, paths relative to the scene file
+    [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
+                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps. A law may
+                      be a table { law = "LinearMPC", delay = "30 ms", ... }: parameters with the names of keys are what the law itself knows
+    [start]           state = value at the beginning; all else is at rest
+    [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, table = { times, values }
+                      the signal is an input of the plant, or one that every law asks for, such as `top.reference`
+    [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
+    [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over; for a
+                      stop [standstill]: the value of the signal at which the machine stands, where the verdict ends
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import inspect
+import tomllib
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.files.atomic import replaced
+from toolbox.files.units import parse
+from toolbox.modelling.components import Component
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import FrictionLaw
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.scenes import catalogue
+from toolbox.scenes.scene import Case, Number, Scene, Waveform, judged_effort, judged_signal
+from toolbox.simulation.simulate import checked_run
+
+_SHAPES: dict[str, dict[str, str]] = {
+    "step": {"before": "", "after": "", "at": "s"},
+    "ramp": {"start": "", "end": "", "begin": "s", "finish": "s"},
+    "sine": {"mean": "", "amplitude": "", "frequency": "Hz", "phase": "rad"},
+    "square": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
+    "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
+    "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
+    "table": {"times": "s", "values": ""},
+}
+"""Units of the numbers of each shape; empty for the unit of the signal."""
+
+_TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
+"""Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
+
+_SAMPLED = ("delay", "noise", "resolution", "seed")
+"""Keys of a controller that only a sampled law has."""
+
+HEADER = b"# Every parameter in SI units, angles in rad.\n"
+
+
+def read(path: Path) -> Scene:
+    """The scene of a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
+    return _scene(_data(path), path.parent)
+
+
+def write(scene: Scene, path: Path) -> None:
+    """Write a scene with every parameter in SI, whole or not at all."""
+    import tomli_w
+
+    content = HEADER + tomli_w.dumps(_resolved(scene)).encode()
+    with replaced(path) as file:
+        file.write(content)
+
+
+# --- from TOML
+
+
+def _data(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        beside = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
+        raise SceneError("there is no such file" + (f": {suggest(path.name, near)}" if near else ".")) from None
+    except OSError as error:
+        raise SceneError(f"the file cannot be read: {error.strerror}.") from None
+    except (ValueError, RecursionError) as error:  # not TOML, or not UTF-8
+        raise SceneError(f"the file must be TOML, but: {error}.") from None
+
+
+def _scene(data: dict[str, Any], folder: Path) -> Scene:
+    known = ("title", "duration", "accuracy", "reference", "plant", "controllers", "start", "inputs", "parameters", "verdict")
+    _keys(data, "the scene", known, ("title", "duration", "plant"))
+    parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
+    plant = compose(*parts)
+    duration = parse(data["duration"], "s", "duration")
+    verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after", "standstill"))
+    contacts = [element.name for element in plant.elements]
+    if not contacts:
+        raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+    if len(contacts) > 1 and "element" not in verdict:
+        raise SceneError(
+            f"The key `element` is missing in `verdict`: which of {', '.join(f'`{name}`' for name in contacts)} is to be judged?"
+        )
+    element = _text(verdict.get("element", contacts[0]), "verdict.element")
+    _known(element, contacts, "verdict.element")
+    signal = _text(verdict.get("signal", judged_signal(plant, element)), "verdict.signal")
+    reference = data.get("reference")
+    if reference is not None:
+        reference = parse(reference, plant.signal_unit(signal), "reference")
+    cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
+    return Scene(
+        title=_text(data["title"], "title"),
+        parts=parts,
+        cases=cases or (Case("no controller"),),
+        duration=duration,
+        element=element,
+        signal=signal,
+        effort=_text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
+        after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
+        standstill=parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
+        accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
+        reference=reference,
+        start={name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
+        inputs=_inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
+        parameters={
+            name: _number(value, plant._parameter(name).unit, name)
+            for name, value in _keys(data.get("parameters", {}), "parameters").items()
+        },
+    )
+
+
+def _component(data: Any, where: str, folder: Path) -> Component:
+    _keys(data, where, None, ("part",))
+    item = catalogue.part(data["part"], "part")
+    values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
+    if isinstance(item, type) and hasattr(item, "from_tables"):
+        made = inspect.signature(item.from_tables).parameters
+        own = {spec.name for spec in dataclasses.fields(item)}
+        if any(key in made and key not in own for key in values):
+            return _tabulated(item, values, title, folder)
+    return _filled(item, values, title)
+
+
+def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
+    """A part made by its `from_tables`, whose annotations say what each argument is: a path, `Annotated[float, unit]`, or as for fields."""
+    made = inspect.signature(item.from_tables).parameters
+    hints = typing.get_type_hints(item.from_tables, include_extras=True)
+    _keys(data, title, tuple(made), [name for name, argument in made.items() if argument.default is inspect.Parameter.empty])
+    values: dict[str, Any] = {}
+    for key, value in data.items():
+        options = typing.get_args(hints[key]) if isinstance(hints[key], types.UnionType) else (hints[key],)
+        if Path in options:
+            values[key] = folder / _text(value, f"{title}.{key}")
+        elif typing.get_origin(hints[key]) is typing.Annotated:
+            values[key] = parse(value, hints[key].__metadata__[0], f"{title}.{key}")
+        else:
+            values[key] = _field_value(value, "1", hints[key], f"{title}.{key}", None, False)
+    return item.from_tables(**values)
+
+
+def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
+    _keys(data, where, None, ("label",))
+    label = _text(data["label"], f"{where}.label")
+    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "inputs": {}} | dict.fromkeys(_SAMPLED)
+    if "law" not in data:
+        _keys(data, label, ("label", "inputs"))
+        return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
+    named, known = data["law"], {}
+    if isinstance(named, dict):
+        _keys(named, f"{label}.law", None, ("law",))
+        known = {key: value for key, value in named.items() if key != "law"}
+        named = named["law"]
+    item = catalogue.part(named, "control law")
+    values = {key: value for key, value in data.items() if key not in own} | known
+    if reference is not None and "reference" not in values and any(spec.name == "reference" for spec in dataclasses.fields(item)):
+        values["reference"] = reference
+    law = _filled(item, values, _text(named, where), tuple(own))
+    sample_time = data.get("sample_time")
+    if sample_time is not None:
+        sample_time = parse(sample_time, "s", f"{label}.sample_time")
+    for key in _SAMPLED if sample_time is None else ():
+        if key in data:
+            raise SceneError(f"The key `{key}` of `{label}` must come with `sample_time`, but there is none.")
+    sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
+    case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
+    try:
+        closed = checked_run(plant, 1.0, controller=case.controller).system
+    except SceneError as error:
+        raise SceneError(f"Controller `{label}`: {error}") from None
+    return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
+
+
+def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSystem:
+    """The plant, or where its laws ask for an input that it has not, such as `top.reference`, the plant with the first of them."""
+    if not cases or all(name in plant.inputs or name in plant.signals for name in names):
+        return plant
+    return checked_run(plant, 1.0, controller=cases[0].controller).system
+
+
+def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
+    """Numbers by signal, each in the unit of its signal."""
+    return {name: parse(value, plant.signal_unit(name), f"{where}.{name}") for name, value in _keys(data, where).items()}
+
+
+def _filled(item: Any, data: Mapping[str, Any], title: str, also: Sequence[str] = ()) -> Any:
+    """A class with these fields, or a ready-made part with these fields replaced."""
+    cls = item if isinstance(item, type) else type(item)
+    hints = typing.get_type_hints(cls)
+    specs = {spec.name: spec for spec in dataclasses.fields(cls) if spec.init}
+    values = {}
+    for key, value in data.items():
+        if key not in specs:
+            raise SceneError(f"There is no key `{key}` in `{title}`: {suggest(key, [*specs, *also])}")
+        current = getattr(item, key, None)
+        values[key] = _field_value(
+            value, specs[key].metadata.get("unit", "1"), hints[key], f"{title}.{key}", current, issubclass(cls, FrictionLaw)
+        )
+    if not isinstance(item, type):
+        return dataclasses.replace(item, **values)
+    for spec in specs.values():
+        if spec.name not in values and spec.default is dataclasses.MISSING and spec.default_factory is dataclasses.MISSING:
+            raise SceneError(f"The key `{spec.name}` is missing in `{title}`.")
+    return item(**values)
+
+
+def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turned: bool) -> Any:
+    """A field of a part from TOML, by its annotation."""
+    options = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union else (hint,)
+    if value == "none" and types.NoneType in options:
+        return None
+    if isinstance(value, dict):
+        if any(isinstance(option, type) and issubclass(option, FrictionLaw) for option in options):
+            return _friction(value, name, current)
+    elif isinstance(value, list) and tuple[int, ...] in options:
+        if all(type(entry) is int for entry in value):
+            return tuple(value)
+    elif any(typing.get_origin(option) is tuple and float not in typing.get_args(option) for option in options):
+        return _words(value, name)
+    elif float in options or any(typing.get_origin(option) is tuple for option in options):
+        if isinstance(value, list) != (float not in options):
+            shape = "one number" if float in options else "a list of numbers"
+            raise SceneError(f"Argument `{name}` must be {shape} in {unit}, but it is {value!r}.")
+        if turned and unit in _TURNED and isinstance(value, str):
+            try:
+                return parse(value, _TURNED[unit], name)
+            except SceneError:
+                pass  # then the declared unit must fit, and its error is the better one
+        return _number(value, unit, name)
+    choices = [choice for option in options if typing.get_origin(option) is typing.Literal for choice in typing.get_args(option)]
+    if type(value) in options or value in choices:
+        return value
+    if choices:
+        _known(value, choices, name)
+    words = " or ".join(
+        "a table with `law`" if isinstance(o, type) and issubclass(o, FrictionLaw) else getattr(o, "__name__", str(o)) for o in options
+    )
+    raise SceneError(f"Argument `{name}` must be {words}, but it is {value!r}.")
+
+
+def _words(value: Any, name: str) -> Any:
+    """Text, or tuples of text, from a list that may hold lists: names that are structure."""
+    if isinstance(value, list):
+        return tuple(entry if isinstance(entry, str) else _words(entry, name) for entry in value)
+    raise SceneError(f"Argument `{name}` must be a list of names, but it holds {value!r}.")
+
+
+def _friction(data: Mapping[str, Any], name: str, current: Any) -> FrictionLaw:
+    values = {key: value for key, value in data.items() if key != "law"}
+    if "law" in data:
+        return _filled(catalogue.part(data["law"], "friction law"), values, name, ("law",))
+    if not isinstance(current, FrictionLaw):
+        raise SceneError(f"The key `law` is missing in `{name}`.")
+    return _filled(current, values, name, ("law",))
+
+
+def _inputs(data: Any, where: str, system: HybridSystem) -> dict[str, float | Waveform]:
+    return {name: _input(value, name, _input_unit(system, name)) for name, value in _keys(data, where).items()}
+
+
+def _input(value: Any, name: str, unit: str) -> float | Waveform:
+    if not isinstance(value, dict):
+        return parse(value, unit, name)
+    shape = next(iter(value), "")
+    if len(value) != 1 or shape not in _SHAPES:
+        raise SceneError(f"Argument `{name}` must be a number or one of {', '.join(f'`{s}`' for s in _SHAPES)}, but it is {value!r}.")
+    units = _SHAPES[shape]
+    where = f"{name}.{shape}"
+    _keys(value[shape], where, tuple(units), [key for key in units if key != "phase"])
+    if shape == "table":
+        for key, entries in value[shape].items():
+            if not isinstance(entries, list):
+                raise SceneError(f"Argument `{where}.{key}` must be a list of numbers, but it is {entries!r}.")
+        return Waveform(shape, {key: _number(entries, units[key] or unit, f"{where}.{key}") for key, entries in value[shape].items()})
+    return Waveform(shape, {key: parse(entry, units[key] or unit, f"{where}.{key}") for key, entry in value[shape].items()})
+
+
+def _number(value: Any, unit: str, name: str) -> Number:
+    if isinstance(value, list):
+        return tuple(parse(entry, unit, f"{name}.{i}") for i, entry in enumerate(value))
+    return parse(value, unit, name)
+
+
+def _input_unit(system: HybridSystem, name: str) -> str:
+    if system.has_signal(name) or system.has_parameter(name):  # one that changes in time
+        return system.unit(name)
+    raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
+
+
+def _tables(data: Mapping[str, Any], key: str) -> list[Any]:
+    entries = data.get(key, [])
+    if not isinstance(entries, list):
+        raise SceneError(f"Argument `{key}` must be written as [[{key}]], once for each entry, but it is {entries!r}.")
+    return entries
+
+
+def _keys(data: Any, where: str, known: Sequence[str] | None = None, required: Sequence[str] = ()) -> dict[str, Any]:
+    """A table whose keys are all known and in which none is missing."""
+    if not isinstance(data, dict):
+        raise SceneError(f"Argument `{where}` must be a table, but it is {data!r}.")
+    for key in data:
+        if known is not None and key not in known:
+            raise SceneError(f"There is no key `{key}` in {where}: {suggest(key, known)}")
+    for key in required:
+        if key not in data:
+            raise SceneError(f"The key `{key}` is missing in {where}.")
+    return data
+
+
+def _text(value: Any, name: str) -> str:
+    if not isinstance(value, str) or not value.strip() or not value.isprintable():
+        raise SceneError(f"Argument `{name}` must be text in one line, but it is {value!r}.")
+    return value
+
+
+def _known(value: Any, names: Sequence[Any], name: str) -> None:
+    if value not in names:
+        raise SceneError(f"Argument `{name}` must be one of those there are, but it is `{value}`: {suggest(str(value), map(str, names))}")
+
+
+# --- to TOML
+
+
+def _resolved(scene: Scene) -> dict[str, Any]:
+    data: dict[str, Any] = {"title": scene.title, "duration": float(scene.duration), "accuracy": float(scene.accuracy)}
+    if scene.reference is not None:
+        data["reference"] = float(scene.reference)
+    data["verdict"] = {"element": scene.contact, "signal": scene.signal, "effort": scene.effort, "after": float(scene.after)}
+    if scene.standstill is not None:
+        data["verdict"]["standstill"] = float(scene.standstill)
+    for key in ("start", "inputs", "parameters"):
+        if getattr(scene, key):
+            data[key] = {name: _plain(value) for name, value in getattr(scene, key).items()}
+    data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene.parts]
+    data["controllers"] = [_resolved_case(case) for case in scene.cases]
+    return data
+
+
+def _resolved_case(case: Case) -> dict[str, Any]:
+    data: dict[str, Any] = {"label": case.label}
+    if case.law is not None:
+        law = {"law": catalogue.name_of(type(case.law))}
+        fields = _fields(case.law)
+        known = {key: fields.pop(key) for key in _SAMPLED if key in fields}
+        data |= {"law": law | known} | fields if known else law | fields
+        if case.sample_time is not None:
+            data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
+            data |= {key: {name: float(value) for name, value in getattr(case, key).items()} for key in ("noise", "resolution") if getattr(case, key)}
+            if case.noise:
+                data["seed"] = case.seed
+    if case.inputs:
+        data["inputs"] = {name: _plain(value) for name, value in case.inputs.items()}
+    return data
+
+
+def _fields(part: Any) -> dict[str, Any]:
+    """Every field of a part; TOML has no null, so an absent one is left out, or "none" where the class would fill it in."""
+    data = {}
+    for spec in dataclasses.fields(part):
+        value = getattr(part, spec.name)
+        if value is not None:
+            data[spec.name] = _plain(value)
+        elif spec.default is not None:
+            data[spec.name] = "none"
+    return data
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, FrictionLaw):
+        return {"law": catalogue.name_of(type(value))} | _fields(value)
+    if isinstance(value, Waveform):
+        return {value.shape: {key: _plain(number) for key, number in value.numbers.items()}}
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, (str, bool, int)):
+        return value
+    return float(value)

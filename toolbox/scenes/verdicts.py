@@ -1,0 +1,241 @@
+"""A study: every controller of a scene simulated, judged, tabled and drawn."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.errors import SimulationError
+
+if TYPE_CHECKING:
+    from toolbox.calibration.fit import Fit
+    from toolbox.modelling.hybrid_system import HybridSystem
+    from toolbox.onsets.report import Onset
+    from toolbox.onsets.severity_map import SeverityMap
+    from toolbox.scenes.scene import Scene
+    from toolbox.scenes.work_precision import WorkPrecision
+    from toolbox.simulation.trajectory import Trajectory
+    from toolbox.tuning.results import Tuned
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table, in SI; nan where a number does not exist, inf for what never settles.
+
+    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`, and for a stop the settling is the
+    time of standstill;  peak: largest |effort|;
+    error: largest scaled state error;  wall_time: seconds in the event loop;  files: what the files of this controller begin with.
+    """
+
+    controller: str
+    verdict: str
+    stuck: float = math.nan
+    severity: float = math.nan
+    settling: float = math.nan
+    overshoot: float = math.nan
+    peak: float = math.nan
+    error: float = math.nan
+    wall_time: float = math.nan
+    files: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run could not be finished; the verdict then says why."""
+        return self.verdict.startswith("failed")
+
+
+def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
+    """The row of one controller, and its run. A run that fails is a row as well, with the trajectory so far."""
+    from toolbox.measuring import measure
+
+    try:
+        run = scene.run(label)
+    except SimulationError as failure:
+        return Row(label, f"failed: {failure}", files=files), failure.run
+    try:
+        error = run.error
+    except SimulationError:  # the run to compare with, at a hundredth of the accuracy, may fail alone
+        error = math.nan
+    if scene.standstill is not None:
+        row = Row(label, "", peak=measured(scene, run, "peak"), error=error, wall_time=run.wall_time, files=files)
+        return _stop(scene, run, row), run
+    row = Row(
+        controller=label,
+        verdict=verdict(measure.stick_intervals(run, scene.contact, scene.after), scene.after, scene.duration),
+        **{name: measured(scene, run, name) for name in MEASURES},
+        error=error,
+        wall_time=run.wall_time,
+        files=files,
+    )
+    return row, run
+
+
+MEASURES = ("stuck", "severity", "settling", "overshoot", "peak")
+"""Numbers of the verdict, by the names of their columns."""
+
+
+def measured(scene: Scene, run: Trajectory, name: str) -> float:
+    """One of the `MEASURES` of a run of a scene, in SI; nan for settling and overshoot where there is no set-point."""
+    from toolbox.measuring import measure
+
+    if scene.standstill is not None and name in ("stuck", "settling"):
+        return getattr(_stop(scene, run, Row("", "")), name)
+    if name == "stuck":
+        return run.time_in(scene.contact, "stick", after=scene.after)
+    if name == "severity":
+        return measure.severity(run, scene.signal, after=scene.after)
+    if name == "peak":
+        peak = measure.extent(run, scene.effort)
+        return max(abs(peak.minimum), abs(peak.maximum))
+    if not scene.reference:
+        return math.nan
+    return {"settling": measure.settling, "overshoot": measure.overshoot}[name](run, scene.signal, scene.reference)
+
+
+def _stop(scene: Scene, run: Trajectory, row: Row) -> Row:
+    """The row of a stop, judged until it stands: sticks that let go again before that, and when it stands (as the settling)."""
+    from toolbox.measuring import measure
+
+    stands = measure.standstill(run, scene.signal, scene.standstill or 0.0, after=scene.after)
+    if stands <= scene.after:
+        return dataclasses.replace(row, verdict="stands at once", stuck=0.0, settling=0.0)
+    end = min(stands, scene.duration)
+    sticks = measure.stick_intervals(run, scene.contact, scene.after, end)
+    if sticks and sticks[-1][1] >= end and stands < math.inf:
+        sticks.pop()  # the stick in which it comes to stand
+    word = verdict(sticks, scene.after, end)
+    if stands == math.inf:
+        word = "does not stand"
+    return dataclasses.replace(row, verdict=word, stuck=sum(last - first for first, last in sticks), settling=stands)
+
+
+def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> str:
+    """What the stick intervals between `after` and `end` [s] amount to.
+
+    "free" for none; "stuck" where the last one lasts to the end and longer than half of the window; "stick-slip" for two or more;
+    "sticks once" for a single shorter one.
+    """
+    if not sticks:
+        return "free"
+    begin, last = sticks[-1]
+    if last >= end and last - begin > 0.5 * (end - after):
+        return "stuck"
+    return "stick-slip" if len(sticks) > 1 else "sticks once"
+
+
+# --- the table
+
+
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """The rows as csv in SI units; a number that does not exist is left empty, what never settles is inf."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
+        table.writeheader()
+        for row in rows:
+            table.writerow({name: value for name, value in dataclasses.asdict(row).items() if value == value})
+
+
+def table(scene: Scene, rows: Sequence[Row]) -> str:
+    """The rows as text, under what was judged and above the reasons of failures."""
+    plant = scene.plant()
+    effort, speed = plant.unit(scene.effort), plant.unit(scene.signal)
+    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill:g} {speed}"
+    set_point = f"; set-point {scene.reference:.4g} {speed}" if scene.reference else ""
+    head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
+    if scene.standstill is not None:
+        head[head.index("settling")] = "stands at"
+    cells = [head]
+    for row in rows:
+        cells.append(
+            [
+                row.controller,
+                row.verdict.partition(":")[0],
+                _number(row.stuck, "{:.2f} s"),
+                _number(row.severity, "{:.3f}"),
+                "never" if row.settling == math.inf else _number(row.settling, "{:.1f} s"),
+                "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
+                _number(row.peak, ("{:.0f} " if row.peak >= 1000 else "{:.4g} ") + effort),
+                _number(row.error, "{:.0e}"),
+                _number(1e3 * row.wall_time, "{:.2g} ms"),
+            ]
+        )
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = []
+    for line in cells:
+        words = [cell.ljust(width) if i < 2 else cell.rjust(width) for i, (cell, width) in enumerate(zip(line, widths, strict=True))]
+        lines.append("  ".join(words).rstrip())
+    lines.insert(1, "-" * max(map(len, lines)))
+    judged_by = f"{scene.judges}, judged from {scene.after:g} s to {until}{set_point}."
+    reasons = [f"{row.controller} {row.verdict}" for row in rows if row.failed]
+    return "\n".join([scene.title, judged_by, "", *lines, *reasons])
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else form.format(value)
+
+
+# --- the figures
+
+
+def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -> None:
+    """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed."""
+    plot = _plot()
+    _write(plot.traces(run), label, traces)
+    position = _position(scene.plant(), scene.signal)
+    if position is not None:
+        _write(plot.phase_plane(run, position, scene.signal, scene.contact), label, phase)
+
+
+def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
+    """Write the figure of the judged signal under every controller."""
+    _write(_plot().comparison(runs, scene.signal, scene.contact), scene.title, path)
+
+
+def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
+    """Write the figure of both branches under every controller."""
+    _plot()
+    from toolbox.onsets.figures import onset_panels
+
+    _write(onset_panels(onsets), scene.title, path)
+
+
+def draw_found(found: Trajectory | SeverityMap | Tuned | WorkPrecision | Fit, title: str | None, path: Path) -> None:
+    """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
+    _plot()
+    _write(found.plot(), title, path)
+
+
+def _plot() -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")  # a study writes files and needs no screen
+    from toolbox.simulation import plot
+
+    return plot
+
+
+def _position(plant: HybridSystem, speed: str) -> str | None:
+    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
+    unit = plant.unit(speed)
+    for name, (_, size, own) in reversed(plant.states.items()):
+        if f"{own}/s" == unit:
+            return name if size is None else f"{name}.{size - 1}"
+    return None
+
+
+def _write(axes: Any, title: str | None, path: Path) -> None:
+    import textwrap
+
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    figure = np.ravel(axes)[0].figure
+    if title is not None:
+        figure.suptitle(textwrap.fill(title, int(11 * figure.get_figwidth())))  # letters of this size that fit into an inch
+    figure.savefig(path, dpi=150)
+    plt.close(figure)

@@ -1,0 +1,253 @@
+"""What accuracy costs: error against time for methods, tolerances, steps, widths and levels of detail, in one table and one figure.
+
+The truth is computed twice, by the explicit method of order 8 and by the linearly implicit one, each with located events at the tightest accuracy that it
+finishes. They share the model and the search for events but no step, and their disagreement, which is stated, bounds what any error below it means.
+
+Errors are those of `Trajectory.difference`: the largest difference of a state, relative to its size over the run. Times are the least of several
+runs, in seconds spent in the compiled loop: on a machine that does other things the others measure these.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import numbers, whole
+from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import names
+from toolbox.scenes.scene import Scene
+from toolbox.simulation.simulate import METHODS, Run, again, checked_run
+from toolbox.simulation.trajectory import Trajectory
+
+ACCURACIES = tuple(10.0**-k for k in range(2, 12))
+WIDTHS = tuple(10.0**-k for k in range(1, 9))
+COUNTS = (1_000, 4_000, 16_000, 64_000, 256_000, 1_024_000)
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run: its setting (an accuracy, a step [s], or a width in parts of the largest slip), error [1], seconds and steps; `failed` says why not."""
+
+    method: str
+    plant: str
+    knob: str
+    setting: float
+    error: float
+    seconds: float
+    steps: int
+    failed: str = ""
+
+
+@dataclass(frozen=True)
+class WorkPrecision:
+    """The trade of a scene. `print` it for the table, `plot` and `save` it.
+
+    points: in order of method and setting;  disagreement: largest difference between the two truths, in parts of the size of a state;
+    truths: what they were computed with.
+    """
+
+    title: str
+    duration: float
+    points: tuple[Point, ...]
+    disagreement: float
+    truths: tuple[str, str]
+
+    def cheapest(self, error: float) -> Point | None:
+        """The fastest run whose error is at most this; None where there is none. Raises SceneError below the disagreement of the truths."""
+        if not error >= self.disagreement:
+            raise SceneError(
+                f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
+            )
+        found = [point for point in self.points if not point.failed and point.error <= error]
+        return min(found, key=lambda point: point.seconds, default=None)
+
+    def __str__(self) -> str:
+        lines = [
+            self.title,
+            f"{self.duration:g} s; truth: {self.truths[0]} and {self.truths[1]} differ by {self.disagreement:.1e}",
+            f"{'method':<24}{'setting':>22}{'error':>10}{'time':>12}{'steps':>10}",
+        ]
+        several = len({point.plant for point in self.points}) > 1
+        for point in self.points:
+            name = f"{point.method}, {point.plant}" if several else point.method
+            setting = f"{point.knob} {point.setting:.2g}"
+            if point.failed:
+                lines.append(f"{name:<24}{setting:>22}  {point.failed.split('.')[0]}")
+                continue
+            error = f"{point.error:10.1e}" if point.error > 2 * self.disagreement else f"{'<' + format(2 * self.disagreement, '.0e'):>10}"
+            lines.append(f"{name:<24}{setting:>22}{error}{1e3 * point.seconds:9.3f} ms{point.steps:10d}")
+        return "\n".join(lines)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
+        from toolbox.simulation.plot import work_precision
+
+        return work_precision(self, ax=ax)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the points as CSV, whole or not at all."""
+        from toolbox.files.atomic import replaced
+
+        target = Path(path)
+        with replaced(target) as file:
+            import io
+
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            writer = csv.writer(text)
+            writer.writerow([field.name for field in fields(Point)])
+            writer.writerows([[getattr(point, field.name) for field in fields(Point)] for point in self.points])
+            text.flush()
+            text.detach()
+        return target
+
+
+def work_precision(
+    plant: HybridSystem | Scene | Mapping[str, HybridSystem],
+    duration: float | None = None,
+    *,
+    methods: Sequence[str] = ("explicit", "stiff", "time-stepping", "smoothed"),
+    accuracies: Iterable[float] = ACCURACIES,
+    steps: Iterable[float] | None = None,
+    widths: Iterable[float] = WIDTHS,
+    signals: Sequence[str] = (),
+    case: str | None = None,
+    repeats: int = 5,
+    **arguments: Any,
+) -> WorkPrecision:
+    """Error against time of every method with every one of its settings, against a truth computed twice.
+
+    plant: a plant, a scene (its first case, or `case`), or {label: plant} for levels of detail, of which the first is the truth.  duration: s, that of
+    the scene without.  accuracies: for the methods that locate events;  steps [s]: for time stepping, by default 1e3 to 1e6 in the run;  widths: for smoothed
+    friction, in parts of the largest slip.  signals: whose difference counts, in place of all states; needed for several plants.
+    repeats: runs of which the shortest counts.  arguments: as in `simulate`. Raises SceneError as `simulate` does, and SimulationError where no truth
+    can be computed.
+    """
+    title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
+    if not is_finite_number(duration) or not duration > 0:
+        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    if len(plants) > 1 and not signals:
+        raise SceneError("Argument `signals` must name what the levels of detail have in common, but it is empty.")
+    for method in names(methods):
+        if method not in METHODS:
+            raise SceneError(f"Argument `methods` must be among {', '.join(map(repr, METHODS))}, but one is {method!r}.")
+    whole("repeats", repeats, 1)
+    given = numbers("accuracies", accuracies)
+    lengths = numbers("steps", steps) if steps is not None else [duration / count for count in COUNTS]
+    shares = numbers("widths", widths)
+    signals = names(signals)
+    for name in signals:
+        for each in plants.values():
+            each.signal_unit(name)
+    runs = {label: checked_run(each, duration, **arguments) for label, each in plants.items()}
+    first = next(iter(runs.values()))
+    truth, used = _truth(first, "explicit")
+    second, other = _truth(first, "stiff")
+    disagreement = _difference(second, truth, signals)
+    from tqdm import tqdm
+
+    settings = [
+        (run, label, method, knob, setting, changes)
+        for label, run in runs.items()
+        for method in methods
+        for knob, setting, changes in _settings(run, method, given, lengths, shares)
+    ]
+    bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
+    points = [
+        _point(run, label, method, knob, setting, changes, truth, signals, repeats) for run, label, method, knob, setting, changes in bar
+    ]
+    return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
+
+
+def _resolved(
+    plant: Any, duration: float | None, case: str | None, arguments: dict[str, Any]
+) -> tuple[str, dict[str, HybridSystem], float, dict]:
+    if isinstance(plant, Scene):
+        label = case or plant.labels[0]
+        title = f"{plant.title}: {label}"
+        return (
+            title,
+            {"": plant.plant()},
+            plant.duration if duration is None else duration,
+            {**plant.arguments(plant.case(label)), **arguments},
+        )
+    if case is not None:
+        raise SceneError(f"Argument `case` must come with a scene, but there is none and it is {case!r}.")
+    plants = dict(plant) if isinstance(plant, Mapping) else {"": plant}
+    if duration is None:
+        raise SceneError("Argument `duration` must be given for a plant, but it is None.")
+    first = next(iter(plants.values()), None)
+    if not isinstance(first, HybridSystem):
+        raise SceneError(f"Argument `plant` must be a plant, a scene or {{label: plant}}, but it is {plant!r}.")
+    return ", ".join(type(part).__name__ for part in first.parts), plants, duration, arguments
+
+
+def _truth(run: Run, method: str) -> tuple[Trajectory, str]:
+    """The run at the tightest accuracy that the method finishes."""
+    import dataclasses
+
+    for accuracy in (1e-12, 1e-11, 1e-10, 1e-9):
+        try:
+            done = again(dataclasses.replace(run, method=method, accuracy=accuracy, output_times=None))
+        except SimulationError as error:
+            failed = error
+            continue
+        return done, f"{method} at {accuracy:g}"
+    raise SimulationError(f"No truth can be computed by method={method!r}: {failed}", failed.run)
+
+
+def _settings(
+    run: Run, method: str, accuracies: list[float], steps: list[float], widths: list[float]
+) -> Iterable[tuple[str, float, dict[str, Any]]]:
+    """(knob, setting, changes of the run) of every run of a method."""
+    if method == "time-stepping":
+        return [("step", step, {"step": step}) for step in steps]
+    if method == "smoothed":
+        from toolbox.simulation.refinement import SHARE, slips
+
+        sizes = slips(run)
+        return [
+            (
+                "width",
+                share,
+                {"widths": {name: share * size for name, size in sizes.items()}, "tolerance": max(min(1e-3, SHARE * share), 1e-13)},
+            )
+            for share in widths
+        ]
+    return [("accuracy", accuracy, {"accuracy": accuracy}) for accuracy in accuracies]
+
+
+def _point(
+    run: Run,
+    label: str,
+    method: str,
+    knob: str,
+    setting: float,
+    changes: dict[str, Any],
+    truth: Trajectory,
+    signals: Sequence[str],
+    repeats: int,
+) -> Point:
+    try:
+        done = again(run, method=method, output_times=None, **changes)
+        error = _difference(done, truth, signals)
+        times = [done.wall_time, *(again(run, method=method, output_times=None, **changes).wall_time for _ in range(repeats - 1))]
+    except (SimulationError, SceneError) as failed:
+        return Point(method, label, knob, setting, math.nan, math.nan, 0, str(failed))
+    return Point(method, label, knob, setting, error, min(times), sum(done.steps))
+
+
+def _difference(run: Trajectory, truth: Trajectory, signals: Sequence[str]) -> float:
+    """The difference of states, or of the named signals at 2001 times."""
+    if not signals:
+        return run.difference(truth)
+    times = np.linspace(0.0, min(run.end, truth.end), 2001)
+    mine, theirs = run.at(times), truth.at(times)
+    return max(float(np.abs(mine[name] - theirs[name]).max() / max(np.abs(theirs[name]).max(), 1e-300)) for name in signals)

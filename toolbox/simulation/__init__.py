@@ -1,0 +1,1 @@
+"""Runs: what is asked, the loops that step, the result."""

@@ -1,0 +1,106 @@
+"""What a run says that cannot be finished: the trajectory so far, and a cause in words of the plant."""
+
+from __future__ import annotations
+
+import time as clock
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.program import Program
+from toolbox.errors import BudgetError, SimulationError, ZenoError
+from toolbox.simulation.stiffness import progress
+from toolbox.simulation.trajectory import Smoothed, Stepped, Trajectory, output_function
+
+if TYPE_CHECKING:
+    from toolbox.simulation.simulate import Run
+
+
+def trajectory_so_far(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
+    """The result of a run as far as it came."""
+    r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
+    kind = Stepped if run.method == "time-stepping" else Smoothed if run.method == "smoothed" else Trajectory
+    return kind(
+        run=run,
+        program=program,
+        time=work.rec_t[:r].copy(),
+        states=work.rec_x[:r].copy(),
+        mode=work.rec_m[:r].copy(),
+        held=work.rec_p[:r].copy(),
+        parameters=work.p,
+        event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
+        last_mode=work.m,
+        end=float(work.reals[loop.TIME]),
+        answers=answers,
+        memory=work.memory.copy(),
+        steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
+        merged=int(work.ints[loop.MERGED]),
+        wall_time=clock.perf_counter() - began,
+    )
+
+
+def exhausted(
+    loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]], switches: np.ndarray | None = None
+) -> BudgetError:
+    """The error of a run that has spent its budget: what it spent and what it spent it on.
+
+    switches: of each element, before those that `work` holds.
+    """
+    so_far = trajectory_so_far(loop, run, program, work, began, answers)
+    t, steps, events = progress(loop, work)
+    before = 0 if switches is None else int(switches.sum())
+    spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
+    if spent:
+        cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
+    else:
+        names = [element.name for element in program.system.elements]
+        often = np.bincount(work.ev_i[:events], minlength=len(names)) + (0 if switches is None else switches)
+        spent = f"its {int(run.budget.events)} events"
+        cause = f"most of them are of `{names[int(np.argmax(often))]}`"
+    if before + events > run.budget.events:
+        so_far.end_before(int(run.budget.events) - before)
+    return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
+
+
+def failure(
+    loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
+) -> SimulationError:
+    """The error of a run that the loop gave up, in words of the plant."""
+    so_far = trajectory_so_far(loop, run, program, work, began, answers)
+    t = float(work.reals[loop.TIME])
+    names = [element.name for element in program.system.elements]
+    point = Trajectory.point(run, program, t, work.x, work.m, work.p)
+    if status in (loop.INCONSISTENT, loop.ENDLESS):
+        bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
+            t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
+        if (bounds < 0).any():
+            name = names[int(np.argmin(bounds))]
+            return SimulationError(
+                f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
+            )
+    if status == loop.ENDLESS:
+        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
+    if status == loop.INCONSISTENT:
+        inside = (
+            [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
+            if t == 0.0
+            else []
+        )
+        if inside:
+            return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
+        return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
+    labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
+    finite = np.isfinite(work.k)
+    if not finite.all():
+        return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
+    if not np.isfinite(work.y[: len(labels)]).all():
+        name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
+        return SimulationError(
+            f"No step from t = {t:.9g} s gives a finite `{name}`: its equations, and friction laws a little beyond zero slip, must be smooth.",
+            so_far,
+        )
+    largest = int(np.argmax(np.abs(work.x[: len(labels)])))
+    if abs(work.x[largest]) > 1e12:
+        return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
+    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)

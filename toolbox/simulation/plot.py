@@ -1,0 +1,487 @@
+"""Pictures of runs: traces in time, phase planes, comparisons.
+
+Every function draws into `ax` or makes a figure of its own, and returns the axes. Curves pass through every step and are sampled between
+steps, because nodes are sparse and a polygon through them would cut the peaks off. Modes are shown twice where there is one contact: as a ribbon above
+the panel and as grey bands behind the curve. Tones and line styles differ enough to be read without colour.
+"""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.legend import Legend
+from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+
+from toolbox.errors import SceneError, suggest
+from toolbox.measuring.measure import scalar, window
+from toolbox.simulation.trajectory import Samples, Trajectory
+
+# loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
+plt.switch_backend(matplotlib.get_backend())
+
+RESOLUTION = 1600
+"""Points along the time axis between which a curve is drawn straight."""
+
+LINES: Sequence[dict[str, Any]] = (
+    {"color": "#12355b", "linestyle": "-", "linewidth": 1.5},
+    {"color": "#e07a1f", "linestyle": "-", "linewidth": 1.3},
+    {"color": "#4f9d8f", "linestyle": (0, (5, 1.5)), "linewidth": 1.4},
+    {"color": "#a23b72", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.6},
+    {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
+)
+
+TONES: dict[str, dict[str, Any]] = {
+    "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "slip": {"facecolor": "0.88", "edgecolor": "0.88"},
+    "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
+    "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
+    "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "open": {"facecolor": "0.94", "edgecolor": "0.94"},
+    "high": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "low": {"facecolor": "0.90", "edgecolor": "0.90"},
+    "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "below": {"facecolor": "0.90", "edgecolor": "0.90"},
+}
+BAND = "0.90"
+MANY_EVENTS = 60
+"""Events in a picture above which their lines grow fainter; above ten times as many they are left out."""
+
+PAPER = {
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.formatter.use_mathtext": True,
+    "hatch.linewidth": 0.7,
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+}
+WIDTH = 7.2
+"""Width of a figure [inch]: the text width of an A4 report."""
+
+
+def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
+    """Signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
+
+    signals: names, of a vector state all entries or one (`chain.speed.0`); without, speeds first and then what drives and resists.  ax: where
+    to draw; without, a figure with one panel per unit.  after, until: window [s]. Returns the axes: `ax`, or an array with one entry per
+    panel. Raises SceneError for an unknown signal, for signals of several units in one `ax`, and for a window outside the run.
+    """
+    begin, end = window(run, after, until)
+    names = list(signals) or _interesting(run)
+    units: dict[str, list[str]] = {}
+    for name in names:
+        units.setdefault(run.unit(name), []).append(name)
+    if ax is not None and len(units) > 1:
+        raise SceneError(
+            f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
+        )
+    samples = _curve(run, begin, end)
+    elements = list(run.modes)
+    contacts = [element.name for element in run.program.system.elements if element.law is not None]
+    with plt.rc_context(PAPER):
+        panels = [ax] if ax is not None else _figure(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
+        for panel, (unit, group) in zip(panels, units.items(), strict=True):
+            lines = _lines(panel, samples, group)
+            panel.set_ylabel(_axis_label(group, unit))
+            panel.set_xlim(begin, end)
+            top = panel is panels[0]
+            if len(contacts) == 1:
+                _bands(panel, run, contacts[0], begin, end)
+            _event_lines(panel, run, begin, end)
+            height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
+            if lines > 1:
+                _legend(panel, height)
+        panels[-1].set_xlabel("time [s]")
+        if len(panels) > 1:
+            panels[0].figure.align_ylabels(panels)
+    return ax if ax is not None else np.array(panels)
+
+
+def phase_plane(
+    run: Trajectory,
+    x_signal: str,
+    y_signal: str,
+    element: str | None = None,
+    ax: Any = None,
+    *,
+    after: float = 0.0,
+    until: float | None = None,
+) -> Any:
+    """One signal against another; the segment on which `element` sticks is drawn thick, the start is a ring, arrows show the direction.
+
+    element: by default the first of the plant, if it has any.  after, until: window [s]. Returns the axes. Raises SceneError for
+    unknown or vector signals, an unknown element, and a window outside the run.
+    """
+    begin, end = window(run, after, until)
+    names = list(run.modes)
+    if element is None and names:
+        element = names[0]
+    if element is not None and element not in names:
+        raise SceneError(f"There is no element `{element}`: {suggest(element, names)}")
+    samples = _curve(run, begin, end)
+    x, y = scalar(samples, x_signal), scalar(samples, y_signal)
+    sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(4.6, 3.9), layout="constrained")
+        # a segment belongs to a mode when both of its ends do, so that the point of release is drawn in both
+        points = np.stack([x, y], axis=1)
+        pieces = np.stack([points[:-1], points[1:]], axis=1)
+        both = sticks[:-1] & sticks[1:]
+        color = LINES[0]["color"]
+        ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
+        if both.any():
+            starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
+            ends = np.flatnonzero(both & ~np.concatenate([both[1:], [False]])) + 2
+            segments = [points[i:j] for i, j in zip(starts, ends, strict=True)]  # whole, for short pieces would leave gaps
+            ax.add_collection(LineCollection(segments, colors="black", linewidths=3.4, capstyle="butt", joinstyle="round", zorder=3))
+            ax.plot([], [], color=color, linewidth=1.0, label="slip")
+            ax.plot([], [], color="black", linewidth=3.4, label=f"stick ({in_words(str(element))})")
+            ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.2, handlelength=1.6)
+        _arrows(ax, x, y, ~both, color)
+        ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
+        ax.autoscale_view()
+        ax.margins(0.06)
+        ax.set_xlabel(f"{in_words(x_signal)} [{run.unit(x_signal)}]")
+        ax.set_ylabel(f"{in_words(y_signal)} [{run.unit(y_signal)}]")
+    return ax
+
+
+def comparison(
+    runs: Mapping[str, Trajectory],
+    signal: str,
+    element: str | None = None,
+    ax: Any = None,
+    *,
+    after: float = 0.0,
+    until: float | None = None,
+) -> Any:
+    """One signal of several runs: a panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
+
+    runs: {label: run}.  element: whose modes are shown; by default the first, where there is one.  after, until: window [s]; without `until`, to the
+    end of the longest run. Returns the axes: `ax`, or an array with one entry per run. Raises SceneError for no runs, an unknown or
+    vector signal, an unknown element, and a window outside the longest run.
+    """
+    if not runs:
+        raise SceneError("Argument `runs` must hold at least one run, but it is empty.")
+    longest = max(runs.values(), key=lambda run: float(run.nodes.time[-1]))
+    begin, end = window(longest, after, until)
+    shown: dict[str, str | None] = {}
+    for label, run in runs.items():
+        names = list(run.modes)
+        if element is not None and element not in names:
+            raise SceneError(f'There is no element `{element}` in the run "{label}": {suggest(element, names)}')
+        shown[label] = element or (names[0] if names else None)
+    with plt.rc_context(PAPER):
+        panels = [ax] * len(runs) if ax is not None else _figure(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
+        for panel, style, (label, run) in zip(panels, _styles(len(runs)), runs.items(), strict=True):
+            last = min(end, float(run.nodes.time[-1]))
+            if last > begin:
+                samples = _curve(run, begin, last)
+                _line(panel, samples.time, scalar(samples, signal), label, style if ax is not None else dict(LINES[0]))
+            contact = shown[label]
+            if ax is None:
+                if contact is not None:
+                    _bands(panel, run, contact, begin, last)
+                _event_lines(panel, run, begin, last)
+                panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
+        for panel in panels:
+            panel.set_xlim(begin, end)
+        quantity = f"{in_words(signal)} [{longest.unit(signal)}]"
+        if ax is not None:
+            rows = {
+                label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
+            }
+            height = _ribbon(ax, rows, begin, end)
+            _legend(ax, height)
+            ax.set_ylabel(quantity)
+        else:
+            panels[0].figure.supylabel(quantity, fontsize=9.0)
+            if any(contact is not None for contact in shown.values()):
+                band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
+                panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
+        panels[-1].set_xlabel("time [s]")
+    return ax if ax is not None else np.array(panels)
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
+def _curve(run: Trajectory, begin: float, end: float) -> Samples:
+    """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
+    nodes = run.nodes
+    long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
+    left, right = np.maximum(nodes.time[long], begin), np.minimum(nodes.time[long + 1], end)
+    parts = np.maximum(1, np.ceil((right - left) / (end - begin) * RESOLUTION)).astype(int)
+    # corners of a cycle need points even where the whole picture is coarse
+    parts = np.maximum(parts, 1 if long.size > RESOLUTION else 6)
+    row = np.repeat(np.arange(long.size), parts)
+    index = np.arange(row.size) - np.repeat(np.cumsum(parts) - parts, parts)
+    times = left[row] + (right - left)[row] * (index / parts[row])
+    inside = nodes.at(times)
+    # the end of each step with the modes and held signals of that step: `at` would give what follows
+    cut = nodes.time[long + 1] > end
+    ends = nodes.states[long + 1].copy()
+    if cut.any():
+        ends[cut] = nodes.at(right[cut]).states
+    order = np.argsort(np.concatenate([2 * row, 2 * np.arange(long.size) + 1]), kind="stable")
+    return Samples(
+        nodes.program,
+        np.concatenate([times, right])[order],
+        np.concatenate([inside.states, ends])[order],
+        np.concatenate([nodes.mode[long[row]], nodes.mode[long]])[order],
+        np.concatenate([nodes.held[long[row]], nodes.held[long]])[order],
+        nodes.parameters,
+        False,
+    )
+
+
+def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The curve, or for very many points its smallest and largest value in each of many columns, which looks the same."""
+    columns = 2 * RESOLUTION
+    if time.size <= 8 * columns:
+        return time, values
+    edges = np.searchsorted(time, np.linspace(time[0], time[-1], columns + 1)[:-1])
+    edges = np.unique(edges)
+    centre = np.repeat(time[edges], 2)
+    both = np.empty(2 * edges.size)
+    both[::2], both[1::2] = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+    return centre, both
+
+
+# --------------------------------------------------------------------------------------------------------------------------------- what to show
+def _interesting(run: Trajectory) -> list[str]:
+    """Speeds, then torques and forces, then positions: at most three of a unit, none twice, none that only stands still."""
+    system, nodes = run.program.system, run.nodes
+    step = max(1, nodes.time.size // 400)
+    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
+    ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
+    own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
+    # what a part gives comes before the force and slip of its contact, which often repeat it
+    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
+    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
+    names = [name for name in (*system.signals, *system.inputs) if name not in own and name.partition(".")[0] not in laws] + sorted(own)
+    seen: list[np.ndarray] = []
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        unit = run.unit(name)
+        values = np.asarray(some[name])
+        if unit not in ranks or values.ndim != 1:
+            continue
+        size = np.abs(values).max(initial=0.0)
+        if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
+            continue
+        if name in own and groups.get(unit):
+            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
+                continue
+            groups[unit] = []  # a load that stands still makes room for what it presses
+        if len(groups.get(unit, [])) < 3:
+            seen.append(values)
+            groups.setdefault(unit, []).append(name)
+    moving = {unit: group for unit, group in groups.items() if any(np.ptp(some[name]) > 0 for name in group)}
+    chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
+    found = [name for unit in chosen for name in groups[unit]]
+    return found or [next(iter(system.states))]
+
+
+def in_words(name: str) -> str:
+    """The name of a signal as a reader says it."""
+    return name.replace(".", " ").replace("_", " ")
+
+
+def _axis_label(names: Sequence[str], unit: str) -> str:
+    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
+    if len(names) == 1:
+        return f"{in_words(names[0])} [{unit}]"
+    tails = {name.rpartition(".")[2] for name in names}
+    kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
+    word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
+    return f"{word} [{unit}]".strip()
+
+
+# ----------------------------------------------------------------------------------------------------------------------------------- drawing parts
+def _figure(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
+    _, panels = plt.subplots(
+        rows, 1, sharex=True, sharey=sharey, squeeze=False, figsize=(WIDTH, 0.75 + height * rows + extra), layout="constrained"
+    )
+    return list(panels[:, 0])
+
+
+def _styles(count: int) -> list[dict[str, Any]]:
+    if count <= len(LINES):
+        return list(LINES[:count])
+    shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, count))
+    return [{"color": tuple(shade), "linestyle": LINES[i % len(LINES)]["linestyle"], "linewidth": 1.2} for i, shade in enumerate(shades)]
+
+
+def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
+    """Draw signals, entries of vectors one by one; returns how many curves there are."""
+    curves: list[tuple[str, np.ndarray]] = []
+    for name in names:
+        values = np.asarray(samples[name])
+        if values.ndim == 1:
+            curves.append((in_words(name), values))
+        else:
+            curves += [(f"{in_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
+    many = len(curves) > 8  # then the first and the last name the row of shades between them
+    for i, ((label, values), style) in enumerate(zip(curves, _styles(len(curves)), strict=True)):
+        named = not many or i in (0, len(curves) - 1)
+        if many:
+            style = style | {"linestyle": "-", "linewidth": 0.9}
+        _line(ax, samples.time, values, label if named else "_" + label, style)
+    return len(curves)
+
+
+def _line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict[str, Any]) -> None:
+    """One curve against time, thinner where it swings so often that its strokes would merge."""
+    rounded = np.rint(values * (100.0 / (np.ptp(values) or 1.0)))  # what cannot be seen does not count as a swing
+    turns = int(np.count_nonzero(np.diff(np.sign(rounded[1:] - rounded[:-1])[rounded[1:] != rounded[:-1]])))
+    width = style["linewidth"] * min(1.0, max(0.25, 60 / max(turns, 1)))
+    ax.plot(*_thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))
+
+
+def _bands(ax: Any, run: Trajectory, element: str, begin: float, end: float) -> None:
+    """Grey bands behind a panel while an element sticks."""
+    pieces = [(max(b, begin), min(e, end)) for b, e, mode in run.intervals(element) if mode == "stick" and b < end and e > begin]
+    ax.broken_barh(
+        [(b, e - b) for b, e in pieces], (0, 1), transform=ax.get_xaxis_transform(), facecolor=BAND, edgecolor="none", linewidth=0, zorder=0
+    )
+
+
+def _event_lines(ax: Any, run: Trajectory, begin: float, end: float) -> None:
+    """A hairline at every event; fainter where there are many, none where they would only darken the picture."""
+    times = np.unique([event.time for event in run.events if begin <= event.time <= end])
+    if 0 < times.size <= 10 * MANY_EVENTS:
+        strength = 0.55 * min(1.0, MANY_EVENTS / times.size)
+        ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.4, alpha=strength, zorder=0.5)
+
+
+def _ribbon(ax: Any, rows: Mapping[str, tuple[Trajectory, str]], begin: float, end: float) -> float:
+    """One strip of modes per row above a panel, named at its left, with a legend of the tones; returns its height [inch].
+
+    The strip is measured in inches above the panel, so that it looks the same on a panel of any height.
+    """
+    if not rows:
+        return 0.0
+    figure = ax.figure
+    many = len(rows) > 12
+    pitch, thick = (0.055, 0.055) if many else (0.13, 0.09)
+    inches = figure.dpi_scale_trans + ScaledTranslation(0, 1, ax.transAxes)
+    in_time, in_panel = (blended_transform_factory(x, inches) for x in (ax.transData, ax.transAxes))
+    height = 0.05 + pitch * len(rows)
+    frame = Rectangle((0, 0), 1, height, transform=in_panel)
+    present: list[str] = []
+    for i, (label, (run, element)) in enumerate(rows.items()):
+        bottom = height - pitch * (i + 1)
+        for mode, tone in TONES.items():
+            pieces = [(max(b, begin), min(e, end)) for b, e, word in run.intervals(element) if word == mode and b < end and e > begin]
+            if not pieces:
+                continue
+            if mode not in present:
+                present.append(mode)
+            dense = len(pieces) > 100  # a hatch or an edge would outweigh the tone
+            look = {"facecolor": tone["facecolor"], "edgecolor": "none"} if dense else tone
+            bars = ax.broken_barh([(b, e - b) for b, e in pieces], (bottom, thick), transform=in_time, linewidth=0, **look)
+            bars.set_clip_path(frame)
+        if not many or i in (0, len(rows) - 1):
+            place = bottom + thick / 2 if not many else (height - 0.03 if i == 0 else 0.08)
+            ax.text(-0.008, place, label, transform=in_panel, ha="right", va="center", fontsize=7.0)
+    ax.set_xlim(begin, end)
+    handles = [Patch(label=mode, linewidth=0, **TONES[mode]) for mode in TONES if mode in present]
+    legend = Legend(
+        ax, handles, [str(handle.get_label()) for handle in handles], loc="lower right", bbox_to_anchor=(1.0, height), bbox_transform=in_panel,
+        ncols=3, frameon=False, borderaxespad=0.1, handlelength=1.6, handleheight=0.8, columnspacing=1.2, fontsize=8.0,
+    )  # fmt: skip
+    ax.add_artist(legend)
+    legend.set_clip_on(False)  # otherwise the layout makes no room for it
+    return height
+
+
+def _legend(ax: Any, above: float) -> None:
+    """The names of the curves over the left of a panel, above a ribbon of the given height [inch]."""
+    place = blended_transform_factory(ax.transAxes, ax.figure.dpi_scale_trans + ScaledTranslation(0, 1, ax.transAxes))
+    ax.legend(
+        loc="lower left", bbox_to_anchor=(0.0, above), bbox_transform=place, ncols=4, frameon=False, borderaxespad=0.1, handlelength=2.2,
+        columnspacing=1.2,
+    )  # fmt: skip
+
+
+def _arrows(ax: Any, x: np.ndarray, y: np.ndarray, slides: np.ndarray, color: str) -> None:
+    """Two arrow heads at thirds of one of the last stretches of slip (the longest of three), measured on paper."""
+    width, height = np.ptp(x) or 1.0, np.ptp(y) or 1.0
+    step = np.hypot(np.diff(x) / width, np.diff(y) / height)
+    length = np.concatenate([[0.0], np.cumsum(step)])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slides, [False]]).astype(int)))
+    stretches = [(length[b], length[e]) for b, e in edges.reshape(-1, 2)][-3:]
+    if not stretches:
+        return
+    begin, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    begin = max(begin, end - 6.0)  # a spiral without stick: its last turns
+    for part in (1 / 3, 2 / 3):
+        i, j = np.searchsorted(length, begin + part * (end - begin) + np.array([0.0, 0.03]))
+        if 0 < i < j < x.size:
+            ax.add_patch(
+                FancyArrowPatch(
+                    (x[i], y[i]),
+                    (x[j], y[j]),
+                    arrowstyle="-|>",
+                    color=color,
+                    linewidth=0.0,
+                    mutation_scale=16,
+                    shrinkA=0,
+                    shrinkB=0,
+                    zorder=3,
+                )
+            )
+
+
+TRADE: Sequence[tuple[str, str, str, str]] = (
+    ("#12355b", "o", "-", "full"),
+    ("#6b6b6b", "s", "-", "full"),
+    ("#e07a1f", "^", "--", "full"),
+    ("#4f9d8f", "D", "--", "none"),
+    ("black", "x", ":", "full"),
+    ("#a23b72", "v", ":", "none"),
+    ("0.45", "P", "-.", "full"),
+    ("black", "*", "-.", "none"),
+    ("#a23b72", "<", "-", "full"),
+)
+"""Colour, mark, line and filling of the curves of a trade."""
+
+
+def work_precision(trade: Any, ax: Any = None) -> Any:
+    """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; what lies left of the grey edge is not known."""
+    with plt.rc_context(PAPER):
+        if ax is None:
+            _, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
+        curves: dict[str, list[Any]] = {}
+        several = len({point.plant for point in trade.points}) > 1
+        for point in trade.points:
+            if not point.failed:
+                curves.setdefault(f"{point.method}, {point.plant}" if several else point.method, []).append(point)
+        known = max(2.0 * trade.disagreement, 1e-16)
+        for (label, points), (colour, mark, line, fill) in zip(curves.items(), itertools.cycle(TRADE), strict=False):
+            good = [point for point in points if known < point.error < 1.0]
+            style = {"color": colour, "marker": mark, "linestyle": line, "fillstyle": fill, "markersize": 4.5, "linewidth": 1.1}
+            ax.loglog([point.error for point in good], [1e3 * point.seconds for point in good], label=label, **style)
+        ax.set(xlabel="error of the states, in parts of their size", ylabel="time [ms]")
+        low, high = ax.get_xlim()
+        low = min(low, known / 3.0)
+        ax.axvspan(low, known, color=BAND, lw=0)
+        ax.set_xlim(high, low)  # better to the right
+        ax.legend(frameon=False)
+        ax.set_title(textwrap.fill(trade.title, 64), fontsize=9)
+    return ax

@@ -1,0 +1,132 @@
+"""From the accuracy asked to the step, or the width, of a method whose error falls slowly: refine until two runs agree.
+
+The error of such a method is about c k^q with its knob k, q = 1 for a step, 2/3 for a width. Of two runs with knobs k and k/r the finer one has the error
+
+    e = |x_k - x_(k/r)| / (r^q - 1)
+
+scaled as `run.error` is. The knob is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
+price beyond the budget ends in an AccuracyError at once, with the best run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import AccuracyError, SimulationError
+
+if TYPE_CHECKING:
+    from toolbox.simulation.simulate import Run
+    from toolbox.simulation.trajectory import Trajectory
+
+FIRST_STEPS = 1_000
+"""Steps of the first run."""
+
+MOST_STEPS = 8_000_000
+"""Steps of the last run that is tried."""
+
+
+MOST_STIFF_STEPS = 400_000
+"""The same for steps of the stiff method, which cost more."""
+
+
+def refined(run: Run) -> Trajectory:
+    """The run with a step or a width that meets its accuracy; raises AccuracyError where that costs too many steps."""
+    from toolbox.simulation.simulate import again
+
+    stepping = run.method == "time-stepping"
+    order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
+    if stepping:
+        knob = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
+        sizes = {}
+    else:
+        knob, sizes = 0.03, slips(run)
+
+    left = run.budget.seconds
+
+    def attempt(knob: float, output_times: Any = None) -> Trajectory:
+        nonlocal left
+        budget = dataclasses.replace(run.budget, seconds=max(left, 1e-9))
+        if stepping:
+            done = again(run, step=knob, output_times=output_times, budget=budget)
+        else:
+            widths = {name: knob * size for name, size in sizes.items()}
+            tolerance = max(min(run.accuracy / 10, SHARE * knob), 1e-13)
+            done = again(run, widths=widths, tolerance=tolerance, output_times=output_times, budget=budget)
+        left -= done.wall_time
+        return done
+
+    coarse, error, price, falls, before = attempt(knob), math.inf, 0.0, 1.0, 4.0
+    if run.duration == 0.0:
+        return coarse
+    for trial in range(40):
+        ratio = 4.0
+        if trial >= 2:
+            missing = (1.3 * error / run.accuracy) ** (1.0 / order)
+            steps = coarse.steps[0]
+            dearer = math.log(max(steps / price, 1.01), before)
+            wanted = steps * max(missing, 1.0) ** dearer
+            ratio = min(max(missing, 2.0), 16.0) if falls > 0.3 else 4.0
+            if (stepping and wanted > most and falls > 0.3 and error < 0.1 and trial >= 3) or steps * ratio**dearer > most:
+                coarse.__dict__["error"] = error
+                raise AccuracyError(_dear(run, coarse, error, knob, wanted), coarse)
+        before, price = ratio, coarse.steps[0]
+        try:
+            fine = attempt(knob / ratio)
+        except SimulationError as failed:
+            coarse.__dict__["error"] = error
+            raise AccuracyError(f"{_dear(run, coarse, error, knob, math.inf)} A finer run failed: {failed}", coarse) from None
+        found = coarse.difference(fine) / (ratio**order - 1.0)
+        if error < math.inf:
+            found = max(found, min(error, 1.0) / ratio ** (1.5 * order))  # two runs may agree by chance
+        falls = math.log(error / found, ratio) if found > 0.0 and 0.0 < error < math.inf else 1.0
+        knob, coarse, error = knob / ratio, fine, found
+        if trial >= 1 and error <= run.accuracy:
+            break
+    else:
+        coarse.__dict__["error"] = error
+        raise AccuracyError(_dear(run, coarse, error, knob, math.inf), coarse)
+    if run.output_times is not None:
+        coarse = attempt(knob, run.output_times)
+    coarse.__dict__["error"] = error
+    return coarse
+
+
+SHARE = 0.1
+"""Tolerance in parts of the width: with one above the width a step jumps over the peak of a law and breaks a contact free that should stick."""
+
+
+def tolerance(run: Run) -> float:
+    """Tolerance that resolves the widths of a smoothed run."""
+    sizes = slips(run)
+    return max(min([run.accuracy, *(SHARE * width / sizes[name] for name, width in (run.widths or {}).items())]), 1e-13)
+
+
+def slips(run: Run) -> dict[str, float]:
+    """Largest slip of every friction and relay over a coarse run, 1 for those that never slip."""
+    from toolbox.simulation.simulate import again
+
+    coarse = again(run, method="time-stepping", step=max(run.duration, 1e-9) / (16 * FIRST_STEPS), output_times=None)
+    names = [element.name for element in run.system.elements if element.holds]
+    slips = ca.vertcat(*[element.slip for element in run.system.elements if element.holds])
+    values = np.abs(np.atleast_2d(coarse.computed("slips of all", slips).T)).max(axis=1)
+    largest = values.max(initial=0.0)
+    return {name: float(value) if value > 1e-9 * largest else 1.0 for name, value in zip(names, values, strict=True)}
+
+
+def _dear(run: Run, best: Trajectory, error: float, knob: float, steps: float) -> str:
+    what = (
+        f"{best.steps[0]} steps of {knob:.3g} s"
+        if run.method == "time-stepping"
+        else f"widths of {knob:.1e} of the slips and {best.steps[0]} steps"
+    )
+    price = f"it would take about {steps:.1e} steps" if math.isfinite(steps) else "no finer run tells more"
+    argument = "a `step`" if run.method == "time-stepping" else "a `width`"
+    return (
+        f"method={run.method!r} cannot meet the accuracy {run.accuracy:g}: {what} leave an error of {error:.1e}, and {price}. "
+        f"Ask for less, give {argument}, or use method='event'."
+    )

@@ -1,0 +1,88 @@
+"""A run read back from a file: what was recorded, and nothing that needs the plant."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.simulation.trajectory import Event, Modes, Stays
+
+
+class SavedRun(Stays):
+    """A run as `Trajectory.save` wrote it: `saved.time`, `saved["bit.speed"]`, `saved.modes["bit"]`, `saved.events`, `saved.unit(name)`, `saved.time_in`.
+
+    time: the recorded times, shape (nt,), s;  end: time reached [s];  names: of all signals. A file holds no plant, so that `at`, `error` and whatever else
+    simulates again raise SceneError; `pickle.dumps(run)` keeps a run whole.
+    """
+
+    def __init__(self, path: Path, arrays: dict[str, np.ndarray]):
+        self.path = path
+        self.time = arrays["time"]
+        self.end = float(arrays["end"])
+        self._units = dict(zip(arrays["unit.names"].tolist(), arrays["unit.values"].tolist(), strict=True))
+        self._signals = {name: arrays[name] for name in self._units}
+        self._words: dict[str, dict[int, str]] = {}
+        for name, mode, word in zip(*(arrays[f"modes.{each}"].tolist() for each in ("element", "number", "word")), strict=True):
+            self._words.setdefault(name, {})[mode] = word
+        self._last = dict(zip(self._words, arrays["modes.last"].tolist(), strict=True))
+        self.modes: dict[str, np.ndarray] = Modes(
+            {name: np.array([words[mode] for mode in arrays[f"{name}.mode"].tolist()], np.str_) for name, words in self._words.items()}
+        )
+        self.events = [Event(*row) for row in zip(*(arrays[f"event.{field}"].tolist() for field in Event._fields), strict=True)]
+
+    @staticmethod
+    def read(path: Path) -> SavedRun:
+        """The run in a file; raises SceneError where there is none."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return SavedRun(path, {name: file[name] for name in file.files})
+        except FileNotFoundError:
+            beside = [other.name for other in path.parent.glob("*.npz")] if path.parent.is_dir() else []
+            raise SceneError(f"There is no file `{path}`" + (f": {suggest(path.name, beside)}" if beside else ".")) from None
+        except (OSError, ValueError, KeyError, AttributeError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise SceneError(f"File `{path}` must be a run written by `Trajectory.save`, but it is not: {error}.") from None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all signals."""
+        return list(self._signals)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._signals
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._signals)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        self.unit(name)
+        return self._signals[name]
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal; raises SceneError for an unknown name."""
+        if name not in self._units:
+            raise SceneError(f"There is no signal `{name}`: {suggest(name, self._units)}")
+        return self._units[name]
+
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        return self._words
+
+    def _at_last(self, element: str) -> str:
+        return self._last[element]
+
+    def at(self, time: Any) -> NoReturn:
+        """Raises SceneError: between records only the run itself knows its signals."""
+        raise SceneError(f"A run read from `{self.path}` has its records only: `at` needs the plant; simulate again, or `pickle` the run.")
+
+    @property
+    def error(self) -> NoReturn:
+        """Raises SceneError: the error is measured by a second run."""
+        raise SceneError(f"A run read from `{self.path}` has its records only: `error` needs the plant; ask it before `save`, or `pickle` the run.")
+
+    def __repr__(self) -> str:
+        return f"SavedRun({str(self.path)!r}: {self.time.size} times to {self.end:g} s, {len(self.events)} events)"

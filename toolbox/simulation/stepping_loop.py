@@ -1,0 +1,260 @@
+"""The loop of time stepping: fixed steps, modes by pivoting, samples, inputs and outputs, compiled once per machine (see `toolbox.compilation.moreau_jean`).
+
+It shares the arrays and the small functions of the event loop. It is kept under the number of that file's text, too (see
+`toolbox.compilation.numba_cache`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from toolbox.compilation.numba_cache import checksum, inlined
+from toolbox.simulation import event_loop as loop
+from toolbox.simulation.event_loop import (
+    ACCEPTED,
+    BUDGET,
+    CULPRIT,
+    DONE,
+    END,
+    EVENTS,
+    EVENTS_FULL,
+    FIELD,
+    INCONSISTENT,
+    NE,
+    NODES,
+    OUTPUT,
+    PAUSED,
+    RECORDS,
+    RECORDS_FULL,
+    RIGID,
+    SAMPLE_DUE,
+    STARTED,
+    STEP,
+    STEP_SIZE,
+    SWITCH,
+    TIME,
+    UNDERFLOW,
+    N,
+    _begin,
+    _borrowed_all,
+    _call,
+    _jumps,
+    _next_stop,
+    _project,
+    _record,
+    _samples,
+)  # fmt: skip
+
+
+@inlined
+def _event(w, t, i, before, after):
+    """Note a switch of element i."""
+    e = w.ints[EVENTS]
+    w.ev_t[e], w.ev_i[e] = t, i
+    w.ev_m[e, 0], w.ev_m[e, 1] = before, after
+    w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
+
+
+@inlined
+def _switches(w, t):
+    """Turn the switches whose guards are negative at the begin of a step; those that turn others follow."""
+    n, ne = w.ints[N], w.ints[NE]
+    for _ in range(2 * ne):
+        turned = False
+        _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        for i in range(ne):
+            if w.kind[i] == SWITCH and w.z[2 * n + 2 * i] < 0.0:
+                w.m[i] = 1.0 - w.m[i]
+                turned = True
+        if not turned:
+            break
+    for i in range(ne):
+        if w.kind[i] == SWITCH and w.m[i] != w.before[i]:
+            _event(w, t, i, w.before[i], w.m[i])
+
+
+@inlined
+def _agrees(w, i):
+    """Whether the mode of element i agrees with the trial step in `y`; where it does not, it is changed. held[i]: 1 where a contact is thrown back."""
+    n, ne = w.ints[N], w.ints[NE]
+    after, force, bound, slip = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
+    tiny = 1e-12 * w.guard_scale[2 * i]
+    if w.kind[i] == RIGID:
+        if w.m[i] == 0.0:
+            if force <= 0.0:
+                return True
+            w.m[i] = 1.0
+            return False
+        closure, restitution = w.y[n + 4 * ne + i], w.y[n + 5 * ne + i]
+        if w.before[i] != 0.0 and closure < 0.0:
+            return True  # the gap stays open over this step
+        if after + max(0.0, restitution * slip) <= tiny:
+            return True
+        # thrown back, unless it would fall back within the step
+        w.held[i] = 1.0 if w.before[i] != 0.0 and restitution * slip > max(after - slip, 0.0) else 0.0
+        w.m[i] = 0.0
+        return False
+    if w.m[i] == 0.0:
+        if abs(force) <= bound * (1.0 + 1e-10) or force == 0.0:
+            return True
+        w.m[i] = -1.0 if force > 0.0 else 1.0
+        return False
+    if w.m[i] * after >= -tiny:
+        return True
+    w.m[i] = 0.0 if bound > 0.0 else -w.m[i]  # without load there is nothing to hold with
+    return False
+
+
+@inlined
+def _step(w, t, h):
+    """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
+    n, ne = w.ints[N], w.ints[NE]
+    together = 12 + 2 * ne
+    w.held[ne] = 1.0
+    plastic = False
+    for _ in range(4):
+        for i in range(ne):
+            w.held[i] = 0.0
+            w.m[i] = w.before[i]
+        settled = False
+        for attempt in range(together + 200 + 20 * ne):
+            _call(w.ints[STEP], t, h, w.x, w.held, w.p, w.m, w.y)
+            settled = True
+            for i in range(ne):
+                if w.kind[i] == SWITCH or _agrees(w, i):
+                    continue
+                if plastic:
+                    w.held[i] = 0.0
+                settled = False
+                if attempt >= together:
+                    break
+            if settled:
+                break
+        if not settled and w.held[ne] == 0.0:
+            return False
+        if not settled:
+            w.held[ne] = 0.0
+            continue
+        energy, size, thrown = 0.0, 0.0, False
+        for i in range(ne):
+            work = w.y[n + ne + i] * (w.y[n + 3 * ne + i] + w.y[n + i])
+            energy += work
+            size += abs(work)
+            thrown = thrown or (w.held[i] == 1.0 and w.m[i] == 0.0)
+        if not thrown or energy <= 1e-12 * size:
+            return True
+        plastic = True
+    return True
+
+
+def _made(stamp: int) -> Any:
+    """The compiled loop; `stamp` enters the key of its cache."""
+
+    @njit(cache=True, nogil=True, error_model="numpy")
+    def advance(w):
+        """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
+        w = _borrowed_all(w)
+        n, ne = w.ints[N], w.ints[NE]
+        every = w.ints[NODES]
+        budget = w.ints[ACCEPTED] + w.ints[BUDGET]
+        turns = stamp < 0  # false; the number has to be used
+        for i in range(ne):
+            turns = turns or w.kind[i] == SWITCH
+        if w.ints[STARTED] == 0 and not _begin(w):
+            return INCONSISTENT
+        while True:
+            t = w.reals[TIME]
+            if w.ints[RECORDS] + 4 > w.rec_t.size:
+                return RECORDS_FULL
+            if w.ints[EVENTS] + 4 * ne + 1 > w.ev_t.size:
+                return EVENTS_FULL
+            changed = _jumps(w, t)
+            status, held = _samples(w, t)
+            if status == SAMPLE_DUE:
+                return SAMPLE_DUE
+            if w.ints[STARTED] == 0 or changed or held:
+                w.ints[STARTED] = 1
+                if every > 0:
+                    if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t and held:
+                        w.ints[RECORDS] -= 1
+                    _record(w, t, w.x)
+            while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
+                _record(w, t, w.x)
+                w.ints[OUTPUT] += 1
+                if w.ints[RECORDS] + 4 > w.rec_t.size:
+                    return RECORDS_FULL
+            if t >= w.reals[END]:
+                if every > 0 and w.rec_t[w.ints[RECORDS] - 1] < t:
+                    _record(w, t, w.x)
+                return DONE
+            if w.ints[ACCEPTED] >= budget:
+                return PAUSED
+
+            stop, h = _next_stop(w), w.reals[STEP_SIZE]
+            left, t_new = stop - t, t + h
+            if left <= h * (1.0 + 1e-6):
+                h, t_new = left, stop
+            elif left < 2.0 * h:
+                h = 0.5 * left
+                t_new = t + h
+            if t_new <= t:
+                return UNDERFLOW
+            if turns:
+                for i in range(ne):
+                    w.before[i] = w.m[i]
+                _switches(w, t)
+            for i in range(ne):
+                w.before[i] = w.m[i]
+            if not _step(w, t, h):
+                return INCONSISTENT
+            for i in range(n):
+                if not math.isfinite(w.y[i]):
+                    return UNDERFLOW
+            switched = False
+            for i in range(ne):
+                size = abs(w.y[n + i])
+                if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
+                    w.guard_scale[2 * i] = size
+                w.held[ne + 1 + i] = (
+                    0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
+                )  # the force of an impact does not last
+                if w.held[i] == 1.0 and w.m[i] == 0.0:
+                    w.m[i] = 1.0
+                else:
+                    w.held[i] = 0.0
+                switched = switched or w.m[i] != w.before[i] or w.held[i] == 1.0
+            # --- records inside the step show the modes before it
+            for i in range(ne):
+                w.z[i] = w.m[i]
+                w.m[i] = w.before[i]
+            while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
+                if w.ints[RECORDS] + 4 > w.rec_t.size:
+                    for i in range(ne):
+                        w.m[i] = w.before[i]
+                    return RECORDS_FULL
+                part = (w.out_t[w.ints[OUTPUT]] - t) / h
+                for i in range(n):
+                    w.s[i] = w.x[i] + part * (w.y[i] - w.x[i])
+                _record(w, w.out_t[w.ints[OUTPUT]], w.s)
+                w.ints[OUTPUT] += 1
+            if every > 1 and switched and w.rec_t[w.ints[RECORDS] - 1] < t:
+                _record(w, t, w.x)
+            for i in range(ne):
+                w.m[i] = w.z[i]
+                if w.m[i] != w.before[i] or w.held[i] == 1.0:
+                    _event(w, t_new, i, w.before[i], w.m[i])
+            for i in range(n):
+                w.x[i] = w.y[i]
+            w.ints[ACCEPTED] += 1
+            w.reals[TIME] = t_new
+            _project(w, t_new)
+            if every > 0 and (switched or w.ints[ACCEPTED] % every == 0):
+                _record(w, t_new, w.x)
+
+    return advance
+
+
+advance = _made(checksum(loop))

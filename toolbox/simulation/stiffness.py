@@ -1,0 +1,124 @@
+"""Whether a run under way is held up by stability, and would cost less with the stiff method.
+
+The rule, in numbers that do not depend on the machine, so that a run can be repeated: after 1000 steps, and then after twice as many again and again,
+
+    1. the explicit method needs at least 3e8 instructions for the rest of the run, about 0.1 s, and 1e5 for every instruction that the other step would be
+       written in (else compiling it does not pay: of n states that all depend on each other its elimination takes 2/3 n^3 of them);
+    2. its mean step is longer than 0.25/rho, rho the spectral radius of df/dx (else accuracy asks for these steps, and any method needs them);
+    3. in a trial of 100 steps from the same point the stiff method needs at most half the instructions per simulated second.
+
+The run then begins anew with the stiff method.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.program import Program, program_of
+from toolbox.compilation.rosenbrock import RODAS5P
+
+FIRST_LOOK = 1_000
+"""Steps after which a run is looked at first."""
+
+WORTH = 3e8
+"""Remaining instructions below which it is left alone."""
+
+COMPILING = 1e5
+"""Instructions in the time that writing and optimising one takes, some 30 us."""
+
+NEAR = 0.25
+"""Mean step, in units of 1/rho, below which stability does not limit it (events cut some steps short; the limit itself is 3 to 6)."""
+
+TRIAL = 100
+"""Steps of the trial."""
+
+
+def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m: np.ndarray, iterations: int = 40) -> float:
+    """Largest modulus of the eigenvalues of df/dx [1/s], by power iteration on differences of the compiled field; right to a few percent."""
+    pointer = ctypes.c_void_p
+    field = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(program.machine.addresses[0])
+    n, out = x.size, np.zeros(2 * x.size + 2 * program.machine.guards + 8)
+
+    def slope(at: np.ndarray) -> np.ndarray:
+        field(t, 0.0, at.ctypes.data, at.ctypes.data, p.ctypes.data, m.ctypes.data, out.ctypes.data)
+        return out[n : 2 * n].copy()
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _growth(slope, x, iterations)
+
+
+def _growth(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, iterations: int) -> float:
+    start, size = slope(x), 1e-7 * max(float(np.abs(x).max(initial=0.0)), 1e-6)
+    direction = np.random.default_rng(0).standard_normal(x.size)
+    growth = []
+    for _ in range(iterations):
+        length = float(np.linalg.norm(direction))
+        if not 0.0 < length < np.inf:
+            return 0.0
+        direction = (slope(x + size * direction / length) - start) / size
+        growth.append(float(np.linalg.norm(direction)))
+    return float(np.exp(np.log(np.maximum(growth[-10:], 1e-300)).mean()))
+
+
+def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, int, int]) -> bool:
+    """Whether the rest of a paused run costs less with the stiff method, by the rule of this module.
+
+    since: (time, steps, events) at the last look.
+    """
+    t, steps, events = (now - then for now, then in zip(progress(loop, work), since, strict=True))
+    left = run.duration - float(work.reals[loop.TIME])
+    rest = left / t * steps * program.machine.cost if t > 0.0 else 0.0
+    if rest < WORTH:
+        return False
+    if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < NEAR:
+        return False
+    if rest < COMPILING * stiff_size(program):
+        return False
+    other = program_of(run.system, run.kinds, RODAS5P)
+    trial = type(work)(*(np.array(array) for array in work))
+    set_method(loop, trial, other)
+    trial.ints[[loop.RECORDS, loop.EVENTS, loop.NODES]] = 0
+    trial.ints[loop.OUTPUT] = trial.out_t.size
+    trial.ints[loop.BUDGET] = TRIAL
+    begin = progress(loop, trial)
+    if loop.advance(trial) not in (loop.PAUSED, loop.DONE, loop.EVENTS_FULL):
+        return False
+    t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(loop, trial), begin, strict=True))
+    explicit = program.machine.cost * (steps + SEARCH * events) / t
+    return other.machine.cost * (steps_trial + SEARCH * events_trial) <= 0.5 * explicit * t_trial
+
+
+def stiff_size(program: Program) -> int:
+    """Number of instructions that the linear algebra of a stiff step would be written in."""
+    from toolbox.compilation.kernel import implicit_size
+
+    system = program.system
+    x = ca.vertcat(system.x, ca.SX.sym("hidden", program.machine.states - system.x.numel()))
+    return implicit_size(x, ca.vertcat(ca.SX(0, 1), *[element.multiplier for element in system.elements]), program.form)
+
+
+SEARCH = 5
+"""Steps that finding an event takes, about."""
+
+
+def progress(loop: Any, work: Any) -> tuple[float, int, int]:
+    """(time, steps, events) of a run so far."""
+    ints = work.ints
+    return float(work.reals[loop.TIME]), int(ints[loop.ACCEPTED] + ints[loop.REJECTED]), int(ints[loop.EVENTS])
+
+
+def set_method(loop: Any, work: Any, program: Program) -> None:
+    """Let the loop step with the method of this program."""
+    pair, ints = program.pair, work.ints
+    names = (loop.FIELD, loop.STEP, loop.PROJECT, loop.PROBE, loop.BURDEN, loop.IMPULSE)
+    for name, address in zip(names, program.machine.addresses, strict=True):
+        ints[name] = address
+    ints[loop.ORDER] = pair.order
+    ints[loop.IMPLICIT] = pair is RODAS5P
+    ints[loop.TWO_ERRORS] = 1 if pair.error_low else 0
+    work.reals[loop.POWER] = pair.power

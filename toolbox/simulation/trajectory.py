@@ -1,0 +1,586 @@
+"""Results: signals in time, modes, events, and what they cost."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import finite_array
+
+if TYPE_CHECKING:
+    from toolbox.simulation.saved_run import SavedRun
+
+
+class Event(NamedTuple):
+    """A switch of an element: time [s], element name, mode before and after."""
+
+    time: float
+    element: str
+    before: str
+    after: str
+
+
+class Stays:
+    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
+
+    end: float
+    events: list[Event]
+
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        """{element: {mode: its word}}."""
+        raise NotImplementedError
+
+    def _at_last(self, element: str) -> str:
+        """Mode of an element at the end of the run."""
+        raise NotImplementedError
+
+    def intervals(self, element: str) -> list[tuple[float, float, str]]:
+        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
+        if element not in self._legends:
+            raise SceneError(f"There is no element `{element}`: {suggest(element, self._legends)}")
+        own = [event for event in self.events if event.element == element]
+        end = self.end
+        mode = own[0].before if own else self._at_last(element)
+        out, begin = [], 0.0
+        for event in own:
+            out.append((begin, event.time, mode))
+            begin, mode = event.time, event.after
+        out.append((begin, end, mode))
+        return [piece for piece in out if piece[1] > piece[0]]
+
+    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
+        intervals = self.intervals(element)
+        known = self._legends[element].values()
+        if mode not in known:
+            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
+        for word, value in (("after", after), ("until", until)):
+            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
+                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
+        if after > self.end:  # no stick in no time would read as cured
+            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
+        last = np.inf if until is None else until
+        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
+
+
+class Modes(dict[str, Any]):
+    """Modes by element; an unknown element is an error that suggests the nearest."""
+
+    def __missing__(self, name: str) -> Any:
+        raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) < 60 else text[:56] + " ..."
+
+
+class Samples:
+    """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
+
+    Taken at a single time, entries are floats (or shape (n,)).
+    """
+
+    def __init__(
+        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+    ):
+        self.program = program
+        self.time = time
+        self.states = states
+        self.mode = mode
+        self.held = held
+        self._constants = parameters[: program.first_held]
+        self._single = single
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all signals: of the plant, of its inputs and of its elements."""
+        system = self.program.system
+        return [*system.signals, *system.inputs]
+
+    def __contains__(self, name: object) -> bool:
+        return self.program.system.has_signal(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal; raises SceneError for an unknown name."""
+        return self.program.system.signal_unit(name)
+
+    @cached_property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
+        words = {}
+        for i, element in enumerate(self.program.system.elements):
+            modes, place = np.unique(self.mode[:, i], return_inverse=True)
+            words[element.name] = np.array([element.legend[int(mode)] for mode in modes], dtype=np.str_)[place]
+        return Modes(words)
+
+    @property
+    def _elements(self) -> list[str]:
+        return [element.name for element in self.program.system.elements]
+
+    def __getitem__(self, name: str) -> Any:
+        rows = self.program.system.rows(name)
+        if rows is None:
+            values = self.computed(name)
+        else:
+            first, size, _ = rows
+            values = self.states[:, first] if size is None else self.states[:, first : first + size]
+        if self._single:
+            return float(values[0]) if values.ndim == 1 else values[0]
+        return values
+
+    def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
+        """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
+        function = output_function(self.program, name, expression)
+        if not self.time.size:
+            return np.empty(0)
+        # casadi maps over columns
+        result = function(self.time[None, :], self.states.T, self._constants, self.held.T, self.mode.T.astype(float))
+        values = np.array(result)
+        return values[0] if values.shape[0] == 1 else values.T
+
+
+def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
+    """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
+    system = program.system
+    found = program.outputs.get(name) if isinstance(name, str) else None
+    if found is not None:
+        return found
+    p, u, force = program.expressions
+    if expression is None:
+        expression = system.expression(name)
+    expression = ca.densify(ca.SX(expression))
+    if system.elements:
+        expression = ca.substitute(expression, system.F, force)
+    if system.inputs:
+        expression = ca.substitute(expression, system.u, u)
+    first = program.first_held
+    arguments = [system.t, system.x, p[:first], p[first:], system.m]
+    made = program.outputs[name] = ca.Function("signal", arguments, [expression])
+    return made
+
+
+class Replay:
+    """A law that gives the recorded answers of another, one after the other."""
+
+    def __init__(self, answers: list[np.ndarray]):
+        self.answers = answers
+        self.place = 0
+
+    def __call__(self, t: float, y: np.ndarray) -> np.ndarray:
+        self.place += 1
+        return self.answers[self.place - 1]
+
+
+ROUND_OFF = 1e-12
+"""A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
+
+
+class Trajectory(Stays, Samples):
+    """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
+
+    time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
+    end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
+    merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
+    can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
+    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end;  why: what made method="auto" take
+    this method, else empty.
+    """
+
+    laws: tuple[Any, ...] = ()
+
+    def __init__(
+        self,
+        *,
+        run: Any,
+        program: Any,
+        time: np.ndarray,
+        states: np.ndarray,
+        mode: np.ndarray,
+        held: np.ndarray,
+        parameters: np.ndarray,
+        event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
+        last_mode: np.ndarray,
+        end: float,
+        answers: list[list[np.ndarray]],
+        steps: tuple[int, int],
+        merged: int,
+        wall_time: float,
+        memory: np.ndarray | None = None,
+        why: str = "",
+    ):
+        super().__init__(program, time, states, mode, held, parameters, False)
+        self.run = run
+        self.parameters = parameters
+        self.steps = steps
+        self.merged = merged
+        self.wall_time = wall_time
+        self._event_arrays = event_arrays
+        self._last_mode = last_mode
+        self.end = end
+        self.answers = answers
+        self.memory = memory
+        self.why = why
+
+    @staticmethod
+    def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
+        """Signals at one instant of a run under way."""
+        held = p[program.first_held :]
+        return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
+
+    def __reduce__(self) -> Any:
+        """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
+        names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
+        data = {name: getattr(self, name) for name in names}
+        return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+
+    def end_before(self, event: int) -> None:
+        """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
+        times, index, modes = self._event_arrays
+        first = int(np.searchsorted(times, times[event]))
+        for i, (before, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
+            self._last_mode[i] = before
+        self.end = float(times[event])
+        self._event_arrays = times[:first], index[:first], modes[:first]
+        kept = int(np.searchsorted(self.time, self.end)) + 1  # its left side
+        self.time, self.states, self.mode, self.held = (array[:kept] for array in (self.time, self.states, self.mode, self.held))
+        if self.time.size and self.time[-1] == self.end:
+            self.mode[-1] = self._last_mode
+
+    @property
+    def duration(self) -> float:
+        """Duration asked for [s]."""
+        return self.run.duration
+
+    @property
+    def accuracy(self) -> float:
+        """Accuracy asked for."""
+        return self.run.accuracy
+
+    @cached_property
+    def events(self) -> list[Event]:  # type: ignore[override]
+        """Every switch of every element, in order of time."""
+        elements = self.program.system.elements
+        times, index, modes = self._event_arrays
+        return [
+            Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)])
+            for t, i, (b, a) in zip(times, index, modes, strict=True)
+        ]
+
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        return {element.name: element.legend for element in self.program.system.elements}
+
+    def _at_last(self, element: str) -> str:
+        return self._legends[element][int(self._last_mode[self._elements.index(element)])]
+
+    def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
+        """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
+        numbers = finite_array(time)
+        times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
+        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+            raise SceneError(
+                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}."
+            )
+        nodes = self.nodes
+        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
+        states = nodes._between(times, row)
+        return Samples(self.program, times, states, nodes.mode[row], nodes.held[row], self.parameters, np.ndim(time) == 0)
+
+    def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
+        from toolbox.simulation import event_loop as loop
+
+        machine = self.program.machine
+        states = np.empty((times.size, self.states.shape[1]))
+        field, step, project, *_ = machine.addresses
+        loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, self.time, self.states, self.mode, self.held,
+                      self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
+        return states
+
+    @cached_property
+    def nodes(self) -> Trajectory:
+        """The same run with every step recorded (itself, unless output times were given)."""
+        if self.run.output_times is None:
+            return self
+        from toolbox.simulation.simulate import UNHURRIED, Budget, again
+
+        laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
+        budget = UNHURRIED  # as far, however long it takes
+        if self.end < self.run.duration:
+            budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
+        try:
+            return again(self.run, output_times=None, laws=laws, budget=budget)
+        except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
+            return failed.run
+
+    @cached_property
+    def error(self) -> float:
+        """Largest difference of a state to a second run at accuracy/100, relative to the size of that state over the run.
+
+        A state that is round-off of others of its unit (below 1e-12 of the largest) is compared with the largest, one below 1e-10 with 1e-10 of it. Between
+        units no size tells round-off from motion: a small state that sums up the difference of large speeds, such as the twist of a string that turns
+        nearly as a whole, counts with its own size, because loads follow from it.
+        Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
+        duration.
+        """
+        from toolbox.simulation.simulate import UNHURRIED, again
+
+        longest = self.run.longest_step / 5.3
+        if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
+            longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
+        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": longest}
+        return self.difference(again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
+
+    def difference(self, better: Trajectory) -> float:
+        """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
+        if not isinstance(better, Trajectory):
+            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {_short(better)}.")
+        nodes = self.nodes
+        times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
+        times = times[times <= min(nodes.end, better.end)]
+        late = 0.0
+        if any(element.unilateral for element in self.program.system.elements):
+            times, late = _outside_jumps(times, nodes, better)
+        mine, theirs = nodes.at(times).states, better.at(times).states
+        size = np.abs(theirs).max(axis=0, initial=0.0)
+        groups = self.program.groups[: size.size]
+        largest = np.zeros(self.program.group_count)
+        np.maximum.at(largest, groups, size)
+        floor = np.maximum(1e-10 * largest[groups], 1e-14)  # as in the control of steps
+        floor = np.where(size < ROUND_OFF * largest[groups], largest[groups], floor)
+        size[size > 0] = np.maximum(size, floor)[size > 0]
+        difference = np.abs(mine - theirs).max(axis=0, initial=0.0)
+        return float(np.max(difference[size > 0] / size[size > 0], initial=late))
+
+    @property
+    def _blur(self) -> float:
+        """Time about an impact within which states are not comparable [s]."""
+        return 1e-12 * self.end
+
+    @property
+    def _setting(self) -> str:
+        """What decided how exact the run is."""
+        return f"accuracy asked {self.accuracy:g}"
+
+    def _jumps(self, least: float) -> np.ndarray:
+        """Times at which states jump by more than the part `least` of their size."""
+        change = np.abs(np.diff(self.states, axis=0)) / np.maximum(np.abs(self.states).max(axis=0), 1e-300)
+        return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
+
+    def plot(self, *signals: str, ax: Any = None) -> Any:
+        """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
+        from toolbox.simulation.plot import traces
+
+        return traces(self, *signals, ax=ax)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
+        columns: dict[str, np.ndarray] = {}
+        for name in self.names:
+            values = self[name]
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files.atomic import replaced
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        target = Path(path)
+        with replaced(target) as file:
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            table = csv.writer(text, lineterminator="\n")
+            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
+            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
+            text.flush()
+            text.detach()
+        return target
+
+    def save(self, path: str | Path) -> Path:
+        """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
+
+        Keys: `time` [s] and `end` [s]; one array per signal, named by it; `<element>.mode` with 1, 0, -1 for slip+, stick, slip-, or what `modes.element`,
+        `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`, `event.before`,
+        `event.after`; `unit.names` and `unit.values`, the unit of each signal.
+        """
+        from toolbox.files.atomic import replaced
+
+        arrays: dict[str, np.ndarray] = {"time": self.time}
+        arrays |= {name: self[name] for name in self.names}
+        arrays |= {f"{name}.mode": self.mode[:, i] for i, name in enumerate(self._elements)}
+        legend = [(name, mode, word) for name, words in self._legends.items() for mode, word in words.items()]
+        arrays["modes.element"] = np.array([name for name, _, _ in legend], dtype=np.str_)
+        arrays["modes.number"] = np.array([mode for _, mode, _ in legend], dtype=np.int8)
+        arrays["modes.word"] = np.array([word for _, _, word in legend], dtype=np.str_)
+        arrays["modes.last"] = np.array([self._at_last(name) for name in self._elements], dtype=np.str_)
+        arrays["end"] = np.array(self.end)
+        arrays["event.time"] = np.array([event.time for event in self.events])
+        for field in ("element", "before", "after"):
+            arrays[f"event.{field}"] = np.array([getattr(event, field) for event in self.events], dtype=np.str_)
+        arrays["unit.names"] = np.array(self.names, dtype=np.str_)
+        arrays["unit.values"] = np.array([self.unit(name) for name in self.names], dtype=np.str_)
+        target = Path(path)
+        with replaced(target) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        return target
+
+    @staticmethod
+    def load(path: str | Path) -> SavedRun:
+        """What `save` wrote: signals, modes, events and units, at the recorded times. Raises SceneError for a file that `save` did not write."""
+        from toolbox.simulation.saved_run import SavedRun
+
+        return SavedRun.read(Path(path))
+
+    def __repr__(self) -> str:
+        return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"
+
+    def __str__(self) -> str:
+        lines = [
+            f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
+            f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
+            f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+        ]
+        if self.why:
+            lines.append(f"  {self.why}")
+        if self.merged:
+            lines.append(f"  {self.merged} touches without a change of mode")
+        for element in self.program.system.elements:
+            spent = {mode: self.time_in(element.name, mode) for mode in element.legend.values()}
+            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
+            lines.append(f"  {element.name}: {', '.join(parts) or 'no time'}")
+        if self.time.size:
+            lines.append("  at the recorded times")
+            memories = {name for update in self.program.system.updates for name in update.places}
+            shown = {name: self[name] for name in self.names if name not in memories}
+            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
+            for name, values in shown.items():
+                if values.ndim == 1:
+                    values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
+                    lines.append(
+                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
+                    )
+        return "\n".join(lines)
+
+
+class Stepped(Trajectory):
+    """Result of time stepping: between its nodes states are interpolated linearly, and an event bears the time of the node at the end of its step.
+
+    `run.step` [s] is the length of a step;  steps: (steps taken, 0).
+    """
+
+    @property
+    def _setting(self) -> str:
+        return f"time stepping, steps of {self.run.step:.3g} s"
+
+    @property
+    def step(self) -> float:
+        """Length of a step [s]."""
+        return self.run.step
+
+    def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.interp(times, self.time, self.states[:, i]) for i in range(self.states.shape[1])])
+
+    @cached_property
+    def error(self) -> float:
+        """Four thirds of the largest difference of a state to a second run with a quarter of the step: the error of a method of order one."""
+        from toolbox.simulation.simulate import again
+
+        return 4.0 / 3.0 * self.difference(again(self.run, step=self.run.step / 4, output_times=None))
+
+    @property
+    def _blur(self) -> float:
+        return 1.5 * self.run.step
+
+    def _jumps(self, least: float) -> np.ndarray:
+        nodes, (times, index, modes) = self.nodes, self._event_arrays
+        rigid = np.array([element.unilateral for element in self.program.system.elements])
+        times = np.unique(times[rigid[index] & (modes[:, 0] == 1)])
+        row = np.searchsorted(nodes.time, times)
+        change = np.abs(nodes.states[row] - nodes.states[row - 1]) / np.maximum(np.abs(nodes.states).max(axis=0), 1e-300)
+        return times[change.max(axis=1, initial=0.0) > max(least, 1e-3)]
+
+
+class Smoothed(Trajectory):
+    """Result of a run with smoothed friction: contacts are in mode "stick" while they creep, else in "slip"; `run.widths` {element: width} says how smooth."""
+
+    @property
+    def _setting(self) -> str:
+        return "smoothed, width " + ", ".join(f"{width:.3g} ({name})" for name, width in self.run.widths.items())
+
+    @property
+    def widths(self) -> dict[str, float]:
+        """Width of each smoothed element, in the unit of its slip."""
+        return dict(self.run.widths)
+
+    @cached_property
+    def error(self) -> float:
+        """Difference to the set-valued law: 5/3 of the largest difference of a state to a second run with a quarter of the width and of the tolerance.
+
+        5/3 belongs to an error that falls with the width to the power 2/3, as the passage of a peak makes it; where it falls in proportion it is 4/3.
+        """
+        from toolbox.simulation.simulate import again
+
+        widths = {name: width / 4 for name, width in self.run.widths.items()}
+        return (
+            5.0
+            / 3.0
+            * self.difference(
+                again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
+            )
+        )
+
+
+def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
+    """A trajectory from what `Trajectory.__reduce__` gives."""
+    from toolbox.compilation.program import program_of
+
+    run = data["run"]
+    return kind(program=program_of(run.system, run.kinds, pair), **data)
+
+
+def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:
+    """The times at which both runs have made the same impacts, and the largest distance between their impacts, relative to the duration."""
+    jumps = [nodes._jumps(run.accuracy) for nodes in (run, better)]
+    late, blur = 0.0, run._blur + better._blur
+    for some, others in (jumps, jumps[::-1]):
+        if not some.size:
+            continue
+        if not others.size:
+            return times, 1.0
+        right = np.minimum(np.searchsorted(others, some), others.size - 1)
+        gap = np.minimum(np.abs(others[right] - some), np.abs(others[np.maximum(right - 1, 0)] - some))
+        late = max(late, float(gap.max()) / run.end)
+        reach = 2.0 * gap + blur
+        within = np.searchsorted(np.sort(some - reach), times, side="right") > np.searchsorted(np.sort(some + reach), times, side="left")
+        times = times[~within]
+    return times, late

@@ -1,0 +1,190 @@
+"""The arrays of a run: the numbers that the compiled loop reads, and the room that it writes to."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.moreau_jean import Theta
+from toolbox.compilation.program import Program
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.elements import finite_array
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.inputs import Shape, Table
+from toolbox.simulation.stiffness import set_method
+
+if TYPE_CHECKING:
+    from toolbox.simulation.simulate import Budget, Run
+
+MAX_RECORDS = 400_000
+"""Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
+
+
+def work_arrays(loop: Any, run: Run, program: Program) -> Any:
+    """All arrays of a run, filled with its numbers."""
+    system, machine = run.system, program.machine
+    n, ne, ng = machine.states, machine.elements, machine.guards
+    p = np.empty(program.p_size)
+    base = system.values.size
+    p[:base] = system.values
+    p[program.first_held :] = 0.0
+    jumps: list[tuple[float, int, float]] = []
+    for name, value in run.inputs.items():
+        if isinstance(value, Table):
+            slot = program.table_slot[name]
+            for begin, a, b, t0 in value.segments():
+                if begin <= 0.0:
+                    p[slot : slot + 3] = a, b, t0
+                else:
+                    jumps += [(begin, slot, a), (begin, slot + 1, b), (begin, slot + 2, t0)]
+        elif isinstance(value, Shape):
+            slot = program.coefficient_slot[name]
+            p[slot : slot + len(value.coefficients)] = value.coefficients
+        elif not isinstance(value, ca.SX):
+            p[program.coefficient_slot[name]] = value
+    times, first = np.empty(0), np.zeros(1, np.int64)
+    if jumps:
+        jumps.sort(key=lambda jump: jump[0])
+        times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
+        first = np.append(first, len(jumps)).astype(np.int64)
+
+    ints = np.zeros(loop.INTS, np.int64)
+    ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
+    ints[loop.COUPLED] = machine.coupled
+    ints[loop.FIRST_HELD] = program.first_held
+    ints[loop.NODES] = 1 if run.output_times is None else 0
+    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
+        ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
+    reals = np.zeros(loop.REALS)
+    reals[loop.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
+    reals[loop.STEP_SIZE] = run.step or 0.0
+    reals[loop.END] = run.duration
+    reals[loop.RTOL] = run.tolerance or run.accuracy
+    reals[loop.LAST_EVENT] = -np.inf
+
+    samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
+    clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
+    memory_size = 0
+    keys: list[int] = []
+    for c, update in enumerate(system.updates):
+        size, first_output = update.memory.numel(), program.held_slot + update.first_held
+        address = 0 if update.external else machine.updates[c]
+        samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
+        keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+        memory_size = len(keys)
+    memory, held = begun(run, system)
+    p[program.held_slot : program.held_slot + held.size] = held
+    depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
+    widest = max((u.outputs.numel() for u in system.updates), default=1)
+    room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
+    capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
+        capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
+    x = np.zeros(n)  # behind the states come those of hidden forces
+    place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
+    events = _event_room(128 + 4 * ne, program, run.budget.events)
+    work = loop.Work(
+        ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
+        scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
+        g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
+        armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
+        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(2 * ne + 1), bounced=np.zeros(ne, np.bool_),
+        excited=program.excited,
+        rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
+        rec_p=np.empty((capacity, program.p_size - program.first_held)),
+        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.empty((events, 2), np.int8),
+        jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
+        out_t=run.output_times if run.output_times is not None else np.empty(0),
+        samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
+    )  # fmt: skip
+    set_method(loop, work, program)
+    return work
+
+
+def begun(run: Run, system: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
+    """What sampled laws begin with: their memory, the noise of each law behind its own, and the signals held before the first sample."""
+    memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
+    held = np.zeros(system.held.numel())
+    for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
+        if delay > 0.0:  # until a delayed output arrives the signal has its stand-in
+            defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
+            held[update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
+    if run.resume is not None:
+        memory[:], held[:] = run.resume
+    place = 0
+    for update in system.updates:
+        for name, value in run.start.items():
+            if name in update.places:
+                _place_memory(system, memory[place:], name, value)
+        place += update.memory.numel() + len(update.channels)
+    return memory, held
+
+
+def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: Any) -> None:
+    """Write the start value of a state that a sampled law remembers into the memory of that law."""
+    first, size = next(update.places[name] for update in system.updates if name in update.places)
+    array = finite_array(value)
+    if array is None or (array.ndim and array.shape != (size or 1,)):
+        raise SceneError(f"Argument `{name}` must be {size or 1} finite number(s), but it is {value!r}.")
+    memory[first : first + (size or 1)] = array
+
+
+def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) -> None:
+    """Write start values; an entry that is named beside its vector wins, in whatever order they are given."""
+    for name in sorted(start, key=lambda name: (system.rows(name) or (0, None))[1] is None):
+        place_start(system, x, name, start[name])
+
+
+def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
+    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
+    target: Any = None
+    rows = system.rows(name)
+    if rows is not None:
+        target = slice(rows[0], rows[0] + (rows[1] or 1))
+    elif name in system.signals:
+        expression = system.signals[name][0]
+        if expression.numel() == 1 and expression.is_symbolic():
+            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
+            if place.size == 1:
+                target = slice(place[0], place[0] + 1)
+    if target is None:
+        if name in system.signals:
+            raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
+        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
+    array = finite_array(value)
+    if array is None:
+        raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
+    if array.ndim and array.shape != x[target].shape:
+        raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
+    x[target] = array
+
+
+def _event_room(asked: int, program: Program, left: float) -> int:
+    """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
+    instant = (4 if isinstance(program.pair, Theta) else 2) * program.machine.elements
+    return int(min(asked, np.floor(left) + instant + 1))
+
+
+def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:
+    """The same arrays with no more room for events than a budget leaves of which so many are spent: the loop stops when it is full."""
+    if budget.events == np.inf:
+        return work
+    room = _event_room(work.ev_t.size, program, budget.events - spent)
+    return work._replace(ev_t=work.ev_t[:room], ev_i=work.ev_i[:room], ev_m=work.ev_m[:room])
+
+
+def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
+    """The work arrays with twice the room for records, or for events."""
+    names = ("rec_t", "rec_x", "rec_m", "rec_p") if records else ("ev_t", "ev_i", "ev_m")
+    bigger = {}
+    for name in names:
+        old = getattr(work, name)
+        room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], program, budget.events)
+        new = np.empty((room, *old.shape[1:]), old.dtype)
+        new[: old.shape[0]] = old
+        bigger[name] = new
+    return work._replace(**bigger)

@@ -1,0 +1,176 @@
+"""Steady states of a machine: all that are found at given numbers, and one followed while a number varies."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError
+from toolbox.modelling.free_parameter import Knob, continuous_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.simulation.work_arrays import place_starts
+from toolbox.steady_states.linear import (
+    Equilibrium,
+    _free,
+    _frictionless,
+    _modes_at,
+    equilibrium,
+    input_values,
+    mode_numbers,
+    residual_functions,
+)
+
+MANY_MODES = 81
+"""Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""
+
+
+def equilibria(
+    plant: HybridSystem,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+) -> list[Equilibrium]:
+    """Every steady state that is found over the modes of all contacts and a row of guesses, slipping ones first.
+
+    Guesses are the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0, so that the slow steady states of falling
+    friction are found beside the fast one. Modes are tried in all combinations up to 81 of them, beyond that only all alike. A contact that
+    may rest anywhere in a range is represented by one state of it. Nothing proves that no other exists. Raises SceneError for arguments
+    as `equilibrium` does, never for an empty result.
+    """
+    plant = continuous_loop(plant, controller, parameters=parameters)
+    holding = [element.name for element in plant.elements if element.holds and element.law is not None]
+    words = ("slip+", "slip-", "stick")
+    alike = 3 ** len(holding) > MANY_MODES
+    combinations = [(word,) * len(holding) for word in words] if alike else list(itertools.product(words, repeat=len(holding)))
+    smooth = _frictionless(plant, _free(plant), input_values(plant, inputs or {}))
+    found: list[Equilibrium] = []
+    for combination in combinations:
+        for factor in (1.0, 0.5, 0.25, 0.125, 1 / 16, 1 / 32, 1 / 64, 0.0):
+            start = state_values(plant, factor * smooth)
+            try:
+                point = equilibrium(plant, inputs=inputs, start=start, mode=dict(zip(holding, combination, strict=True)))
+            except SceneError:
+                continue
+            if not any(_same(point, other) for other in found):
+                found.append(point)
+            if "stick" in combination:  # one of a continuum
+                break
+    return sorted(found, key=lambda point: list(point.modes.values()).count("stick"))
+
+
+def _same(a: Equilibrium, b: Equilibrium) -> bool:
+    size = np.maximum(np.abs(a.states), np.abs(b.states)).max(initial=0.0)
+    return bool(np.abs(a.states - b.states).max(initial=0.0) <= 1e-6 * size) and a.modes == b.modes
+
+
+def state_values(plant: HybridSystem, x: np.ndarray) -> dict[str, Any]:
+    """A state vector as {name: value} for `start`."""
+    return {name: float(x[first]) if size is None else x[first : first + size] for name, (first, size, _) in plant.states.items()}
+
+
+def flow_slopes(point: Equilibrium) -> np.ndarray:
+    """df/dx over all states at a steady state, in its modes."""
+    plant = point.plant
+    return np.array(residual_functions(plant)[1](0.0, point.states, point.inputs, plant.values, mode_numbers(plant, point.modes))[0])
+
+
+class Followed:
+    """The steady states of a closed loop over one knob, each found once, from its neighbour where it is not found by itself."""
+
+    def __init__(
+        self,
+        closed: HybridSystem,
+        knob: Knob,
+        inputs: Mapping[str, float],
+        mode: Mapping[str, str] | None,
+        guess: Mapping[str, Any] | None = None,
+    ):
+        self.closed, self.knob, self.inputs, self.mode = closed, knob, inputs, mode
+        self.guess: np.ndarray | None = None
+        if guess:
+            self.guess = np.zeros(closed.x.numel())
+            place_starts(closed, self.guess, mapping("guess", guess))
+        self.known: dict[float, Equilibrium | None] = {}
+        self.alone: set[float] = set()
+        self.reason = ""
+
+    def __call__(self, value: float) -> Equilibrium | None:
+        """The steady state at a value of the knob; None where none is found (`reason` then says why)."""
+        if value not in self.known or (value in self.alone and any(self.known.values())):
+            self.alone.discard(value)
+            if not any(self.known.values()):
+                self.alone.add(value)  # to be tried again once a neighbour is known
+            self.known[value] = self._found(value, None) or self._approached(value)
+            if self.known[value] is not None:
+                self.alone.discard(value)
+        return self.known[value]
+
+    def _found(self, value: float, start: np.ndarray | None) -> Equilibrium | None:
+        begin = None if start is None else state_values(self.closed, start)
+        try:
+            return equilibrium(self.closed, start=begin, mode=self.mode, **self.knob.arguments(value, self.inputs))
+        except SceneError as error:
+            if "no steady state" not in str(error):
+                raise
+            self.reason = str(error)
+            return None
+
+    def _approached(self, value: float) -> Equilibrium | None:
+        """From the nearest known steady state in ever smaller steps, or by letting the machine relax where none is known."""
+        known = [(abs(v - value), v, point) for v, point in self.known.items() if point is not None]
+        if not known:
+            found = self._found(value, self.guess) if self.guess is not None else None
+            return found or self._found(value, self._relaxed(value))
+        _, near, point = min(known, key=lambda entry: entry[0])
+        for steps in (1, 4, 16, 64):
+            reached: Equilibrium | None = point
+            for k in range(1, steps + 1):
+                reached = self._found(near + (value - near) * k / steps, reached.states) if reached is not None else None
+            if reached is not None:
+                return reached
+        return None
+
+    def _relaxed(self, value: float) -> np.ndarray:
+        """Where implicit Euler steps of growing length lead from rest with all contacts in slip: limits and layers of a law do not stop them."""
+        arguments = self.knob.arguments(value, self.inputs)
+        plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
+        u = input_values(plant, arguments["inputs"])
+        residual, slopes = residual_functions(plant)
+        x = np.zeros(plant.x.numel())
+        m = _modes_at(plant, x, u, self.mode, resting=True)
+        a = np.array(slopes(0.0, x, u, plant.values, m)[0])
+        step = 0.1 / max(float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)), 1e-9) if np.isfinite(a).all() else 1e-3
+        for _ in range(300):
+            flow, a = np.array(residual(0.0, x, u, plant.values, m)[0]).ravel(), np.array(slopes(0.0, x, u, plant.values, m)[0])
+            if not (np.isfinite(flow).all() and np.isfinite(a).all()):
+                break
+            x = x + np.linalg.lstsq(np.eye(x.size) / step - a, flow, rcond=None)[0]
+            step *= 1.08
+        return np.nan_to_num(x)
+
+    def edge(self, there: float, gone: float) -> float:
+        """The last value on the way from one with a steady state to one without at which a steady state is found, to a part in 1e7 of the way."""
+        point = self(there)
+        assert point is not None
+        for _ in range(24):
+            middle = 0.5 * (there + gone)
+            found = self._found(middle, point.states)
+            if found is None:
+                gone = middle
+            else:
+                there, point = middle, found
+                self.known[middle] = found
+        return there
+
+    def growths(self, value: float) -> np.ndarray | None:
+        """Real parts of all pairs of poles at a value [1/s], largest first; None without a steady state."""
+        point = self(value)
+        if point is None:
+            return None
+        poles = np.linalg.eigvals(flow_slopes(point))
+        return np.sort(poles[poles.imag > 1e-9 * np.abs(poles).max(initial=0.0)].real)[::-1]

@@ -1,0 +1,289 @@
+"""Hopf points of steady running, solved exactly.
+
+A steady state with falling friction is stable while something else damps enough. It is lost where a pair of poles crosses the imaginary axis, the
+Hopf point. `hopf_points` solves for it as one system of equations in state x, parameter q, frequency w and eigenvector v,
+
+    f(x, q) = 0,     A(x, q) v = i w v,     <c, v> = 1,          A = df/dx at given modes,
+
+with exact Jacobians of CasADi, so that its result is exact to round-off and no step of q limits it.
+
+Why this is not the whole answer: a linear criterion knows only small disturbances. Stick-slip that has begun lives on far beyond the Hopf point of
+many machines; `toolbox.onset` looks for that border too, by simulation.
+"""
+
+from __future__ import annotations
+
+import cmath
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import numbers, whole
+from toolbox.errors import SceneError
+from toolbox.modelling.free_parameter import Knob, check_unsampled, checked_range, continuous_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
+from toolbox.steady_states.linear import Equilibrium, equilibrium, holding_elements, mode_numbers
+
+
+@dataclass(frozen=True)
+class HopfPoint:
+    """Where a pair of poles +-i w crosses the imaginary axis as a parameter varies.
+
+    value: of the parameter, in `unit`;  frequency: w [rad/s];  point: the steady state there;  stable: "above" or "below", the side on which the pair
+    is damped;  coefficient: first Lyapunov coefficient [1/s] for an eigenvector of length one in the states; negative: soft, a small
+    swing grows out of the steady state; positive: hard, the machine jumps to a large cycle, and both are stable on the safe side;
+    nan where it does not exist;  residual: what is left of the equations, in parts of their terms.
+    """
+
+    parameter: str
+    unit: str
+    value: float
+    frequency: float
+    point: Equilibrium
+    stable: str
+    coefficient: float
+    residual: float
+
+    @property
+    def period(self) -> float:
+        """2 pi / w [s]."""
+        return 2 * math.pi / self.frequency
+
+    @property
+    def kind(self) -> str:
+        """ "soft" (supercritical), "hard" (subcritical) or "unknown"."""
+        return "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
+
+    def __str__(self) -> str:
+        return (
+            f"Hopf point at {self.parameter} = {self.value:.6g} {self.unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
+            f"stability; residual {self.residual:.1e}"
+        )
+
+
+def hopf_points(
+    plant: HybridSystem,
+    parameter: str,
+    between: tuple[float, float],
+    *,
+    controller: Any = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+    guess: Mapping[str, Any] | None = None,
+    values: int = 33,
+) -> list[HopfPoint]:
+    """Every Hopf point of steady running in a range of one parameter or input, in order; exact to round-off.
+
+    parameter: of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.  controller: laws in
+    their continuous form.  mode: modes of the steady state, as in `equilibrium`.  guess: {state: value} of one steady state in the range, where
+    none is found without, as under a drive whose limits hide it.  values: how many values of the parameter are looked at; two crossings
+    between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
+    passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range
+    that is none, and a plant without any steady state in the range.
+    """
+    low, high = checked_range(between)
+    check_unsampled(controller)
+    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
+    knob = Knob.of(closed, parameter)
+    followed = Followed(closed, knob, inputs or {}, mode, guess)
+    grid = np.linspace(low, high, whole("values", values, 2))
+    for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
+        followed(float(value))
+    if not any(followed.known.values()):
+        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {followed.reason}")
+    found = []
+    for a, b in itertools.pairwise(map(float, grid)):
+        left, right = followed.growths(a), followed.growths(b)
+        if left is None and right is not None:  # stability may be lost just before steady running ends
+            a = followed.edge(b, a)
+            left = followed.growths(a)
+        elif right is None and left is not None:
+            b = followed.edge(a, b)
+            right = followed.growths(b)
+        if left is None or right is None or not a < b:
+            continue
+        counts = [int((growths > 0).sum()) for growths in (left, right)]
+        for k in range(min(counts), max(counts)):
+            near = _crossing(followed, k, a, b)
+            if near is not None:
+                found.append(_solved(followed, near, "below" if counts[0] < counts[1] else "above"))
+    return sorted(found, key=lambda point: point.value)
+
+
+def hopf_curve(
+    plant: HybridSystem,
+    parameter: str,
+    between: tuple[float, float],
+    over: str,
+    values: Sequence[float],
+    *,
+    controller: Any = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+) -> np.ndarray:
+    """Hopf value of one parameter as a function of another, shape (len(values),): the critical speed over weight on bit, over damping, over a gain.
+
+    between: where the first one is looked for;  over, values: the other parameter or input and its values. The outermost Hopf point is given
+    where there are several; nan where there is none in the range, or no steady running. Raises SceneError as `hopf_points` does.
+    """
+    check_unsampled(controller)
+    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
+    other, _ = Knob.of(closed, over), Knob.of(closed, parameter)
+    checked_range(between)
+    curve = []
+    for value in numbers("values", values):
+        arguments = other.arguments(value, inputs or {})
+        try:
+            points = hopf_points(closed, parameter, between, mode=mode, **arguments)
+        except SceneError as error:
+            if "no steady running" not in str(error):
+                raise
+            points = []
+        curve.append(points[-1].value if points else math.nan)
+    return np.array(curve)
+
+
+def _crossing(followed: Followed, k: int, a: float, b: float) -> float | None:
+    """A value near which the k-th pair crosses the axis between a and b, to a few digits; None where the pair ends there."""
+    from scipy.optimize import brentq
+
+    def growth(value: float) -> float:
+        growths = followed.growths(value)
+        return math.nan if growths is None else float(growths[k]) if k < growths.size else -1.0
+
+    try:
+        value = float(brentq(growth, a, b, xtol=1e-9 * (b - a)))
+    except ValueError:  # nan where there is no steady state
+        return None
+    growths = followed.growths(value)  # where a pair meets on the real axis it ends, with a jump of its real part
+    return value if growths is not None and k < growths.size and abs(growths[k]) < 1e-4 * (abs(growth(a)) + abs(growth(b))) else None
+
+
+def _solved(followed: Followed, guess: float, stable: str) -> HopfPoint:
+    """The Hopf point next to a value, from the extended system."""
+    from scipy.optimize import root
+
+    closed, knob, inputs = followed.closed, followed.knob, followed.inputs
+    given = [name for name in inputs if name != knob.name]
+    near = followed(guess)
+    assert near is not None  # `_crossing` has found it
+    plant, m = near.plant, mode_numbers(near.plant, near.modes)
+    poles, vectors = np.linalg.eig(flow_slopes(near))
+    best = min(
+        (i for i in range(poles.size) if poles[i].imag > 1e-9 * np.abs(poles).max()), key=lambda i: abs(poles[i].real) / poles[i].imag
+    )
+    n = plant.x.numel()
+    size = np.maximum(np.abs(near.states), np.abs(near.states).max() * 1e-3 + 1e-300)
+    v = vectors[:, best] / np.linalg.norm(vectors[:, best])
+    c = np.concatenate([v.real, v.imag])
+    sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
+    residual, jacobian = _extended(plant, knob, tuple(given), tuple(sticking.tolist()))
+    scale = np.concatenate([size, [abs(guess) or 1.0, poles[best].imag], np.ones(2 * n)])
+    z = np.concatenate([near.states, [guess, poles[best].imag], v.real, v.imag])
+
+    def equations(y: np.ndarray) -> np.ndarray:
+        return np.array(residual(y * scale, near.inputs, plant.values, m, c)).ravel() / rows
+
+    def slopes(y: np.ndarray) -> np.ndarray:
+        return np.array(jacobian(y * scale, near.inputs, plant.values, m, c)) * scale / rows[:, None]
+
+    rows = np.ones(1)
+    rows = np.abs(slopes(z / scale)).max(axis=1)
+    rows[rows == 0.0] = 1.0
+    y = root(equations, z / scale, jac=slopes, method="hybr" if not sticking.size else "lm", options={"xtol": 1e-14}).x
+    for _ in range(4):
+        step = np.linalg.lstsq(slopes(y), -equations(y), rcond=1e-13)[0]
+        if np.isfinite(step).all() and np.abs(equations(y + step)).sum() < np.abs(equations(y)).sum():
+            y = y + step
+    left = float(np.abs(equations(y)).max())
+    z = y * scale
+    if not left < 1e-8 or not z[n + 1] > 0:
+        raise SceneError(
+            f"The Hopf point near `{knob.name}` = {guess:g} {knob.unit} could not be solved: {left:.1e} of its equations is left."
+        )
+    value = float(z[n])
+    point = equilibrium(closed, start=state_values(closed, z[:n]), mode=near.modes, **knob.arguments(value, inputs))
+    vector = z[n + 2 : 2 * n + 2] + 1j * z[2 * n + 2 :]
+    coefficient = _lyapunov_coefficient(point, m, float(z[n + 1]), vector) if not sticking.size else math.nan
+    return HopfPoint(knob.name, knob.unit, value, float(z[n + 1]), point, stable, coefficient, left)
+
+
+def _extended(plant: HybridSystem, knob: Knob, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+    """Functions (z, u, p, m, c) -> residual of the extended system and its Jacobian by z = (x, q, w, Re v, Im v)."""
+    key = ("hopf", knob.name, knob.is_input, given, sticking)
+    found = plant.kernels.get(key)
+    if found is None:
+        n = plant.x.numel()
+        w, vr, vi, c = ca.SX.sym("w"), ca.SX.sym("vr", n), ca.SX.sym("vi", n), ca.SX.sym("c", 2 * n)
+        field = plant.switching.field
+        slip = ca.vertcat(*[plant.switching.slip[i] for i in sticking]) if sticking else ca.SX(0, 1)
+        # an input that nobody gives follows the parameters, which the knob may be one of
+        u = ca.vertcat(*[entry.symbol if name in given or name == knob.name else entry.default for name, entry in plant.inputs.items()])
+        if plant.inputs:
+            field, slip = ca.substitute([field, slip], [plant.u], [u])
+        a = ca.jacobian(field, plant.x)
+        q = plant.inputs[knob.name].symbol if knob.is_input else plant.p[plant._parameter(knob.name).offset]
+        real = ca.mtimes(a, vr) + w * vi
+        imaginary = ca.mtimes(a, vi) - w * vr
+        norm = ca.vertcat(ca.dot(c[:n], vr) + ca.dot(c[n:], vi) - 1, ca.dot(c[:n], vi) - ca.dot(c[n:], vr))
+        equations = ca.densify(ca.vertcat(field, real, imaginary, norm, slip))
+        z = ca.vertcat(plant.x, q, w, vr, vi)
+        jacobian = ca.densify(ca.jacobian(equations, z))
+        z_in = ca.SX.sym("z", z.numel())
+        equations, jacobian = ca.substitute([equations, jacobian], [z], [z_in])
+        equations, jacobian = ca.substitute([equations, jacobian], [plant.t], [ca.SX(0)])
+        symbols = [z_in, plant.u, plant.p, plant.m, c]
+        found = plant.kernels[key] = (ca.Function("extended", symbols, [equations]), ca.Function("slopes", symbols, [jacobian]))
+    return found
+
+
+def _lyapunov_coefficient(point: Equilibrium, m: np.ndarray, w: float, q: np.ndarray) -> float:
+    """First Lyapunov coefficient at a Hopf point (Y. A. Kuznetsov, Elements of Applied Bifurcation Theory, 3rd ed., eq. 5.39).
+
+        l1 = Re[ <p, C(q, q, q*)> - 2 <p, B(q, A^-1 B(q, q*))> + <p, B(q*, (2 i w - A)^-1 B(q, q))> ] / (2 w)
+
+    with A q = i w q, A' p = -i w p, <q, q> = <p, q> = 1, and B, C the second and third derivatives of the flow.
+    """
+    plant = point.plant
+    n = plant.x.numel()
+
+    function = plant.kernels.get("directional")
+    if function is None:
+        d1, d2, d3 = (ca.SX.sym(f"d{i}", n) for i in (1, 2, 3))
+        second = ca.jtimes(ca.jtimes(plant.switching.field, plant.x, d1), plant.x, d2)
+        symbols = [plant.x, plant.u, plant.p, plant.m, d1, d2, d3]
+        forms = ca.substitute([ca.densify(second), ca.densify(ca.jtimes(second, plant.x, d3))], [plant.t], [ca.SX(0)])
+        function = plant.kernels["directional"] = ca.Function("directional", symbols, forms)
+
+    def form(*directions: np.ndarray) -> np.ndarray:
+        """B or C at complex directions, by linearity from their real and imaginary parts."""
+        total = np.zeros(n, complex)
+        third = len(directions) == 3
+        for parts in itertools.product((0, 1), repeat=len(directions)):
+            real = [(d.real, d.imag)[part] for d, part in zip(directions, parts, strict=True)]
+            padded = real if third else [*real, np.zeros(n)]
+            value = function(point.states, point.inputs, plant.values, m, *padded)[1 if third else 0]
+            total += 1j ** sum(parts) * np.array(value).ravel()
+        return total
+
+    a = flow_slopes(point)
+    q = q / np.linalg.norm(q)
+    values, vectors = np.linalg.eig(a.T)
+    p = vectors[:, int(np.argmin(np.abs(values + 1j * w)))]
+    p = p / np.conj(np.vdot(p, q))
+    try:
+        inner = np.linalg.solve(a, form(q, q.conj()))
+        outer = np.linalg.solve(2j * w * np.eye(n) - a, form(q, q))
+    except np.linalg.LinAlgError:
+        return math.nan
+    whole = np.vdot(p, form(q, q, q.conj())) - 2 * np.vdot(p, form(q, inner)) + np.vdot(p, form(q.conj(), outer))
+    value = complex(whole).real / (2 * w)
+    return value if cmath.isfinite(value) else math.nan

@@ -1,0 +1,111 @@
+"""What a drive does to the waves that reach it: its impedance against frequency, and how much of a wave it sends back.
+
+A torsional wave that runs up a string with characteristic impedance zeta meets the impedance Z of whatever turns its top, and the part
+
+    r = (zeta - Z) / (zeta + Z)
+
+of it comes back: |r| = 1 for a drive that holds its speed or gives way to everything, 0 for one that matches. A drive that absorbs the waves at the
+frequency of stick-slip cannot feed it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.components import Component, Equations
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import finite_array, is_finite_number, quantity, state
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.steady_states.linear import linearise
+
+
+@dataclass(frozen=True)
+class _Turned(Component):
+    """A shaft whose speed is imposed: it gives `motion` and forgets nothing but its angle."""
+
+    motion: str = "top.speed"
+    start: float = quantity(0.0, "rad/s", "speed about which it is imposed")
+
+    def equations(self, signal: Any) -> Equations:
+        angle = state("imposed.angle", "rad")
+        speed = signal("imposed.speed", "rad/s", default=self.start)
+        return Equations(flow={angle: speed}, gives={self.motion: (speed, "rad/s")})
+
+
+def impedance(
+    *parts: Component | Sampled,
+    frequency: Sequence[float] | np.ndarray,
+    plant: HybridSystem | None = None,
+    motion: str = "top.speed",
+    effort: str = "top.torque",
+    inertia: float = 0.0,
+    drag: float = 0.0,
+    speed: float = 0.0,
+    at: Mapping[str, Any] | None = None,
+) -> np.ndarray:
+    """Impedance Z(i w) = -torque / speed of a drive at imposed speed, complex, in N m s/rad, shape of `frequency`.
+
+        PI law:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
+
+    parts: the law, and what stands between it and the string, such as a drive with lags and limits; a `Sampled` law adds its hold and delay as
+    exp(-i w (period / 2 + delay)), true well below half of the sampling rate.  frequency: w [rad/s] > 0.  plant: the plant that laws are
+    designed on.  motion, effort: signals at the top.  inertia, drag: of the top itself, J [kg m2] and c_r [N m s/rad].  speed: about which the law is
+    linearised, and `at` its states there, as in `linearise`; laws with limits or layers have another impedance at another point. Raises
+    SceneError for a law that measures more than `motion` and for frequencies that are not positive.
+    """
+    w = finite_array(frequency)
+    if w is None or not w.size or not (w > 0).all():
+        raise SceneError(f"Argument `frequency` must be numbers > 0 rad/s, but it is {frequency!r}.")
+    for word, number in (("inertia", inertia), ("drag", drag)):
+        if not is_finite_number(number) or number < 0:
+            raise SceneError(f"Argument `{word}` must be >= 0, but it is {number!r}.")
+    if not is_finite_number(speed):
+        raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
+    if plant is not None and not isinstance(plant, HybridSystem):
+        raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
+    late, own = 0.0, []
+    for part in parts:
+        law = part
+        if isinstance(part, Sampled):
+            part.check()
+            late += part.period / 2 + part.delay
+            law = part.law  # type: ignore[assignment]
+        if not isinstance(law, Component):
+            raise SceneError(f"Argument `parts` must be control laws and parts of a drive, but one is {law!r}.")
+        if isinstance(law, Controller) and plant is not None:
+            law = designed(law, plant)
+        own.append(law)
+    from toolbox.modelling.composition import assembled
+
+    driven = (
+        assembled((_Turned(motion=motion, start=float(speed)), *own))
+        if plant is not None
+        else compose(_Turned(motion=motion, start=float(speed)), *own)
+    )
+    if not isinstance(effort, str) or effort not in driven.signals:
+        raise SceneError(f"Argument `parts` must give the signal `{effort}`, but they do not.")
+    system = linearise(driven, at, inputs="imposed.speed", outputs=effort)
+    response = np.array([np.ravel(system(1j * each))[0] for each in w.ravel()]).reshape(w.shape)
+    return -response * np.exp(-1j * w * late) + 1j * w * inertia + drag
+
+
+def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
+    """Part of a wave that comes back from the top, r = (zeta - Z) / (zeta + Z), complex.
+
+    characteristic: zeta [N m s/rad], I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped string. Raises SceneError unless zeta > 0.
+    """
+    if not is_finite_number(characteristic) or characteristic <= 0:
+        raise SceneError(f"Argument `characteristic` must be > 0 N m s/rad, but it is {characteristic!r}.")
+    try:
+        z = np.asarray(impedance, complex)
+    except (TypeError, ValueError):
+        z = np.array(np.nan)
+    if not np.isfinite(z).all():
+        raise SceneError(f"Argument `impedance` must be finite complex numbers in N m s/rad, but it is {impedance!r}.")
+    return (characteristic - z) / (characteristic + z)

@@ -1,0 +1,485 @@
+"""A plant as a linear system around a steady state: `equilibrium` finds the state, `linearise` the matrices.
+
+The right-hand side with the modes as numbers is one smooth expression per set of modes, so its Jacobians are exact; nothing is differenced.
+
+Why sticking takes states away: an element in stick adds the constraint slip = 0 and the force that keeps it. The full Jacobian then has a
+zero row and a pole at 0 that no input moves and no output sees move. That pole belongs to no motion of the machine, so `linearise` solves the
+constraint for one state per sticking element and leaves that state out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.elements import Element, is_finite_number
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import names as names_of
+from toolbox.simulation.trajectory import Samples
+from toolbox.simulation.work_arrays import place_start, place_starts
+
+if TYPE_CHECKING:
+    import control
+
+
+def _code(element: Element, word: str) -> float:
+    """The number of a mode; raises SceneError for a word that is not in the element's legend."""
+    codes = {known: float(code) for code, known in element.legend.items()}
+    if word not in codes:
+        *others, last = codes
+        raise SceneError(f"Argument `mode` must be {', '.join(others)} or {last} for `{element.name}`, but it is {word!r}.")
+    return codes[word]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A steady state of a plant: `rest["bit.speed"]` reads a signal, `print(rest)` shows all.
+
+    plant: the plant with the parameters it was found for;  states: x, shape (n,);  inputs: u, shape (n_u,);  modes: {element: mode}.
+    """
+
+    plant: HybridSystem
+    states: np.ndarray
+    inputs: np.ndarray
+    modes: Mapping[str, str]
+
+    def __getitem__(self, name: str) -> Any:
+        """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
+        function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
+        value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
+        return float(value[0]) if value.size == 1 else value
+
+    def __str__(self) -> str:
+        lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
+        units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
+        for name, unit in units.items():
+            value = self[name]
+            shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
+            lines.append(f"  {name:<18} {shown} {unit}")
+        return "\n".join(lines)
+
+
+def equilibrium(
+    plant: HybridSystem,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    start: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+) -> Equilibrium:
+    """The steady state dx/dt = 0 for constant inputs, in given modes, with every sliding element sliding the way its mode says.
+
+    inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
+    search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
+    characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, contacts slide the way they do at the start ("slip+" at
+    zero slip) and relays are on their surface.  parameters: {name: value}.  controller: laws in their continuous form, as parts of the plant. Time,
+    where the plant depends on it, is 0.
+
+    Raises SceneError where no steady state is found, where the one found contradicts its modes, and for arguments as `simulate` does.
+    """
+    from scipy.optimize import root
+
+    plant = _checked(_closed(plant, controller), parameters)
+    u = input_values(plant, inputs or {})
+    given = np.zeros(plant.x.numel())
+    place_starts(plant, given, mapping("start", start))
+    free = _free(plant)
+    guesses = [given] if start else [_frictionless(plant, free, u), given]
+    residual, jacobian = residual_functions(plant)
+    reason = ""
+    for guess in guesses:
+        m = _modes_at(plant, guess, u, mode, resting=True)
+        sticking = (m == 0.0) & holding_elements(plant)
+
+        def equations(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
+            flow, slip = residual(0.0, x, u, plant.values, m)
+            return np.concatenate([np.array(flow).ravel(), np.array(slip).ravel()[sticking]])
+
+        def slopes(x: np.ndarray, m: np.ndarray = m, sticking: np.ndarray = sticking) -> np.ndarray:
+            of_flow, of_slip = jacobian(0.0, x, u, plant.values, m)
+            return np.vstack([np.array(of_flow), np.array(of_slip)[sticking]])
+
+        # a plant in stick has more equations than states: its constraints repeat rows of the flow
+        x = root(equations, guess, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
+        for _ in range(4):
+            step = np.linalg.lstsq(slopes(x), -equations(x), rcond=1e-13)[0]
+            if np.isfinite(step).all() and np.abs(equations(x + step)).sum() <= np.abs(equations(x)).sum():
+                x = x + step
+        clean = np.where(np.abs(x) > 1e-13 * np.abs(x).max(initial=0.0), x, 0.0)  # what should be zero shows as zero
+        if np.abs(equations(clean)).sum() <= np.abs(equations(x)).sum() + 1e-300:
+            x = clean
+        found = equations(x)
+        # round-off is that of the terms that cancel, and a force that sticks may cancel all the others
+        load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
+        size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(np.zeros_like(x))) + 1e-300
+        size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
+        if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
+            worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
+            label, unit = state_labels(plant)[worst]
+            reason = f"the search stops where `{label}` still changes by {found[worst]:.3g} {unit} per second"
+            continue
+        contradiction = _contradiction(plant, x, u, m)
+        if contradiction:
+            reason = f"the only state found contradicts its mode: {contradiction}"
+            continue
+        return Equilibrium(plant, x, u, {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)})
+    given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
+    tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
+    tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
+    words = f" with {', '.join(tried)}" if tried else ""
+    raise SceneError(f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
+
+
+def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
+    """The plant with its controllers as parts, each in its continuous form."""
+    if controller is None:
+        return plant
+    from toolbox.modelling.free_parameter import continuous_loop
+
+    return continuous_loop(plant, controller)
+
+
+def linearise(
+    plant: HybridSystem,
+    at: Mapping[str, Any] | Equilibrium | Samples | None = None,
+    mode: Mapping[str, str] | None = None,
+    inputs: str | Sequence[str] | Mapping[str, float] | None = None,
+    outputs: str | Sequence[str] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    controller: Any = None,
+) -> control.StateSpace:
+    """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
+
+    at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
+    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
+    contacts slide forwards and relays are on their surface.  inputs, outputs: names to keep; without, all inputs and all scalar signals. A
+    mapping {name: value} for inputs keeps all and gives their values at the point.  controller: laws in their continuous form, which close the loop.
+
+    Names have "_" for ".", which python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`. A point
+    that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per
+    sticking element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them.
+
+    Raises SceneError for a plant with sampled laws, unknown names, modes that contradict the point, and inputs that move the slip of a
+    sticking element.
+    """
+    import control
+
+    from toolbox.modelling.free_parameter import check_unsampled
+
+    check_unsampled(controller)
+    plant = _closed(plant, controller)
+    if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
+        if plant.kernels is not at.plant.kernels:
+            raise SceneError("Argument `at` must be a steady state of `plant`, but it belongs to another plant.")
+        plant = at.plant
+    plant = _checked(plant, parameters)
+    t, x, u, m = _point(plant, at, mode, inputs if isinstance(inputs, Mapping) else {})
+    kept_inputs = _kept(plant, inputs, list(plant.inputs), "input")
+    scalar = [name for name, (expression, _) in plant.signals.items() if expression.numel() == 1]
+    kept_outputs = _kept(plant, outputs, scalar, "signal", known=[*plant.signals, *plant.inputs])
+
+    def jacobians() -> list[ca.SX]:
+        y = ca.vertcat(*[closed_signal(plant, name) for name in kept_outputs])
+        return [ca.jacobian(a, b) for a in (plant.switching.field, y, plant.switching.slip) for b in (plant.x, plant.u)]
+
+    function = function_of(plant, ("jacobians", *kept_outputs), jacobians)
+    a, b, c, d, slip_x, slip_u = (np.array(matrix) for matrix in function(t, x, u, plant.values, m))
+    if not all(np.isfinite(matrix).all() for matrix in (a, b, c, d)):
+        raise SceneError("The plant has no finite slope at this point: move `at` away from the kink or pole of its equations.")
+
+    sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
+    columns = [list(plant.inputs).index(name) for name in kept_inputs]
+    for i in sticking:
+        movers = [name for name, column in zip(kept_inputs, columns, strict=True) if slip_u[i, column] != 0.0]
+        if movers and inputs is None:  # an input that shifts the constraint acts through its rate, which a state space cannot say
+            kept_inputs = [name for name in kept_inputs if name not in movers]
+            columns = [list(plant.inputs).index(name) for name in kept_inputs]
+        elif movers:
+            raise SceneError(
+                f"Argument `inputs` must not hold `{movers[0]}`, because it moves the slip of the sticking `{plant.elements[i].name}`."
+            )
+    free, lift = _constrained(slip_x[sticking])
+    labels = [name for name, _ in state_labels(plant, control_names=True)]
+    return control.ss(
+        (a @ lift)[free],
+        b[free][:, columns],
+        c @ lift,
+        d[:, columns],
+        name="linearised",
+        states=[labels[i] for i in free],
+        inputs=[control_name(name) for name in kept_inputs],
+        outputs=[label for name in kept_outputs for label in _control_labels(plant, name)],
+        remove_useless_states=False,
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------------------- points and modes
+def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> HybridSystem:
+    checked_plant(plant)
+    if plant.updates:
+        raise SceneError("Argument `plant` must not hold sampled laws: compose their continuous form to linearise the loop.")
+    return plant.with_parameters(parameters) if parameters else plant
+
+
+def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
+    """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
+    found = plant.kernels.get(("linear", *key))
+    if found is None:
+        symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
+        found = plant.kernels["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
+    return found
+
+
+def closed_signal(plant: HybridSystem, name: str) -> ca.SX:
+    """A signal as an expression of t, x, u, p and m."""
+    expression = ca.densify(ca.SX(plant.expression(name)))
+    return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
+
+
+def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
+    """Modes of all elements as the numbers of their legends, shape (elements,)."""
+    return np.array([_code(element, modes[element.name]) for element in plant.elements])
+
+
+def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
+    """All inputs, those given and the others at their stand-ins, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
+    u = np.array(plant.input_defaults(plant.values)).ravel()
+    for name, value in mapping("inputs", given).items():
+        if name not in plant.inputs:
+            if name in plant.signals:
+                raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
+            raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+        if not is_finite_number(value):
+            raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
+        if name in plant.parameters:
+            plant.parameters[name].check(value)
+        u[list(plant.inputs).index(name)] = value
+    return u
+
+
+def _modes_at(
+    plant: HybridSystem, x: np.ndarray, u: np.ndarray, mode: Mapping[str, str] | None, t: float = 0.0, resting: bool = False
+) -> np.ndarray:
+    """Modes as given, else from the direction of slip at a point. At zero slip contacts slide forwards and relays stay on their surface.
+
+    resting: a steady state is sought, and then a relay is on its surface wherever the search begins.
+    """
+    names = [element.name for element in plant.elements]
+    for name, word in mapping("mode", mode).items():
+        if name not in names:
+            raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
+        _code(plant.elements[names.index(name)], word)
+    slips = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
+    zero = 1e-12 * float(np.abs(x).max(initial=0.0))
+    modes = np.where(slips < 0, -1.0, 1.0)
+    for i, element in enumerate(plant.elements):
+        if mode and element.name in mode:
+            modes[i] = _code(element, mode[element.name])
+        elif element.unilateral or not element.holds:
+            modes[i] = element.initial
+        elif element.law is None and (resting or abs(slips[i]) <= zero):
+            modes[i] = 0.0
+    chosen = set(mode or {})
+    for _ in range(2 * len(names)):  # a contact or switch whose mode is not given is where its guard is positive
+        guards = _guards(plant, t, x, u, modes)
+        wrong = [i for i, e in enumerate(plant.elements) if (e.unilateral or not e.holds) and e.name not in chosen and guards[i] < 0.0]
+        if not wrong:
+            break
+        for i in wrong:
+            modes[i] = 1.0 - modes[i]
+    return modes
+
+
+def holding_elements(plant: HybridSystem) -> np.ndarray:
+    """Which elements hold their slip in mode 0."""
+    return np.array([element.holds for element in plant.elements], bool)
+
+
+def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """The first guard of every element, positive while its mode holds."""
+    if not plant.elements:
+        return np.empty(0)
+    function = function_of(plant, ("guards",), lambda: [plant.switching.guards])
+    return np.array(function(t, x, u, plant.values, m)).ravel()[: 2 * len(plant.elements) : 2]
+
+
+def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
+    """What speaks against the modes at a point; empty where nothing does."""
+    probe = function_of(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
+    slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
+    size = float(np.abs(x).max(initial=0.0))
+    guards = _guards(plant, t, x, u, m)
+    for element, mode, slip, force, bound, guard in zip(plant.elements, m, slips, forces, bounds, guards, strict=True):
+        if element.unilateral or not element.holds:
+            scale = bound if element.unilateral and mode == 0.0 else size
+            if guard < -1e-9 * scale or (element.unilateral and mode == 0.0 and abs(slip) > 1e-9 * size):
+                return f"`{element.name}` is not {element.legend[int(mode)]} there"
+            continue
+        if mode * slip < -1e-9 * size:
+            return f"`{element.name}` in {element.legend[int(mode)]} has the slip {_with_unit(slip, element.slip_unit)}"
+        if mode == 0.0 and abs(slip) > 1e-9 * size:
+            return f"`{element.name}` in stick has the slip {_with_unit(slip, element.slip_unit)}"
+        if mode == 0.0 and not abs(force) <= bound * (1.0 + 1e-9):
+            needed = _with_unit(abs(force), element.force_unit)
+            return f"`{element.name}` in stick needs a force of {needed}, but its bound is {_with_unit(bound, element.force_unit)}"
+    return ""
+
+
+def _point(
+    plant: HybridSystem, at: Any, mode: Mapping[str, str] | None, values: Mapping[str, float]
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """(t, x, u, m) of `linearise`."""
+    x = np.zeros(plant.x.numel())
+    t, own, given = 0.0, mapping("mode", mode), dict(values)
+    placed = np.zeros(x.size, bool)
+    if isinstance(at, Equilibrium):
+        x[:] = at.states
+        placed[:] = True
+        own = dict(at.modes) | own
+        given = dict(zip(plant.inputs, at.inputs.tolist(), strict=True)) | given
+    elif isinstance(at, Samples):
+        if at.time.size != 1:
+            raise SceneError(f"Argument `at` must be one instant of a run, such as `run.at(12.5)`, but it holds {at.time.size} times.")
+        t = float(at.time[0])
+        for name in plant.states:
+            if name not in at:
+                raise SceneError(f"Argument `at` must hold the state `{name}`, but the run it comes from has none.")
+            place_start(plant, x, name, np.ravel(at[name]) if plant.states[name][1] is not None else float(np.ravel(at[name])[0]))
+        placed[:] = True
+        ran = [element.name for element in at.program.system.elements]
+        own = {e.name: e.legend[int(at.mode[0, ran.index(e.name)])] for e in plant.elements if e.name in ran} | own
+        given = {name: float(np.ravel(at[name])[0]) for name in plant.inputs if name in at} | given
+    elif isinstance(at, Mapping):
+        mark = np.full(x.size, np.nan)
+        place_starts(plant, mark, {name: value for name, value in at.items() if name not in plant.inputs})
+        placed = ~np.isnan(mark)
+        x[placed] = mark[placed]
+        given = {name: value for name, value in at.items() if name in plant.inputs} | given
+    elif at is not None:
+        raise SceneError(f"Argument `at` must be a mapping, an equilibrium or one instant of a run, but it is {at!r}.")
+    u = input_values(plant, given)
+    m = _modes_at(plant, x, u, own, t)
+    if (m == 0.0).any():
+        project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+        stuck = np.array(project(t, x, u, plant.values, m)).ravel()
+        x = np.where(placed, x, stuck)
+    contradiction = _contradiction(plant, x, u, m, t)
+    if contradiction:
+        raise SceneError(f"Argument `mode` must agree with the point, but {contradiction}.")
+    return t, x, u, m
+
+
+def _free(plant: HybridSystem) -> ca.Function:
+    """Function (t, x, u, p, m) -> flow without the forces of the elements, and its Jacobian by x."""
+
+    def expressions() -> list[ca.SX]:
+        flow = ca.substitute(plant.flow, plant.F, ca.SX.zeros(plant.F.shape)) if plant.elements else plant.flow
+        return [flow, ca.jacobian(flow, plant.x)]
+
+    return function_of(plant, ("free",), expressions)
+
+
+def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+    """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
+    x = np.zeros(plant.x.numel())
+    for _ in range(8):
+        value, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
+        if not (np.isfinite(value).all() and np.isfinite(slope).all()):
+            return np.zeros_like(x)
+        step = np.linalg.lstsq(slope, -value.ravel(), rcond=1e-12)[0]
+        x = x + step
+        if np.abs(step).max(initial=0.0) <= 1e-12 * np.abs(x).max(initial=0.0):
+            return x
+    return _descended(plant, free, u)
+
+
+def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
+    """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
+    from scipy.optimize import least_squares
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[0]).ravel()
+
+    def slopes(x: np.ndarray) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[1])
+
+    try:
+        return least_squares(values, np.zeros(plant.x.numel()), slopes, x_scale="jac", method="trf").x
+    except ValueError:  # rates that are not finite somewhere
+        return np.zeros(plant.x.numel())
+
+
+def residual_functions(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:
+    """Functions (t, x, u, p, m) -> (flow, slip) and -> their Jacobians by x."""
+    values = [plant.switching.field, plant.switching.slip]
+    slopes = function_of(plant, ("slopes",), lambda: [ca.jacobian(value, plant.x) for value in values])
+    return function_of(plant, ("residual",), lambda: values), slopes
+
+
+def _constrained(slope: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """States that stay free under slope @ x = 0, and the matrix that gives all states from them.
+
+    Each constraint is solved for the state it holds with the largest factor, the last one among equals, by elimination.
+    """
+    n = slope.shape[1]
+    rows = slope.copy()
+    pivots: list[int] = []
+    for i in range(rows.shape[0]):
+        size = np.abs(rows[i])
+        pivot = n - 1 - int(np.argmax(size[::-1]))
+        rows[i] /= rows[i, pivot]
+        for other in range(rows.shape[0]):
+            if other != i:
+                rows[other] -= rows[other, pivot] * rows[i]
+        pivots.append(pivot)
+    free = [i for i in range(n) if i not in pivots]
+    lift = np.zeros((n, len(free)))
+    lift[free, range(len(free))] = 1.0
+    for i, pivot in enumerate(pivots):
+        lift[pivot] = -rows[i, free]
+    return free, lift
+
+
+# ----------------------------------------------------------------------------------------------------------------------------------------- names
+def _kept(plant: HybridSystem, wanted: Any, everything: list[str], kind: str, known: Sequence[str] | None = None) -> list[str]:
+    if wanted is None or isinstance(wanted, Mapping):
+        return everything
+    names = list(names_of(wanted))
+    if not names:
+        raise SceneError(f"There must be at least one {kind}, but none is named.")
+    for name in names:
+        if name not in (known or everything):
+            raise SceneError(f"There is no {kind} `{name}`: {suggest(str(name), known or everything)}")
+    return names
+
+
+def state_labels(plant: HybridSystem, control_names: bool = False) -> list[tuple[str, str]]:
+    """(name, unit) of every entry of x."""
+    out = []
+    for name, (_, size, unit) in plant.states.items():
+        labels = _control_labels(plant, name) if control_names else [name] if size is None else [f"{name}.{i}" for i in range(size)]
+        out += [(label, unit) for label in labels]
+    return out
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.5g}" if unit == "1" else f"{value:.5g} {unit}"
+
+
+def control_name(name: str) -> str:
+    """A name as python-control takes it, with "_" for every dot."""
+    return name.replace(".", "_")
+
+
+def _control_labels(plant: HybridSystem, name: str) -> list[str]:
+    size = plant.states[name][1] if name in plant.states else None
+    if size is None and name in plant.signals and plant.signals[name][0].numel() > 1:
+        size = plant.signals[name][0].numel()
+    return [control_name(name)] if size is None else [f"{control_name(name)}[{i}]" for i in range(size)]

@@ -1,0 +1,97 @@
+"""How stable steady running is: its poles, the critical one among them, and the slope of friction that acts as negative damping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import numbers
+from toolbox.modelling.free_parameter import Knob, check_unsampled, continuous_loop
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.steady_states.equilibria import Followed, flow_slopes
+from toolbox.steady_states.linear import (
+    Equilibrium,
+    function_of,
+    holding_elements,
+    linearise,
+    mode_numbers,
+)
+
+
+def friction_slopes(point: Equilibrium) -> dict[str, float]:
+    """How steeply the friction of every sliding contact rises with slip speed at a steady state, load * d mu / d|v|.
+
+    In the force unit over the slip unit (N s/m, N m s/rad): where it is negative it acts as negative damping of that size, and steady sliding is
+    stable only if the rest of the machine damps more. Contacts that stick are left out.
+    """
+    plant = point.plant
+    m = mode_numbers(plant, point.modes)
+    slopes = {}
+    for element, mode in zip(plant.elements, m, strict=True):
+        if element.law is None or mode == 0.0:
+            continue
+        companions = [plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions]
+
+        def expression(element: Any = element, companions: Any = companions) -> list[ca.SX]:
+            speed = ca.SX.sym("speed")
+            slope = ca.jacobian(ca.SX(element.law.sliding(speed, *companions)), speed)
+            slope = ca.substitute(element.load * slope, speed, element.mode * element.slip)
+            return [ca.substitute(slope, plant.F, plant.switching.force)]
+
+        function = function_of(plant, ("slope", element.name), expression)
+        slopes[element.name] = float(function(0.0, point.states, point.inputs, plant.values, m))
+    return slopes
+
+
+def critical_pole(point: Equilibrium) -> tuple[complex, np.ndarray]:
+    """The pole with the largest real part (of a pair the one with positive imaginary part), and its eigenvector over all states of the plant.
+
+    The poles that sticking contacts and relays on their surface put at zero do not count.
+    """
+    plant, m = point.plant, mode_numbers(point.plant, point.modes)
+    values, vectors = np.linalg.eig(flow_slopes(point))
+    constraints = int(((m == 0.0) & holding_elements(plant)).sum())
+    order = np.argsort(np.abs(values))
+    keep = np.sort(order[constraints:])
+    values, vectors = values[keep], vectors[:, keep]
+    best = max(range(values.size), key=lambda i: (values[i].real, values[i].imag))
+    return complex(values[best]), vectors[:, best]
+
+
+def pole_locus(
+    plant: HybridSystem,
+    parameter: str,
+    values: Sequence[float],
+    *,
+    controller: Any = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    mode: Mapping[str, str] | None = None,
+) -> np.ndarray:
+    """Poles of steady running while a parameter varies, complex, shape (len(values), number of poles); a row of nan where there is no steady state.
+
+    Columns follow their pole from row to row. For the locus over a loop gain, or a Bode diagram, give what `linearise` returns to `control`.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    check_unsampled(controller)
+    closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
+    followed = Followed(closed, Knob.of(closed, parameter), inputs or {}, mode)
+    rows: list[np.ndarray | None] = []
+    before: np.ndarray | None = None
+    for value in numbers("values", values):
+        point = followed(value)
+        if point is None:
+            rows.append(None)
+            continue
+        poles = np.sort_complex(np.asarray(linearise(point.plant, point).poles(), complex))
+        if before is not None and before.size == poles.size:
+            poles = poles[linear_sum_assignment(np.abs(before[:, None] - poles[None, :]))[1]]
+        rows.append(poles)
+        before = poles
+    width = max((row.size for row in rows if row is not None), default=0)
+    return np.array([np.full(width, complex(math.nan, math.nan)) if row is None else row for row in rows])

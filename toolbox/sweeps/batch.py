@@ -1,0 +1,281 @@
+"""Many runs that differ in numbers alone: compiled once, run one after the other in one set of arrays, or many at once in lanes, measured as they go.
+
+`finished(task)` is all that a worker does, whether it is a thread, a process or another machine: a task holds parts, laws and numbers, never an
+address of machine code, which every process makes or loads for itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import threading
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.compilation.kernel import UNROLLED
+from toolbox.compilation.program import program_of
+from toolbox.compilation.runge_kutta import DOP853
+from toolbox.errors import SimulationError
+from toolbox.measuring.measures import Measure, Tally
+from toolbox.simulation.failures import exhausted, failure
+from toolbox.simulation.simulate import UNHURRIED, Run, carry_out, compiled_loop, pair_of
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.work_arrays import limited, work_arrays
+
+Call = Callable[[Trajectory], float]
+"""A measure in Python."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of n runs that differ in a few columns, written out only where they are needed: `np.asarray(numbers)`, shape (n, columns).
+
+    same: what they share, shape (columns,);  places: which columns vary;  points: what stands there, shape (n, places).
+    """
+
+    same: np.ndarray
+    places: Sequence[int]
+    points: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: slice) -> Numbers:
+        return Numbers(self.same, self.places, self.points[rows])
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
+        found = np.repeat(self.same[None, :], len(self.points), axis=0)
+        found[:, self.places] = self.points
+        return found
+
+
+@dataclass(frozen=True)
+class Task:
+    """n runs of one closed loop.
+
+    run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
+    states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
+    of `run`;  measures: read by a `Tally`, or called with the trajectory;  first: index of the first run among all;  lanes: whether the
+    runs are to step side by side.
+    """
+
+    run: Run
+    numbers: np.ndarray | Numbers
+    measures: tuple[Measure | Call, ...]
+    starts: np.ndarray | None = None
+    memories: np.ndarray | None = None
+    held: np.ndarray | None = None
+    first: int = 0
+    lanes: bool = False
+
+    def part(self, rows: slice) -> Task:
+        """The task of some of the runs."""
+        cut: dict[str, Any] = {
+            name: None if (array := getattr(self, name)) is None else array[rows] for name in ("numbers", "starts", "memories", "held")
+        }
+        return dataclasses.replace(self, first=self.first + rows.start, **cut)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What n runs gave: values of the measures, shape (n, measures), nan for a run that failed; why, by index among all; seconds and steps it took."""
+
+    first: int
+    values: np.ndarray
+    errors: dict[int, str]
+    seconds: float
+    steps: int = 0
+
+
+def finished(task: Task) -> Outcome:
+    """Run a task. Failures are recorded, not raised; an exception of a law or a measure in Python is one too."""
+    began = clock.perf_counter()
+    values = np.full((len(task.numbers), len(task.measures)), np.nan)
+    errors: dict[int, str] = {}
+    run, steps = task.run, 0
+    dialled = run.method in ("time-stepping", "smoothed", "auto")  # their step or width is refined, run by run
+    if run.laws or dialled or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
+        _one_by_one(task, values, errors)
+    elif task.lanes:
+        _side_by_side(task, values, errors)
+    else:
+        steps = _in_a_row(task, values, errors)
+    return Outcome(task.first, values, errors, clock.perf_counter() - began, steps)
+
+
+_PREPARING = threading.Lock()
+"""Threads that begin together compile once; the symbols of casadi are shared by all of them."""
+
+
+FEWEST_LANES = 100
+"""Runs below which most lanes stand empty."""
+
+LANES_WORK = 1.5e9
+"""Instructions of runs one after the other, about a second, that the compilation of a block of lanes is worth."""
+
+ALONE = 75_000
+"""Instructions, about 50 microseconds, that a run alone costs besides its steps: arrays cleared, measures read out."""
+
+
+def pays_in_lanes(task: Task, steps: int) -> bool:
+    """Whether the runs of a task, of about so many steps each, are done sooner in lanes, and can be: decided by counts, so that every machine decides alike.
+
+    Lanes take explicit methods and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
+    load; and while the step is a straight line of instructions.
+    """
+    run = task.run
+    if run.method != "explicit" or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+        return False
+    if not all(isinstance(measure, Measure) for measure in task.measures):
+        return False
+    from toolbox.lanes.events import carries_events
+
+    machine = (program := program_of(run.system, run.kinds, pair_of(run))).machine
+    if machine.states * len(DOP853.b) > UNROLLED or (machine.elements and not carries_events(program)):
+        return False
+    return float(len(task.numbers)) * (steps * machine.cost + ALONE) > LANES_WORK
+
+
+def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+    """Run a task in lanes; what fails there, or is doubtful, is run again alone, which finds the words for it."""
+    from toolbox.lanes.lanes import Lanes
+
+    run, numbers = task.run, np.asarray(task.numbers)
+    with _PREPARING:
+        lanes = Lanes(run, task.measures)  # type: ignore[arg-type]
+    starts = task.starts
+    if starts is None:
+        starts = np.tile(lanes.work.x[: run.system.x.numel()], (len(numbers), 1))
+    batch = lanes.run(numbers, starts, task.memories, task.held)
+    values[:] = batch.values
+    again = np.flatnonzero((batch.statuses != 0) | batch.doubtful | batch.negative)
+    if again.size:
+        memories, held = (None if array is None else array[again] for array in (task.memories, task.held))
+        alone = dataclasses.replace(task, numbers=numbers[again], starts=starts[again], memories=memories, held=held, first=0)
+        rows, found = np.full((len(again), values.shape[1]), np.nan), dict[int, str]()
+        _in_a_row(alone, rows, found)
+        values[again] = rows
+        errors |= {task.first + int(again[i]): text for i, text in found.items()}
+
+
+def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
+    """Run a task, one run after the other; returns the steps that were tried."""
+    run, tried = task.run, 0
+    with _PREPARING:
+        program = program_of(run.system, run.kinds, pair_of(run))
+        loop, advance = compiled_loop(run, program)
+        tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
+        work = whole = work_arrays(loop, run, program)
+    fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
+    fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
+    n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
+    for i, numbers in enumerate(np.asarray(task.numbers)):
+        for array, original in fresh:
+            array[...] = original
+        work.p[: program.first_held] = numbers
+        if task.starts is not None:
+            work.x[:n] = task.starts[i]
+        if task.memories is not None:
+            work.memory[:] = task.memories[i]
+        if task.held is not None:
+            work.p[held] = task.held[i]
+        tally.begin()
+        switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what the tally has read
+        work = whole
+        while True:
+            work.ints[loop.BUDGET] = run.budget.steps - int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+            status = advance(work)
+            if status == loop.PAUSED or switches.sum() + work.ints[loop.EVENTS] > run.budget.events:
+                errors[task.first + i] = str(exhausted(loop, run, program, work, clock.perf_counter(), [], switches))
+                break
+            if status not in (loop.DONE, loop.RECORDS_FULL, loop.EVENTS_FULL):
+                errors[task.first + i] = str(failure(loop, status, run, program, work, clock.perf_counter(), []))
+                break
+            if run.budget.events < np.inf:
+                switches += np.bincount(work.ev_i[: work.ints[loop.EVENTS]], minlength=switches.size)
+            tally.read(work, status == loop.DONE)
+            work = limited(whole, program, run.budget, int(switches.sum()))
+            if status == loop.DONE:
+                broken = tally.broken_bound
+                if broken is None:
+                    values[i] = tally.values()
+                else:
+                    errors[task.first + i] = broken
+                break
+        tried += int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+    return tried
+
+
+def single(task: Task, i: int) -> Run:
+    """Run i of a task with its own numbers."""
+    base, system = task.run, copy.copy(task.run.system)
+    first, numbers = system.values.size, np.asarray(task.numbers[i : i + 1])[0]
+    system.values = numbers[:first].copy()
+    program = program_of(base.system, base.kinds, pair_of(base))
+    inputs = dict(base.inputs)
+    for name, kind in base.kinds:
+        if kind == "number":
+            inputs[name] = float(numbers[program.coefficient_slot[name]])
+    start: dict[str, Any] = dict(base.start)
+    if task.starts is not None:
+        x = task.starts[i]
+        start = {name: float(x[at]) if size is None else x[at : at + size] for name, (at, size, _) in system.states.items()}
+    resume = base.resume
+    if task.memories is not None or task.held is not None:
+        work = work_arrays(compiled_loop(base, program)[0], base, program)
+        memory = work.memory if task.memories is None else task.memories[i]
+        held = work.p[program.held_slot : program.held_slot + system.held.numel()] if task.held is None else task.held[i]
+        resume = (memory.copy(), held.copy())
+    return dataclasses.replace(base, system=system, inputs=inputs, start=start, resume=resume)
+
+
+def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
+    for i in range(len(task.numbers)):
+        try:
+            run = carry_out(single(task, i))
+            values[i] = [_tallied(run, measure) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
+        except SimulationError as error:
+            errors[task.first + i] = str(error)
+        except Exception as error:  # of a law or a measure in Python: one run fails, the others go on
+            errors[task.first + i] = f"{type(error).__name__}: {error}"
+
+
+def _tallied(run: Trajectory, measure: Measure) -> float:
+    """A measure of a trajectory that is there, by `toolbox.measure`."""
+    from toolbox.measuring import measure as of
+
+    window = (measure.after, measure.until)
+    if measure.kind == "final":
+        return float(run.at(run.end)[measure.of])
+    if measure.kind in ("minimum", "maximum", "mean"):
+        return getattr(of.extent(run, measure.of, *window), measure.kind)
+    if measure.kind == "severity":
+        return of.severity(run, measure.of, measure.after, measure.definition, until=measure.until, reference=measure.reference)
+    begin, end = of.window(run, *window)
+    if measure.kind == "events":
+        return sum(event.element == measure.of and begin <= event.time <= end for event in run.events)
+    spent = run.time_in(measure.of, measure.mode, begin, end)
+    if measure.kind in ("time", "ratio"):
+        return spent if measure.kind == "time" else spent / (end - begin)
+    stays: list[tuple[float, float]] = []
+    for first, last, mode in run.intervals(measure.of):
+        first, last = max(first, begin), min(last, end)
+        if mode == measure.mode and first < last:
+            stays = [*stays[:-1], (stays[-1][0], last)] if stays and stays[-1][1] == first else [*stays, (first, last)]
+    return len(stays) if measure.kind == "stays" else stays[-1][1] if stays else float("nan")
+
+
+def numbers_of_run(run: Run) -> np.ndarray:
+    """Parameters and coefficients of inputs of a run, shape (first_held,)."""
+    program = program_of(run.system, run.kinds, pair_of(run))
+    return work_arrays(compiled_loop(run, program)[0], run, program).p[: program.first_held].copy()
+
+
+def slots(run: Run, names: Sequence[str]) -> list[int]:
+    """Where inputs and parameters stand among the numbers of a task; an input must be given as a number."""
+    program = program_of(run.system, run.kinds, pair_of(run))
+    return [program.coefficient_slot[name] if name in run.system.inputs else run.system._parameter(name).offset for name in names]

@@ -1,0 +1,107 @@
+"""Which runs a sweep makes: grids, lists of one's own, random, Latin hypercube and Sobol designs over several numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.elements import finite_array, is_finite_number
+
+
+@dataclass(frozen=True)
+class Variations:
+    """Values of several numbers, one row per run: `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
+
+    points: shape (runs, names);  shape: of the results, the lengths of the axes for a grid, else (runs,);  axes: values along each axis of a grid.
+    """
+
+    names: tuple[str, ...]
+    points: np.ndarray
+    shape: tuple[int, ...]
+    axes: tuple[np.ndarray, ...] = ()
+
+
+def grid(axes: Mapping[str, Any]) -> Variations:
+    """Every combination of the values of all names; the first name varies slowest. Raises SceneError for values that are no rows of numbers."""
+    values = []
+    for name, row in axes.items():
+        array = finite_array(row)
+        if array is None or array.ndim != 1 or not array.size:
+            raise SceneError(f"Argument `{name}` must be a row of finite numbers, but it is {row!r}.")
+        values.append(array)
+    if not values:
+        raise SceneError("Argument `vary` must name at least one number, but it is empty.")
+    mesh = np.meshgrid(*values, indexing="ij")
+    return Variations(tuple(axes), np.stack([each.ravel() for each in mesh], axis=1), mesh[0].shape, tuple(values))
+
+
+def listed(rows: Any) -> Variations:
+    """One run per row: a sequence of {name: value}, all with the same names, or a table with named columns (pandas)."""
+    if hasattr(rows, "to_dict") and hasattr(rows, "columns"):
+        rows = rows.to_dict("records")
+    rows = list(rows)
+    if not rows or not all(isinstance(row, Mapping) and row.keys() == rows[0].keys() and row for row in rows):
+        raise SceneError("Argument `vary` must be rows that all give numbers to the same names, but it is not.")
+    names = tuple(rows[0])
+    points = finite_array([[row[name] for name in names] for row in rows])
+    if points is None or points.ndim != 2:
+        raise SceneError("Argument `vary` must hold finite numbers only, but it does not.")
+    return Variations(names, points, (len(rows),))
+
+
+def uniform(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+    """Independent uniform random numbers between the bounds of each name."""
+    return _scaled(bounds, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(bounds))))
+
+
+def latin_hypercube(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+    """A Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range is met once."""
+
+    def unit() -> np.ndarray:
+        from scipy.stats import qmc
+
+        return qmc.LatinHypercube(len(bounds), rng=seed).random(runs)
+
+    return _scaled(bounds, runs, seed, unit)
+
+
+def sobol(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
+    """A scrambled Sobol sequence (scipy.stats.qmc); its balance needs a power of two as number of runs."""
+
+    def unit() -> np.ndarray:
+        from scipy.stats import qmc
+
+        if runs & (runs - 1):
+            raise SceneError(f"Argument `runs` must be a power of two for a Sobol sequence, but it is {runs}.")
+        return qmc.Sobol(len(bounds), rng=seed).random(runs)
+
+    return _scaled(bounds, runs, seed, unit)
+
+
+def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -> Variations:
+    """Points of the unit cube between bounds, once all arguments are sound."""
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise SceneError(f"Argument `bounds` must map at least one name to (low, high), but it is {bounds!r}.")
+    for name, pair in bounds.items():
+        if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and all(map(is_finite_number, pair)) and pair[0] < pair[1]):
+            raise SceneError(f"Argument `{name}` must be bounds (low, high) with low < high, but it is {pair!r}.")
+    for word, number, least in (("runs", runs, 1), ("seed", seed, 0)):
+        if isinstance(number, bool) or not isinstance(number, int) or number < least:
+            raise SceneError(f"Argument `{word}` must be an integer >= {least}, but it is {number!r}.")
+    low, high = np.array(list(bounds.values()), float).T
+    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,))
+
+
+def variations_of(vary: Any) -> Variations:
+    """What is given to vary: designs as they are, {name: values} as a grid, anything else as rows."""
+    if isinstance(vary, Variations):
+        return vary
+    if isinstance(vary, Mapping):
+        return grid(vary)
+    if isinstance(vary, str) or not isinstance(vary, Iterable):
+        raise SceneError(f"Argument `vary` must map names to values, or be rows or `Variations`, but it is {vary!r}.")
+    return listed(vary)

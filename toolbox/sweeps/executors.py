@@ -1,0 +1,215 @@
+"""The runs of a sweep in chunks on threads, processes or any other executor, with what is finished on disk.
+
+Why threads and not processes by default: the event loop runs without the lock of the interpreter, so that threads are as fast as processes, and need
+not start (2.5 s each time), nor a script guarded by `__name__ == "__main__"`, nor a copy of the machine in every process. Laws and measures
+in Python hold the lock: they run in processes.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import concurrent.futures.process
+import contextlib
+import dataclasses
+import itertools
+import multiprocessing
+import os
+import pickle
+import queue
+import signal
+import time as clock
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.simulation.simulate import carry_out
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
+from toolbox.sweeps.chunks import WAITING, Columns
+from toolbox.sweeps.store import PAUSE, Store
+
+WORK = 0.5
+"""Seconds of work in one chunk, about."""
+
+START = 5.0
+"""Seconds of work below which processes for laws in Python are not worth starting."""
+
+
+AHEAD = 4096
+"""Chunks handed to an executor before the first is done: enough for any cluster, few enough for a sweep of any length to fit in memory."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How the runs of a sweep are done, decided once: the method, whether in lanes, and the seconds that one of them takes alone."""
+
+    method: str
+    lanes: bool
+    cost: float
+
+    def together(self, runs: int) -> int:
+        """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
+        size = min(int(WORK / self.cost) if self.cost > 0 else runs, -(-runs // (4 * (os.cpu_count() or 1))))
+        return min(max(size, FEWEST_LANES if self.lanes else 1), runs)
+
+
+def evaluated(
+    task: Task,
+    broken: Mapping[int, str],
+    executor: concurrent.futures.Executor | None = None,
+    store: Store | None = None,
+    label: str = "sweep",
+) -> tuple[np.ndarray, dict[int, str], float]:
+    """(measures of all runs, errors, seconds) of a task cut into chunks; `broken` runs count as failed, whatever they give.
+
+    store: where finished runs are kept, and those of an earlier call are found. Raises SceneError for laws that cannot travel, OSError where the disk
+    is full.
+    """
+    began = clock.perf_counter()
+    check_executor(executor)
+    total = len(task.numbers)
+    columns = Columns.empty(total, len(task.measures)) if store is None else store.columns()
+    if store is not None and store.settings is not None:
+        manner = Manner(**store.settings)
+    else:
+        manner = _probed(task)
+        if store is not None:
+            store.begin(dataclasses.asdict(manner), manner.together(total))
+    left = int((columns.status == WAITING).sum())
+    if not left:
+        return columns.values, columns.errors, 0.0
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
+    chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total))
+
+    def take(outcome: Outcome) -> None:
+        first, last = outcome.first, outcome.first + len(outcome.values)
+        columns.put(first, outcome.values, {**outcome.errors, **{i: broken[i] for i in range(first, last) if i in broken}})
+        if store is not None:
+            store.changed(first, last)
+
+    from tqdm import tqdm
+
+    waiting: set[concurrent.futures.Future[Outcome]] = set()
+    arrived: queue.SimpleQueue[concurrent.futures.Future[Outcome]] = queue.SimpleQueue()
+    pool = executor or _pool(task, manner.cost * left)
+
+    def submit(chunk: tuple[int, int]) -> None:
+        future = pool.submit(finished, task.part(slice(*chunk)))
+        waiting.add(future)
+        future.add_done_callback(arrived.put)
+
+    try:
+        with travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
+            for chunk in itertools.islice(chunks, AHEAD):
+                submit(chunk)
+            while waiting:
+                future = arrived.get()
+                for chunk in itertools.islice(chunks, 1):
+                    submit(chunk)
+                waiting.discard(future)  # and its result with it
+                outcome = future.result()
+                take(outcome)
+                if store is not None:
+                    store.flush(columns, PAUSE)
+                bar.update(len(outcome.values))
+    except KeyboardInterrupt as interrupt:
+        _kept(store, columns, waiting, take, pool if executor is None else None)
+        done = int((columns.status != WAITING).sum())
+        kept = f"are in `{store.path}`; the same call goes on from there" if store is not None else "are lost; with `out` they are kept"
+        interrupt.add_note(f"{done} of {total} runs {kept}.")
+        raise
+    finally:
+        _kept(store, columns, waiting, take, pool if executor is None else None)
+    if store is not None:
+        store.flush(columns)
+        store.finish(clock.perf_counter() - began)
+    return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
+
+
+def check_executor(given: Any) -> None:
+    """Raise SceneError for what is neither None nor an executor."""
+    if given is not None and not isinstance(given, concurrent.futures.Executor):
+        raise SceneError(f"Argument `executor` must be a concurrent.futures.Executor, such as a ProcessPoolExecutor, but it is {given!r}.")
+
+
+@contextlib.contextmanager
+def travelling() -> Iterator[None]:
+    """Say in words of the user what cannot travel to other processes. Raises SceneError."""
+    try:
+        yield
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        if "pickle" not in str(error):
+            raise
+        raise SceneError(
+            f"Laws, measures and objectives that travel to other processes must be importable, but one is not: {error}"
+        ) from None
+    except concurrent.futures.process.BrokenProcessPool:
+        raise SceneError(
+            'Laws, measures and objectives in Python must come from a module or a script whose own work stands under `if __name__ == "__main__":`, '
+            "because they travel to other processes; or do without an `executor` of processes."
+        ) from None
+
+
+def _kept(
+    store: Store | None,
+    columns: Columns,
+    waiting: set[concurrent.futures.Future[Outcome]],
+    take: Any,
+    own: concurrent.futures.Executor | None,
+) -> None:
+    """Let what runs come to an end, begin nothing more, and write what has come in."""
+    for future in waiting:
+        future.cancel()
+    if own is not None:
+        own.shutdown(wait=True, cancel_futures=True)
+    while waiting:
+        future = waiting.pop()
+        if future.done() and not future.cancelled() and future.exception() is None:
+            take(future.result())
+    if store is not None:
+        with contextlib.suppress(OSError):  # what fails to be written has been said, or is written again
+            store.flush(columns)
+
+
+def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
+    """(first, behind the last) of runs that wait, about `size` of them each, none across the borders of the ranges."""
+    for first, last in ranges:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], status[first:last] == WAITING, [False]])))
+        for a, b in edges.reshape(-1, 2).tolist():
+            cuts = np.linspace(a, b, max(1, round((b - a) / size)) + 1).astype(int).tolist()
+            yield from ((first + low, first + high) for low, high in itertools.pairwise(cuts))
+
+
+def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
+    """Threads for laws in machine code; processes for laws in Python, or one thread where that is done before processes have started."""
+    workers = os.cpu_count() or 1
+    if not task.run.laws or seconds < START:
+        return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else workers)
+    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
+
+
+def deaf() -> None:
+    """Ctrl-C reaches every process of a terminal: the first one decides what it means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _probed(task: Task) -> Manner:
+    """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone."""
+    middle = len(task.numbers) // 2
+    method = task.run.method
+    if method == "event":
+        method = "explicit"
+        if not task.run.laws:
+            found: Trajectory | None
+            try:
+                found = carry_out(single(task, middle))
+            except SimulationError as failure:
+                found = failure.run
+            if found is not None and found.run.method == "stiff":
+                method = "stiff"
+    alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
+    steps = finished(alone).steps  # compiles
+    return Manner(method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds)

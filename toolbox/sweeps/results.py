@@ -1,0 +1,164 @@
+"""What a sweep found, as arrays by name: printed, saved, loaded, handed to xarray."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, suggest
+from toolbox.files.atomic import replaced
+from toolbox.sweeps import store
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep found: `found["severity"]`, an array of its shape; nan where a run failed, and why in `errors`.
+
+    names, units: what was varied;  points: shape (runs, names);  shape, axes: as of `Variations`;  measures: {name: array of shape `shape`};
+    measure_units: their units;  errors: {index of the run: why it failed};  seconds: wall time, of the runs that were not there already.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    points: np.ndarray
+    shape: tuple[int, ...]
+    axes: tuple[np.ndarray, ...]
+    measures: dict[str, np.ndarray]
+    measure_units: dict[str, str]
+    errors: dict[int, str] = field(default_factory=dict)
+    duration: float = 0.0
+    accuracy: float = 1e-6
+    seconds: float = 0.0
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name in self.measures:
+            return self.measures[name]
+        if name in self.names:
+            return self.points[:, self.names.index(name)].reshape(self.shape)
+        raise SceneError(f"There is no measure `{name}`: {suggest(name, [*self.measures, *self.names])}")
+
+    @property
+    def runs(self) -> int:
+        """How many."""
+        return len(self.points)
+
+    def __str__(self) -> str:
+        rate = f" in {self.seconds:.3g} s" if self.seconds else ""
+        lines = [f"Sweep of {self.title}: {self.runs} runs of {self.duration:g} s at accuracy {self.accuracy:g}{rate}"]
+        kind = " x ".join(str(length) for length in self.shape) + " grid" if self.axes else "list"
+        lines.append(f"  over ({kind})")
+        width = max(len(name) for name in (*self.names, *self.measures))
+        for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            lines.append(
+                f"    {name:<{width}}  {self.points[:, k].min():>11.5g} .. {self.points[:, k].max():<11.5g} {'' if unit == '1' else unit}".rstrip()
+            )
+        lines.append("  found")
+        for name, values in self.measures.items():
+            flat, unit = values.ravel(), self.measure_units[name]
+            known = np.flatnonzero(np.isfinite(flat))
+            if not known.size:
+                lines.append(f"    {name:<{width}}  no finite value")
+                continue
+            low, high = known[np.argmin(flat[known])], known[np.argmax(flat[known])]
+            rest = f", {flat.size - known.size} not finite" if known.size < flat.size else ""
+            shown = "" if unit == "1" else unit
+            lines.append(
+                f"    {name:<{width}}  {flat[low]:>11.5g} .. {flat[high]:<11.5g} {shown:<8} median {np.median(flat[known]):.5g}; "
+                f"largest at {self._place(int(high))}{rest}"
+            )
+        if self.errors:
+            lines.append(f"  {len(self.errors)} of {self.runs} runs failed")
+            for index, text in list(self.errors.items())[:5]:
+                lines.append(f"    {self._place(index)}: {text}")
+            if len(self.errors) > 5:
+                lines.append(f"    ... and {len(self.errors) - 5} more in `errors`")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _place(self, index: int) -> str:
+        return ", ".join(f"{name} {value:.5g}" for name, value in zip(self.names, self.points[index], strict=True))
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset with axes as coordinates, units as attributes, and why runs failed; needs the extra `batch`."""
+        try:
+            import xarray
+        except ImportError:
+            raise ImportError("`to_xarray` needs xarray: pip install 'stickslip-toolbox[batch]'.") from None
+        if self.axes:
+            dims = self.names
+            coordinates = {n: (n, axis, {"units": u}) for n, axis, u in zip(self.names, self.axes, self.units, strict=True)}
+        else:
+            dims = ("run",)
+            coordinates = {n: ("run", self.points[:, k], {"units": u}) for k, (n, u) in enumerate(zip(self.names, self.units, strict=True))}
+        data = {name: (dims, values, {"units": self.measure_units[name]}) for name, values in self.measures.items()}
+        texts = np.full(self.runs, "", dtype=object)
+        for i, text in self.errors.items():
+            texts[i] = text
+        data["error"] = (dims, texts.reshape(self.shape), {})
+        return xarray.Dataset(data, coordinates, {"title": self.title, "duration": self.duration, "accuracy": self.accuracy})
+
+    def save(self, path: str | Path) -> Path:
+        """Write to `path`, whole or not at all: a zarr store where it ends with .zarr (see `toolbox.sweeps.store`), a table for .csv, else npz without pickle.
+
+        Keys of the npz: `sweep` (JSON: names, units, errors), `points`, `axis.<name>` for a grid, and one array per measure. A table has one row per run
+        in SI units with its error, and is for other programs: `load` does not read it.
+        """
+        path = Path(path)
+        if path.suffix == ".csv":
+            self._write_table(path)
+            return path
+        if path.suffix == ".zarr":
+            store.saved(self, path)
+            return path
+        notes = {
+            "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
+            "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
+        }  # fmt: skip
+        arrays: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
+        arrays |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
+        arrays |= {f"measure.{name}": values for name, values in self.measures.items()}
+        with replaced(path) as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+        return path
+
+    def _write_table(self, path: Path) -> None:
+        import csv
+        import io
+
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        units = [*self.units, *self.measure_units.values()]
+        table.writerow([*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"])
+        columns = [values.ravel() for values in self.measures.values()]
+        for i, point in enumerate(self.points):
+            values = [*point.tolist(), *(float(column[i]) for column in columns)]
+            table.writerow([*("" if value != value else value for value in values), self.errors.get(i, "")])
+        with replaced(path) as file:
+            file.write(text.getvalue().encode())
+
+    @staticmethod
+    def load(path: str | Path) -> Sweep:
+        """What `save` wrote, or what a finished sweep left with `out=`. Raises SceneError for anything else, and for a sweep that is not finished."""
+        path = Path(path)
+        if path.is_dir():
+            return store.loaded(path)
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                notes = json.loads(str(data["sweep"]))
+                points = data["points"]
+                axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
+                measures = {name: data[f"measure.{name}"] for name in notes["measure_units"]}
+        except (OSError, KeyError, ValueError) as error:
+            raise SceneError(f"There is no sweep in `{path}`: {error}") from None
+        return Sweep(
+            title=notes["title"], names=tuple(notes["names"]), units=tuple(notes["units"]), points=points,
+            shape=tuple(axis.size for axis in axes) or (len(points),), axes=axes, measures=measures, measure_units=notes["measure_units"],
+            errors={int(i): text for i, text in notes["errors"].items()}, duration=notes["duration"], accuracy=notes["accuracy"],
+            seconds=notes["seconds"],
+        )  # fmt: skip

@@ -1,0 +1,170 @@
+"""A scene thousands of times: over grids, lists and random designs, on all cores or a cluster, with nothing lost when it is interrupted.
+
+    found = sweep(plant, {"bit.weight": weights, "top.reference": speeds}, duration=120.0, controller=law, measures=("severity",))
+    found["severity"]          array of shape (len(weights), len(speeds))
+
+Everything is checked and compiled once; then only numbers change. Measures are read off the runs in machine code (`toolbox.measuring.measures`), so that no
+trajectory is built; a function of the trajectory is taken too, and costs a thousand times more. Many runs of laws in machine code step side by side in the
+lanes of a vector (`toolbox.sweeps.batch.pays_in_lanes`), several times as many in a second. Laws in machine code run in threads, for the event loop
+releases the interpreter; laws in Python run in processes.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolbox.errors import SceneError, suggest
+from toolbox.measuring import measures as tally
+from toolbox.measuring.measures import Measure
+from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import is_finite_number
+from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.onsets.onset import judged_contact, judged_speed
+from toolbox.simulation.simulate import UNHURRIED, Budget
+from toolbox.sweeps.batch import Call, Task
+from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
+from toolbox.sweeps.executors import evaluated
+from toolbox.sweeps.results import Sweep
+from toolbox.sweeps.store import Store
+from toolbox.sweeps.variants import run_fingerprint, stand_ins, start_states, varied_numbers, varied_run
+
+if TYPE_CHECKING:
+    from toolbox.scenes.scene import Scene
+
+__all__ = ["STANDARD", "Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
+
+STANDARD: Mapping[str, Callable[[str, str, float], Measure]] = {
+    "severity": lambda signal, element, after: tally.severity(signal, after),
+    "minimum": lambda signal, element, after: tally.minimum(signal, after),
+    "maximum": lambda signal, element, after: tally.maximum(signal, after),
+    "mean": lambda signal, element, after: tally.mean(signal, after),
+    "final": lambda signal, element, after: tally.final(signal),
+    "stuck": lambda signal, element, after: tally.time_in(element, "stick", after),
+    "stuck_ratio": lambda signal, element, after: tally.stuck_ratio(element, after),
+    "sticks": lambda signal, element, after: tally.stays(element, "stick", after),
+    "last_stick": lambda signal, element, after: tally.last_stay(element),
+    "events": lambda signal, element, after: tally.events(element),
+}
+"""Measures by name, of the judged signal and element from the judged time on; `last_stick` and `events` of the whole run."""
+
+
+def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:
+    """{name: measure} from names, a mapping, or None; raises SceneError for what is none."""
+    if given is None:
+        given = ("severity", "stuck_ratio")
+    if isinstance(given, str):
+        given = (given,)
+    if not isinstance(given, Mapping):
+        if not isinstance(given, Sequence) or not all(isinstance(name, str) for name in given):
+            raise SceneError(f"Argument `measures` must be names, or map names to measures, but it is {given!r}.")
+        given = {name: name for name in given}
+    if not given:
+        raise SceneError("Argument `measures` must hold at least one measure, but it is empty.")
+    found: dict[str, Measure | Call] = {}
+    for name, value in given.items():
+        if isinstance(value, str):
+            if value not in STANDARD:
+                raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
+            element = judged_contact(closed, scene.element if scene else None)
+            value = STANDARD[value](
+                scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
+            )
+        if isinstance(value, Measure):
+            value.check(closed, duration)
+        elif not callable(value):
+            raise SceneError(f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}.")
+        found[str(name)] = value
+    return found
+
+
+def sweep(
+    machine: HybridSystem | Scene,
+    vary: Any,
+    duration: float | None = None,
+    *others: Any,
+    controller: Any = None,
+    sample_time: float | None = None,
+    start: Any = None,
+    inputs: Mapping[str, Any] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    measures: Any = None,
+    method: str = "event",
+    accuracy: float | None = None,
+    budget: Budget = UNHURRIED,
+    executor: concurrent.futures.Executor | None = None,
+    out: str | Path | None = None,
+) -> Sweep:
+    """Simulate a machine once for every variation of some numbers, and measure every run.
+
+    machine: a plant, or a scene whose controller is named by `controller` (its first one without).  vary: {name: values} for a grid, rows of {name: value}
+    (also a pandas table), or `latin_hypercube`, `sobol`, `uniform` of this module. A name is an input (held constant), a parameter of the plant, or a numeric
+    field of the law, as designed on the declared plant (`pi.integral`); what is varied wins over `inputs` and `parameters`.  measures: names of
+    `STANDARD`, or {name: a measure of `toolbox.measuring.measures`, or any function of the trajectory}; severity and stuck ratio of the first
+    contact in the second half
+    of the run without, or what the scene judges.  duration, controller, sample_time, start, inputs, parameters, method, accuracy: as in `simulate`;
+    whether the stiff method pays is decided once, on the middle variation. `start` may also be a function {name: value of what is varied} -> {state: value}.
+    All runs see the same measurement noise.
+
+    budget: what one run may spend, as in `simulate`.  executor: any `concurrent.futures.Executor`, such as that of a Dask client
+    (`client.get_executor()`); without, one thread per core, or one process per core where a law is Python and the work is worth it.  out: a folder that
+    becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra `batch`): the same call after an interruption goes on where it
+    was, `xarray.open_zarr` shows what is there, and `Sweep.load` brings the finished sweep back.
+
+    Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, an `out`
+    that holds anything but this sweep; OSError where the disk is full, and ImportError for `out` without the extra.
+    """
+    from toolbox.scenes.scene import Scene
+
+    if others or is_finite_number(machine):
+        raise SceneError(
+            "`sweep` varies the numbers of a machine, `sweep(machine, {name: values}, duration)`, and its other arguments are named; "
+            "the swept sine of an input is `toolbox.inputs.sweep`."
+        )
+    variations = variations_of(vary)
+    scene, title = None, ""
+    if isinstance(machine, Scene):
+        scene = machine
+        case = scene.case(controller) if controller is not None else scene.cases[0]
+        given = scene.arguments(case)
+        inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
+        start = given["start"] if start is None else start
+        accuracy = scene.accuracy if accuracy is None else accuracy
+        duration = scene.duration if duration is None else duration
+        plant, law, title = scene.plant(), case.controller, case.label
+    else:
+        plant, law = checked_plant(machine, "machine"), controller
+    if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
+        raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
+    begin = start if callable(start) else None
+    run = varied_run(
+        plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
+        method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
+    )  # fmt: skip
+    chosen = named_measures(measures, run.system, run.duration, scene)
+    taken = next((name for name in chosen if name in {"run", "status", "error", *variations.names} or "/" in name), None)
+    if taken is not None:
+        raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
+    numbers, broken = varied_numbers(run, variations)
+    starts = None if begin is None else start_states(run, variations, begin)
+    task = Task(run, numbers, tuple(chosen.values()), starts, held=stand_ins(run, variations))
+    sheet = Sweep(
+        title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
+        names=variations.names,
+        units=tuple(Knob.of(run.system, name).unit for name in variations.names),
+        points=variations.points,
+        shape=variations.shape,
+        axes=variations.axes,
+        measures={},
+        measure_units={name: measure.unit(run.system) if isinstance(measure, Measure) else "1" for name, measure in chosen.items()},
+        duration=run.duration,
+        accuracy=run.accuracy,
+    )
+    store = None if out is None else Store(out, sheet, run_fingerprint(task, variations, tuple(chosen)))
+    values, errors, seconds = evaluated(task, broken, executor, store)
+    found = {name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)}
+    return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)

@@ -1,0 +1,283 @@
+"""What a tuning found: the points it tried, the front among them, the law that came out, and the report that says so."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.laws import Controller, Sampled
+from toolbox.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free number: field of the law, unit, range, whether its logarithm is searched, and its value in the given law (None: left to `design`)."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    given: float | None
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether the range is positive and spans a decade or more."""
+        return self.low > 0 and self.high >= 10 * self.low
+
+    def number(self, place: float) -> float:
+        """The number at a place between 0 and 1 of the range, rounded to six digits: what is printed is what was simulated."""
+        place = min(max(place, 0.0), 1.0)
+        value = self.low * (self.high / self.low) ** place if self.logarithmic else self.low + (self.high - self.low) * place
+        return min(max(float(f"{value:.6g}"), self.low), self.high)
+
+    def place(self, number: float) -> float:
+        """The place of a number in the range, 0 to 1 inside."""
+        if self.logarithmic:
+            return math.log(number / self.low) / math.log(self.high / self.low) if number > 0 else -math.inf
+        return (number - self.low) / (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One point of the search: numbers in the order of the free fields; values[scene][objective], inf where there is none; why runs failed ("" for none)."""
+
+    numbers: tuple[float | None, ...]
+    values: tuple[tuple[float, ...], ...]
+    failures: tuple[str, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a run of any scene could not be finished."""
+        return any(self.failures)
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a tuning found; `print` it for the report.
+
+    free: the numbers that were free;  objectives, units: what was made small;  scenes: their labels;  over: what counts of the scenes;  before: the
+    law as it was given;  trials: every point tried, `before` first;  simulated: runs that this call had to simulate, the others came from the journal.
+    """
+
+    title: str
+    free: tuple[Free, ...]
+    objectives: tuple[str, ...]
+    units: tuple[str, ...]
+    scenes: tuple[str, ...]
+    over: Callable[[Sequence[float]], float]
+    trials: tuple[Trial, ...]
+    seed: int
+    simulated: int
+    controller: Controller | Sampled = field(repr=False)
+
+    @property
+    def before(self) -> Trial:
+        """The law as it was given."""
+        return self.trials[0]
+
+    def counted(self, trial: Trial) -> tuple[float, ...]:
+        """What counts of a trial: every objective over the scenes."""
+        return counted_over(trial, self.over)
+
+    @property
+    def front(self) -> tuple[Trial, ...]:
+        """The trials that no other trial beats in every objective, by the first objective; empty where nothing could be simulated."""
+        points = [(self.counted(trial), trial) for trial in self.trials]
+        kept = [points[i] for i in front_of(np.array([values for values, _ in points]))]
+        return tuple(trial for _, trial in sorted(kept, key=lambda pair: pair[0]))
+
+    @property
+    def best(self) -> Trial:
+        """The trial with the smallest objective. Raises SceneError where no trial succeeded.
+
+        Of a front, the one nearest to its ideal corner, the axes counted from its best to its worst; where some are no worse than the given law in any
+        objective, one of these.
+        """
+        front = self.front
+        if not front:
+            reasons = [words for trial in self.trials for words in trial.failures if words]
+            why = f": {reasons[0]}" if reasons else ", and every objective is infinite or not a number"
+            raise SceneError(f"The tuning found nothing: all {len(self.trials)} trials failed{why}")
+        values = np.array([self.counted(trial) for trial in front])
+        low, size = values.min(axis=0), np.ptp(values, axis=0)
+        distance = np.linalg.norm((values - low) / np.where(size > 0, size, 1.0), axis=1)
+        better = (values <= self.counted(self.before)).all(axis=1) & np.array([trial is not self.before for trial in front])
+        return front[int(np.argmin(np.where(better, distance, np.inf) if better.any() else distance))]
+
+    @property
+    def law(self) -> Any:
+        """The best law, ready for `simulate(..., controller=law)`: with its period, delay and sensors where it is sampled."""
+        return self.law_of(self.best)
+
+    def law_of(self, trial: Trial) -> Any:
+        """The law of any trial, such as another member of the front."""
+        return with_numbers(self.controller, self.free, trial.numbers)
+
+    def applied(self, scene: Scene, label: str) -> Scene:
+        """A scene whose case of that label stands twice: as given, and with the best numbers as "<label>, tuned", next to it."""
+        cases = []
+        for case in scene.cases:
+            cases.append(case)
+            if case.label == scene.case(label).label:
+                law = with_numbers(case.law, self.free, self.best.numbers)
+                cases.append(dataclasses.replace(case, label=f"{case.label}, tuned", law=law))
+        return dataclasses.replace(scene, cases=tuple(cases))
+
+    def __str__(self) -> str:
+        tried = len(self.trials)
+        failed = sum(trial.failed for trial in self.trials)
+        several = len(self.scenes) > 1
+        lines = [
+            f"Tuning of {self.title}: {_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
+            + (f", {_over_words(self.over)} of {len(self.scenes)} scenes counts" if several else "")
+            + f"; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",
+            *([f"{failed} of the points have a run that could not be finished: infinitely bad."] if failed else []),
+        ]
+        if not self.front:
+            return "\n".join([*lines, "Nothing was found: no point has finite objectives."])
+        best = self.best
+        rows = [["", "given", "tuned", "range"]]
+        for free, number in zip(self.free, best.numbers, strict=True):
+            words = f"{free.low:g} .. {free.high:g}{', log' if free.logarithmic else ''}"
+            rows.append([_labelled(free.name, free.unit), plain_number(free.given), plain_number(number), words])
+        rows.append([])
+        for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
+            old, new = self.counted(self.before)[j], self.counted(best)[j]
+            rows.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
+            if several:
+                rows += [
+                    [f"  {label}", _short(before[j]), _short(after[j]), _gain(before[j], after[j])]
+                    for label, before, after in zip(self.scenes, self.before.values, best.values, strict=True)
+                ]
+        lines += ["", *_table(rows)]
+        if best is self.before:
+            lines += ["", "Nothing that was tried is better than the law as given."]
+        for free, number in zip(self.free, best.numbers, strict=True):
+            if number is not None and min(free.place(number), 1 - free.place(number)) < 0.01:
+                lines += ["", f"`{free.name}` is at the end of its range: a wider one may hold a better law."]
+        if len(self.objectives) > 1:
+            lines += ["", f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):", *_table(self._front_rows(best))]
+        return "\n".join(lines)
+
+    def _front_rows(self, best: Trial) -> list[list[str]]:
+        front = list(self.front)
+        if len(front) > 15:  # spread over the front, with its ends and the best
+            chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
+            front = [front[i] for i in sorted(chosen)]
+        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
+        rows = [["", *names, *(_labelled(each.name, each.unit) for each in self.free)]]
+        for trial in front:
+            rows.append([_TUNED if trial is best else "", *map(_short, self.counted(trial)), *map(plain_number, trial.numbers)])
+        return rows
+
+    def plot(self, ax: Any = None) -> Any:
+        """The front, or the best so far over the number of trials; see `toolbox.onsets.figures.tuning_diagram`."""
+        from toolbox.onsets.figures import tuning_diagram
+
+        return tuning_diagram(self, ax=ax)
+
+    def save(self, path: str | Path) -> Path:
+        """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""
+        import csv
+        import io
+
+        from toolbox.files.atomic import replaced
+
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        named = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
+        each = [f"{label}: {name}" for label in self.scenes for name in named] if len(self.scenes) > 1 else []
+        table.writerow([*(_labelled(free.name, free.unit) for free in self.free), *named, *each, "front", "failure"])
+        front = self.front
+        for trial in self.trials:
+            scenes = [value for row in trial.values for value in row] if each else []
+            numbers = ["" if number is None else number for number in trial.numbers]
+            failure = "; ".join(words for words in trial.failures if words)
+            table.writerow([*numbers, *self.counted(trial), *scenes, int(any(trial is member for member in front)), failure])
+        with replaced(Path(path)) as file:
+            file.write(text.getvalue().encode())
+        return Path(path)
+
+
+_TUNED = "*"
+
+
+def counted_over(trial: Trial, over: Callable[[Sequence[float]], float]) -> tuple[float, ...]:
+    """Every objective of a trial over its scenes; inf where one of them has none."""
+    columns = zip(*trial.values, strict=True)
+    return tuple(float(over(list(column))) if all(map(math.isfinite, column)) else math.inf for column in columns)
+
+
+def front_of(values: np.ndarray) -> list[int]:
+    """Rows that are finite and that no other row beats: smaller or equal in all, smaller in one; of equal rows the first."""
+    kept = []
+    for i, row in enumerate(values):
+        if np.isfinite(row).all():
+            beaten = (values <= row).all(axis=1) & (values < row).any(axis=1)
+            same = (values[:i] == row).all(axis=1)
+            if not beaten.any() and not same.any():
+                kept.append(i)
+    return kept
+
+
+def _over_words(over: Any) -> str:
+    name = getattr(over, "__name__", str(over))
+    return f"the {_OVER[name]}" if name in _OVER else f"`{name}`"
+
+
+def _labelled(name: str, unit: str) -> str:
+    return name if unit in ("", "1") else f"{name} [{unit}]"
+
+
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
+
+
+def plain_number(number: float | None) -> str:
+    """A number in six digits; None is left to the design of the law."""
+    return "by design" if number is None else f"{number:.6g}"
+
+
+def _short(value: float) -> str:
+    return "none" if not math.isfinite(value) else f"{value:.4g}"
+
+
+def _gain(old: float, new: float) -> str:
+    return f"{100 * (new / old - 1):+.0f} %" if math.isfinite(old) and math.isfinite(new) and old > 0 else ""
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
+    return [
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=False))).rstrip()
+        for row in rows
+    ]
+
+
+def with_numbers(law: Any, free: Sequence[Free], numbers: Sequence[float | None]) -> Any:
+    """The law with its free numbers replaced; None leaves a number as it is."""
+    if isinstance(law, Sampled):
+        return dataclasses.replace(law, law=with_numbers(law.law, free, numbers))
+    for each, number in zip(free, numbers, strict=True):
+        if number is not None:
+            law = _replaced(law, each.name.split("."), number)
+    return law
+
+
+def _replaced(node: Any, path: Sequence[str], number: float) -> Any:
+    if not path:
+        return number
+    if isinstance(node, tuple):
+        place = int(path[0])
+        return (*node[:place], _replaced(node[place], path[1:], number), *node[place + 1 :])
+    return dataclasses.replace(node, **{path[0]: _replaced(getattr(node, path[0]), path[1:], number)})
+
+
+_OVER = {"max": "worst", "fmean": "mean"}

@@ -7,7 +7,7 @@ bounds, most of all when it is started warm.
 
 Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order) is slow, most
 of all in the tail, where many limits are active and it may stop short of an answer that counts; qrqp often fails on these programs, which the check
-notices. `studies/mpc_speed.py` measures it.
+notices. `studies/benchmarks/mpc_speed.py` measures it.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class FlowLine(Component):
 
     `gel` adds the yield pressure of a fluid that gels at rest, |F_i| <= load_i static at rest and load_i sliding(|Q_i|) in flow, contact `line.i` (i from 0),
     with `gel_load` [Pa] per segment: for a round pipe 4 tau l / d (balance of forces at the wall). The gel is back as soon as the flow rests. One segment
-    breaks at the full strength of the line; many break one after another from the pump on, at less (see `studies/networks.py`).
+    breaks at the full strength of the line; many break one after another from the pump on, at less (see `studies/questions/networks.py`).
 
     Range: one-dimensional flow, laminar where R is that of Poiseuille; waves of some ten segments and longer; pressures relative to the surroundings. The
     defaults are an example.

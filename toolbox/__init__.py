@@ -1,6 +1,8 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
-from typing import TYPE_CHECKING, Any
+import sys
+from importlib.util import LazyLoader, find_spec, module_from_spec
+from types import ModuleType
 
 from toolbox.calibration.fit import Fit, fit
 from toolbox.calibration.recording import Recording
@@ -38,9 +40,6 @@ from toolbox.steady_states.poles import pole_locus
 from toolbox.sweeps.sweep import Sweep, sweep
 from toolbox.tuning.results import Tuned
 from toolbox.tuning.tune import tune
-
-if TYPE_CHECKING:
-    from toolbox.simulation import plot as plot
 
 __all__ = [
     "AccuracyError",
@@ -117,10 +116,18 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """The module `plot`, imported when it is first asked for, because it needs matplotlib."""
-    if name == "plot":
-        from toolbox.simulation import plot
+def _lazy(name: str) -> ModuleType:
+    """A module that is executed when something of it is first asked for: `plot` needs matplotlib, which few runs do."""
+    spec = find_spec(name)
+    assert spec is not None and spec.loader is not None
+    spec.loader = LazyLoader(spec.loader)
+    module = sys.modules[name] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
-        return plot
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+plot = _lazy("toolbox.simulation.plot")
+
+# the public modules have short names: `from toolbox.measure import severity` finds the one that stands in its room
+for _name, _module in {"inputs": inputs, "linear": linear, "measure": measure, "plot": plot}.items():
+    sys.modules[f"{__name__}.{_name}"] = _module

@@ -17,8 +17,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from models import TwoDisks
-from studies.critical_curve import critical_curve
-from studies.disks import critical_drop, draw_stops, driven, driven_cycle, stop_of
+from studies.questions.critical_curve import critical_curve
+from studies.questions.disks import critical_drop, draw_stops, driven, driven_cycle, stop_of
 from toolbox import plot
 
 stops = {speed: stop_of(TwoDisks(), speed) for speed in (1.0, 2.0, 3.0)}

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from models import DiskStack
-from studies.disk_stack import draw_stack, phases, stack_stop
+from studies.questions.disk_stack import draw_stack, phases, stack_stop
 from toolbox import measure, plot
 
 run = stack_stop()

@@ -12,7 +12,7 @@
 import matplotlib.pyplot as plt
 
 from models import WhirlingCollar
-from studies.whirl import SLIDING, WEIGHT, draw, driven, row, table
+from studies.questions.whirl import SLIDING, WEIGHT, draw, driven, row, table
 from toolbox import plot
 
 runs = {"stiff PI": driven(None), "sliding mode, 0.2 1/s": driven(0.2), "sliding mode, 0.6 1/s": driven(0.6)}

@@ -16,7 +16,7 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-from studies.drives import HIGHEST, SEEDS, contenders, lowest, run_of
+from studies.questions.drives import HIGHEST, SEEDS, contenders, lowest, run_of
 from toolbox import plot
 
 shown = ("stiff PI", "PI", "active damping", "soft torque", "Z-torque", "LQR, LQG")
@@ -29,7 +29,7 @@ for label, row in found.items():
 # %% [markdown]
 # *Nominal*: the law has every signal that it asks for, at once and exactly. *Real*: the top speed alone, with noise of 0.01 rad/s, commands
 # 30 ms late, a bit 10 % heavier than the law was designed for, and success with each of five seeds of the noise. Here only **whole
-# set-points** were tried and six of thirteen laws. `python -m studies.drives` makes the whole table in steps of 0.1 rad/s, in some minutes;
+# set-points** were tried and six of thirteen laws. `python -m studies drives` makes the whole table in steps of 0.1 rad/s, in some minutes;
 # `studies/figures/drives.png` shows it for the laws that do not predict.
 
 # %%

@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from controllers import NonlinearMPC
-from studies.mpc_speed import HEAVIER, LIMITS, PLANT, SPEED, STATES
+from studies.benchmarks.mpc_speed import HEAVIER, LIMITS, PLANT, SPEED, STATES
 from toolbox import plot, simulate
 
 laws = {

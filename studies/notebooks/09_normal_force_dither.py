@@ -15,7 +15,7 @@ import numpy as np
 
 from controllers import NormalDither, dither_map
 from models import averaged_friction, oscillators
-from studies.dither import LEINE
+from studies.questions.dither import LEINE
 from toolbox import measure, plot, simulate
 
 ratios, depths = np.geomspace(0.25, 12.0, 25), np.arange(1, 10) / 10
@@ -78,7 +78,7 @@ with plt.rc_context(plot.PAPER):
 # %% [markdown]
 # **Answer.** Dither of four fifths of the load halves the swing between about 2.4 and 4.6 times the natural frequency, and only there; dither
 # of up to two fifths halves it nowhere. At half of the natural frequency the same dither makes the swing nearly twice as large. So measure
-# the map of the machine before an actuator is bought: `dither_map(plant, load, ...)`, and `.choice()` of it. `python -m studies.dither`
+# the map of the machine before an actuator is bought: `dither_map(plant, load, ...)`, and `.choice()` of it. `python -m studies dither`
 # compares the cures on a brake and on a drill string, too.
 
 # %%

@@ -13,7 +13,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from studies.sliders import bristle_error, draw_bristles, loops, regional_run
+from studies.questions.sliders import bristle_error, draw_bristles, loops, regional_run
 from toolbox import plot
 
 run = regional_run()

@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import toolbox
-from studies.detail import DRIVE, RPM, well
+from studies.questions.detail import DRIVE, RPM, well
 from toolbox import Scene, compose, plot, simulate, work_precision
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")
@@ -45,7 +45,7 @@ print(auto.why)
 # %% [markdown]
 # ## Level of detail
 #
-# The inclined well of `studies/detail.py`, off bottom at 60 rpm, with 2 to 50 elements and friction along them: severity at the bit and
+# The inclined well of `studies/questions/detail.py`, off bottom at 60 rpm, with 2 to 50 elements and friction along them: severity at the bit and
 # swing of the torque at the top over 100 s, at four accuracies.
 
 # %%
@@ -85,7 +85,7 @@ with plt.rc_context(plot.PAPER):
 # %% [markdown]
 # **Answer.** Choose the level of detail first: two elements understate the severity by 18 %, ten or twenty are off by 4 to 7 %, and no
 # accuracy mends that. (The cycles of this well are irregular, which is why ten elements ask for an accuracy of $10^{-6}$, and why twenty are
-# no better than ten; see `studies/detail.py` for more of the answers.) Then leave the method alone: with located events one in a million
+# no better than ten; see `studies/questions/detail.py` for more of the answers.) Then leave the method alone: with located events one in a million
 # costs less than twice what one in a hundred costs. Time stepping with the smallest step here stays above $10^{-5}$, smoothed friction
 # above $10^{-3}$. What the finer string costs is events: fifty elements switch more than fifty times as often as two.
 

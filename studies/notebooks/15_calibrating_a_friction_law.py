@@ -9,7 +9,7 @@
 # cannot tell apart. Two ways lead to $y$: the law itself at the measured bit speed, where bit speed *and* torque are measured; or a
 # simulation driven by the measured inputs, which needs no downhole torque.
 #
-# The data here are **synthetic** (`studies/synthetic.py`): a simulation of a published string with a bit law of known numbers and seeded
+# The data here are **synthetic** (`studies/questions/synthetic.py`): a simulation of a published string with a bit law of known numbers and seeded
 # noise, so that the answer can be checked. Nothing was measured on a machine.
 
 # %%
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-import studies.synthetic as synthetic
+import studies.questions.synthetic as synthetic
 from models import BitRock, wells
 from toolbox import Recording, SceneError, compose, fit, plot
 

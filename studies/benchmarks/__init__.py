@@ -1,0 +1,1 @@
+"""Measurements of the toolbox itself: speed, accuracy, start-up, edges, random plants."""

@@ -1,0 +1,180 @@
+"""How many scenarios a second does one core run, in lanes and one by one?
+
+A drill string of two inertias with a PI drive, 60 s from rest at accuracy 1e-6, for 10 000 pairs of weight on bit and set-point; then seven other
+plants, and laws sampled at 100 Hz on the drill string. One by one is the scalar loop, called from machine code for one scenario after another, with
+nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.lanes.run_lanes`. Swept is what a run of a
+sweep costs that asks for the extrema and the mean of one signal, one by one and in lanes. All are timed in turns, as processor time of one thread,
+and the least of five counts. Switches of the first scenarios are compared one by one.
+
+    python -m studies lanes [scenarios]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from controllers import IdealSlidingMode, SlidingMode, SoftTorque
+from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
+from studies.benchmarks.cases import DRIVE, cases
+from studies.questions.maps import string_map
+from toolbox import Controller, Sampled, compose
+from toolbox.compilation.program import program_of
+from toolbox.lanes.lanes import run_lanes
+from toolbox.lanes.loop import _begin, scalar_address
+from toolbox.measuring import measures as tally
+from toolbox.simulation import event_loop as loop
+from toolbox.simulation.simulate import Run, checked_run, pair_of
+from toolbox.simulation.work_arrays import place_start, work_arrays
+from toolbox.sweeps import batch
+from toolbox.sweeps.batch import Task, finished, numbers_of_run
+
+COMPARED = 1000
+"""Scenarios whose switches are compared."""
+SWEPT = 300
+"""Scenarios that are swept and measured."""
+ROOM = 2000
+"""Switches of a scenario that are kept."""
+
+
+@njit(nogil=True, error_model="numpy")
+def one_by_one(scalar, w, rest, memory, parameters, starts, statuses, switches, states, ev_t):
+    """Run every scenario by the scalar loop; rest, memory: what changes of the parameters, and laws remember, as at the start."""
+    held = rest[:0]
+    for s in range(len(parameters)):
+        w.ints[loop.EVENTS] = 0
+        statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
+        switches[s] = w.ints[loop.EVENTS]
+        states[s] = w.x[: states.shape[1]]
+        for e in range(min(switches[s], ev_t.shape[1])):
+            ev_t[s, e] = w.ev_t[e]
+
+
+def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of parameters, with those named spread evenly at random between their bounds, and of starts."""
+    random = np.random.default_rng(1)
+    system = run.system
+    parameters = np.tile(system.values, (count, 1))
+    for name, (low, high) in spread.items():
+        entry = system.parameters[name]
+        parameters[:, entry.offset : entry.offset + (entry.size or 1)] *= random.uniform(low, high, (count, entry.size or 1))
+    start = np.zeros(system.x.numel())
+    for name, value in run.start.items():
+        place_start(system, start, name, value)
+    return parameters, np.tile(start, (count, 1))
+
+
+def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int) -> str:
+    """One line of the table."""
+    parameters, starts = scenarios(run, spread, count)
+    run = dataclasses.replace(run, method="explicit")
+    work = work_arrays(loop, run, program_of(run.system, run.kinds, pair_of(run)))._replace(
+        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.empty((100_000, 2), np.int8)
+    )
+    work.ints[loop.NODES] = 0
+    few = min(COMPARED, count)
+    statuses, switches = np.zeros(few, np.int64), np.zeros(few, np.int64)
+    states, times = np.zeros_like(starts[:few]), np.zeros((few, ROOM))
+    fixed = scalar_address(work), work, work.p.copy(), work.memory.copy()
+    one_by_one(*fixed, parameters[:1], starts[:1], statuses, switches, states, times)
+    found = run_lanes(run, parameters[:few], starts[:few], most_events=ROOM)
+    state, (_, size, _) = next(iter(run.system.states.items()))
+    signal = "bit.speed" if "bit.speed" in run.system.signals else state if size is None else f"{state}.0"
+    alone, together, swept, measured = [], [], [], []
+    measures = (tally.minimum(signal), tally.maximum(signal), tally.mean(signal))
+    numbers = np.tile(numbers_of_run(run), (min(SWEPT, count), 1))
+    numbers[:, : parameters.shape[1]] = parameters[: len(numbers)]
+    task = Task(run, numbers, measures, starts[: len(numbers)])
+    finished(task)
+    finished(dataclasses.replace(task, lanes=True))
+    for _ in range(5):
+        began = time.thread_time()
+        one_by_one(*fixed, parameters[:few], starts[:few], statuses, switches, states, times)
+        alone.append((time.thread_time() - began) / few)
+        began = time.thread_time()
+        run_lanes(run, parameters, starts)
+        together.append((time.thread_time() - began) / count)
+        began = time.thread_time()
+        finished(task)
+        swept.append((time.thread_time() - began) / len(numbers))
+        began = time.thread_time()
+        finished(dataclasses.replace(task, lanes=True))
+        measured.append((time.thread_time() - began) / len(numbers))
+    same = (found.switches == switches) & (found.statuses == statuses)
+    late = max(float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)) for s in np.flatnonzero(same))
+    return (
+        f"{title:<30}{1e6 * min(alone):9.1f}{1e6 * min(together):9.1f}{1 / min(together):11.0f}{min(alone) / min(together):8.2f}"
+        f"{switches.mean():9.1f}{same.sum():7d} of {few}{late:11.1e}{1e6 * min(swept):10.1f}{1e6 * min(measured):9.1f}{min(swept) / min(measured):7.2f}"
+    )
+
+
+def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
+    """Runs with what varies and how many scenarios of them are run, as parts of the first."""
+
+    def case(name: str) -> Run:
+        found = cases()[name]
+        arguments: dict[str, Any] = dict(found.arguments)
+        return checked_run(found.plant, found.duration, **arguments)
+
+    rig = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
+
+    def sampled(law: Controller, **arguments: Any) -> Run:
+        return checked_run(rig, 60.0, controller=Sampled(law, 0.01, **arguments))
+
+    weights = {"bit.weight": (0.5, 1.5)}
+    brake = dataclasses.replace(DiscBrake(), force=1000.0)
+    blocks = BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)
+    return {
+        "JANSEN_2 with PI, 60 s": (checked_run(rig, 60.0, controller=DRIVE), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
+        "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
+        "five tied blocks on belt": (checked_run(compose(blocks), 60.0), {"blocks.mass": (0.8, 1.2)}, 10),
+        "ideal sliding mode": (checked_run(rig, 60.0, controller=IdealSlidingMode(reference=12.0)), {"bit.weight": (0.5, 1.0)}, 2),
+        "squealing pad": (checked_run(compose(SquealingPad()), 60.0), {"pad.disc_speed": (0.5, 1.5)}, 2),
+        "disc brake": (checked_run(compose(brake), 2.0, start={"disc.speed": 2.0}), {"disc.force": (0.8, 1.2)}, 4),
+        "ten inertias, bit": (case("bit"), {"bit.weight": (0.8, 1.2)}, 4),
+        "ten inertias, friction on all": (case("all"), {"chain.friction_load": (0.8, 1.2)}, 10),
+        "PI at 100 Hz, 120 s": (case("sampled"), {**weights, "pi.reference": (0.5, 2.0)}, 5),
+        "soft torque at 100 Hz": (sampled(SoftTorque(reference=6.0)), weights, 5),
+        "its delay 3 ms, noise": (sampled(SoftTorque(reference=6.0), delay=0.003, noise={"top.speed": 0.05}), weights, 5),
+        "sliding mode at 100 Hz": (sampled(SlidingMode(reference=12.0)), weights, 5),
+    }
+
+
+def map_row(shape: tuple[int, int] = (50, 50)) -> str:
+    """What the severity map of `studies.questions.maps`, its drive sampled at 100 Hz, costs as a whole, one run after the other and in lanes."""
+    found, seconds, usual = {}, {}, batch.LANES_WORK
+    try:
+        for work in (math.inf, usual, math.inf, usual):  # where lanes never pay, and where they do
+            batch.LANES_WORK = work
+            began = time.process_time()
+            found[work] = string_map(shape)
+            seconds[work] = min(time.process_time() - began, seconds.get(work, math.inf))
+    finally:
+        batch.LANES_WORK = usual
+    differ = sum(int((getattr(found[math.inf], name).verdict != getattr(found[usual], name).verdict).sum()) for name in ("smooth", "sticking"))
+    return (
+        f"severity map, {shape[0]} x {shape[1]} points twice and its borders, {found[usual].runs} runs of 120 s at 100 Hz: {seconds[math.inf]:.1f} s of the "
+        f"processors one by one, {seconds[usual]:.1f} s in lanes, ratio {seconds[math.inf] / seconds[usual]:.2f}; verdicts that differ: {differ}"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
+    print(
+        f"{'':<30}{'alone':>9}{'lanes':>9}{'scenarios':>11}{'ratio':>8}{'switches':>9}{'same':>15}{'times':>10}{'swept':>11}{'lanes':>9}{'ratio':>7}"
+    )
+    print(f"{'':<30}{'[us]':>9}{'[us]':>9}{'a second':>11}{'':>8}{'a run':>9}{'switches':>15}{'apart [s]':>10}{'[us]':>11}{'[us]':>9}")
+    for title, (run, spread, part) in plants().items():
+        print(row(title, run, spread, count // part), flush=True)
+    print(map_row())
+
+
+if __name__ == "__main__":
+    main()

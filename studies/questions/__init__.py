@@ -1,0 +1,1 @@
+"""Questions of the field, each answered with its numbers."""

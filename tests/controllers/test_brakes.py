@@ -1,0 +1,246 @@
+"""Laws that bring a disc brake to standstill, and what no law without a faster actuator can do; every stop without groan has its open twin."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from controllers import BrakeForce, BrakeMPC, BrakePI, BrakeSlidingMode
+from controllers.brake_law import groan_force
+from models import Coulomb, DiscBrake
+from models.closed_forms import groan_growth
+from studies.questions.brakes import HIGHER, LAG, contenders, run_of, stop_of, stops
+from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate, sine
+from toolbox.scenes import verdicts as study
+
+EVERY = {contender.label: contender for contender in contenders()}
+STEADY = DiscBrake(force=0.0, friction=Coulomb(static=0.3, kinetic=0.3))
+
+
+def stop(label, deceleration, lag=None):
+    return stop_of(run_of(EVERY[label], deceleration, False, lag=lag), deceleration)
+
+
+# --- the border and the growth in closed form
+
+
+def test_under_constant_force_the_pad_grows_by_the_exponent_of_the_closed_form():
+    brake = DiscBrake()
+    for force, until in ((600.0, 0.6), (1000.0, 1.3)):
+        edge = math.log(2 * force * 0.1 * 5 / 200) / 0.6  # 2 N |mu'(r w)| = c
+        start = 1.1 * edge
+        place = 2 * force * (0.35 + 0.1 * math.exp(-0.6 * start)) / 1e6
+        near, far = (
+            simulate(
+                compose(brake),
+                2.0,
+                start={"disc.speed": start, "pad.position": place + shift},
+                inputs={"brake.force": force},
+                accuracy=1e-11,
+            )
+            for shift in (0.0, 1e-7)
+        )
+        times = np.linspace(0.0, 2.0, 20_001)
+        speed = near.at(times)["disc.speed"]
+        assert min(event.time for event in near.events) > times[np.argmax(speed < until)] + 0.01  # no stick so far
+
+        def amplitude(speed_there, times=times, speed=speed, near=near, far=far):
+            around = times[np.argmax(speed < speed_there)] + np.linspace(-0.01, 0.01, 101)  # a period of the pad
+            apart = [far.at(around)[name] - near.at(around)[name] for name in ("pad.position", "pad.speed")]
+            return np.hypot(apart[0], apart[1] / math.sqrt(1e5)).mean()
+
+        grown = math.log(amplitude(until) / amplitude(edge))
+        assert grown == pytest.approx(groan_growth(brake, force, until), rel=0.03)
+
+
+def test_braking_harder_does_not_outrun_groan():
+    brake = DiscBrake()
+    growth = [groan_growth(brake, force) for force in (150.0, 300.0, 1000.0, 1e4, 1e8)]
+    assert growth[0] == 0.0 and growth == sorted(growth)
+    assert growth[-1] == pytest.approx(36 / (2 * 10 * 0.12**2) * math.log(0.45 / 0.35), rel=1e-3)
+    with pytest.raises(SceneError, match="Exponential"):
+        groan_growth(STEADY, 500.0)
+
+
+def test_the_border_of_groan_is_the_force_at_which_the_pad_loses_its_damping():
+    border, rate = groan_force(compose(DiscBrake()))
+    assert (border, rate) == (pytest.approx(200.0), pytest.approx(0.6))  # c / (2 (mu_s - mu_k) decay), decay r
+    with pytest.raises(SceneError, match="exponential friction"):
+        groan_force(compose(STEADY))
+    with pytest.raises(SceneError, match="does not fall"):
+        groan_force(compose(dataclasses.replace(DiscBrake(), friction=dataclasses.replace(DiscBrake().friction, kinetic=0.45))))
+
+
+# --- the laws follow the plan
+
+
+@pytest.mark.parametrize("law", [BrakePI, BrakeSlidingMode, BrakeMPC])
+def test_a_law_with_feedback_stands_after_the_planned_way_whatever_the_friction_is_and_its_twin_does_not(law):
+    # friction 0.3 that does not fall, 0.4 expected: nothing to ease, a quarter less than the constant force needs
+    ways = []
+    for each in (law(deceleration=2.0, margin=None), BrakeForce(deceleration=2.0)):
+        run = simulate(compose(STEADY), 6.0, start={"disc.speed": 6.0}, controller=each, sample_time=getattr(each, "period", 0.001))
+        ways.append(stop_of(run, 2.0).excess)
+    assert abs(ways[0]) < ways[1] / 5
+    assert ways[1] == pytest.approx(1 / 0.75 - 1, abs=0.05)
+
+
+def test_on_the_surface_the_speed_follows_the_plan_with_the_rate_of_the_surface():
+    # friction off by a third from the first sample: s' = -eta sat(s / width) does not know the friction, once the law has seen one quotient
+    law = BrakeSlidingMode(deceleration=2.0, force_rate=None)
+    run = simulate(compose(STEADY), 2.0, start={"disc.speed": 6.0}, controller=law, sample_time=0.001)
+    times = np.linspace(0.1, 2.0, 50)
+    np.testing.assert_allclose(run.at(times)["disc.speed"], 6.0 - 2.0 * times, atol=2e-3)
+
+
+def test_commands_keep_their_limits_and_are_held_at_standstill():
+    for law in (BrakeForce, BrakePI, BrakeSlidingMode, BrakeMPC):
+        controller = law(deceleration=3.0, highest_force=900.0)
+        period = getattr(controller, "period", 0.001)
+        grid = np.arange(0.0, 5.0, period) + 0.5 * period
+        run = simulate(
+            compose(DiscBrake(force=0.0)), 5.0, start={"disc.speed": 6.0}, controller=controller, sample_time=period, output_times=grid
+        )
+        force = run["brake.force"]
+        assert force.max() <= 900.0
+        assert np.abs(np.diff(force)).max() <= 20_000.0 * period * (1 + 1e-12)
+        backwards = np.flatnonzero(run["disc.speed"] < 0.0)
+        assert backwards.size
+        assert force[backwards[1]] >= 100.0
+
+
+def test_the_predictive_law_keeps_below_the_border_it_sees_ahead():
+    run = run_of(EVERY["MPC"], 2.0, False)
+    at = run.at(np.arange(0.0, 4.0, 1e-3))
+    turning = at["disc.speed"] > 0.1
+    border = 0.8 * 200.0 * np.exp(0.6 * at["disc.speed"])
+    assert (at["brake.force"] - border)[turning].max() < 10.0  # a speed that wanders within a sample
+    assert at["brake.force"].max() > 1.2 * 750.0  # and brakes harder than the plan before it has to ease
+    assert not run.laws[0].record.fallbacks
+
+
+# --- groan
+
+
+def test_a_constant_force_groans_and_eased_it_does_not_but_takes_more_way():
+    constant, eased, ahead = (stop(label, 3.0) for label in ("constant force", "constant force, eased", "MPC"))
+    assert constant.groans > 5 and eased.groans == 0 and ahead.groans == 0
+    assert eased.excess > ahead.excess + 0.1 > 0.2  # seeing the border ahead saves way
+    assert eased.jolt < 0.4 * constant.jolt
+
+
+def test_sliding_mode_ends_groan_without_the_pad_being_measured_behind_a_fast_actuator():
+    assert stop("constant force", 4.0).groans > 5
+    found = stop("sliding mode", 4.0)
+    assert found.succeeds and abs(found.excess) < 0.01
+
+
+def test_behind_a_slow_actuator_the_same_sliding_mode_groans_more_than_its_twin():
+    assert stop("sliding mode", 2.0, LAG).groans > stop("constant force", 2.0, LAG).groans + 20
+
+
+def test_under_noise_delay_lag_and_more_friction_only_eased_laws_stop_without_groan():
+    for label in ("constant force, eased", "PI, eased", "sliding mode, eased"):
+        assert all(found.succeeds for found in stops(EVERY[label], 2.0, True))
+    for label, deceleration in (("constant force", 3.0), ("PI", 2.0), ("sliding mode", 2.0)):
+        assert all(found.groans > 5 for found in stops(EVERY[label], deceleration, True))
+    assert all(found.groans < 2 for found in stops(EVERY["constant force, eased"], 3.0, True))
+
+
+# --- borders
+
+
+def test_a_law_says_what_it_needs():
+    from models import BlockOnBelt
+
+    with pytest.raises(SceneError, match="needs `inertia` and `radius`"):
+        BrakeForce().design(compose(BlockOnBelt()))
+    with pytest.raises(SceneError, match="highest_force"):
+        BrakeForce(lowest_force=6000.0).check()
+    with pytest.raises(SceneError, match="horizon"):
+        BrakeMPC(horizon=1).check()
+    with pytest.raises(SceneError, match="solver"):
+        BrakeMPC(solver="magic").check()
+    with pytest.raises(SceneError, match="sample_time"):
+        simulate(compose(DiscBrake()), 1.0, start={"disc.speed": 6.0}, controller=BrakeMPC(), sample_time=0.01)
+
+
+def test_what_shakes_the_pads_is_in_the_energy_audit():
+    run = simulate(
+        compose(DiscBrake()),
+        1.0,
+        start={"disc.speed": 2.0},
+        inputs={"pad.attachment": sine(0.0, 50.0, 45.0)},
+        parameters=HIGHER,
+        accuracy=1e-9,
+    )
+    audit = energy_audit(run)
+    assert audit.relative < 1e-8
+    assert abs(audit.supplies["disc.attachment"]) > 0.0
+
+
+# --- the verdict of a stop
+
+
+def shipped(root, name):
+    return Scene.load(root / "studies" / "scenes" / f"{name}.toml")
+
+
+def test_the_verdict_of_a_stop_ends_at_standstill_and_does_not_call_a_standing_wheel_stuck(root):
+    scene = shipped(root, "brake_laws")
+    rows = {label: study.judged(scene, label)[0] for label in ("constant force", "eased force", "MPC")}
+    assert [row.verdict for row in rows.values()] == ["stick-slip", "free", "free"]
+    assert rows["constant force"].stuck > 0.02 and rows["eased force"].stuck == 0.0
+    assert rows["eased force"].settling > rows["constant force"].settling > 2.0
+    without = study.judged(dataclasses.replace(scene, standstill=None), "eased force")[0]
+    assert without.verdict != "free"  # the wheel that stands
+    late = study.judged(dataclasses.replace(scene, duration=1.0), "constant force")[0]
+    assert late.verdict == "does not stand" and late.settling == math.inf
+    assert "standstill at 0.1 rad/s" in study.table(scene, [rows["MPC"]]) and "stands at" in study.table(scene, [rows["MPC"]])
+
+
+def test_a_scene_of_a_stop_is_the_same_after_a_round_trip(root, tmp_path):
+    scene = shipped(root, "brake_laws")
+    assert scene.standstill == 0.1
+    assert Scene.load(scene.save(tmp_path / "saved.toml")) == scene
+
+
+def test_standstill_is_found_where_the_closed_form_has_it():
+    # constant torque 2 mu N r: w = w_0 - T t / I
+    run = simulate(compose(STEADY), 3.0, start={"disc.speed": 3.0}, inputs={"brake.force": 1000.0}, accuracy=1e-11)
+    rate = 2 * 0.3 * 1000.0 * 0.12 / 36.0
+    for speed in (2.5, 1.0, 0.7):
+        assert measure.standstill(run, "disc.speed", speed) == pytest.approx((3.0 - speed) / rate, rel=1e-9)
+    assert measure.standstill(run, "disc.speed", 0.7, after=2.0) == 2.0
+    assert measure.standstill(run, "disc.speed", -5.0) == math.inf
+    with pytest.raises(SceneError, match="speed"):
+        measure.standstill(run, "disc.speed", math.nan)
+
+
+# --- the predictive law
+
+
+def test_the_predicted_stop_is_the_simulated_one():
+    # friction as expected and constant: the plan of the first sample, applied as it is, must lead where the law says
+    law = BrakeMPC(deceleration=2.0, force_rate=None).design(compose(DiscBrake()))
+    law(0.0, (6.0, 0.0))
+    brake = compose(dataclasses.replace(STEADY, friction=Coulomb(static=0.4, kinetic=0.4)))
+    edges = 0.03 * np.arange(61)
+    steps = (np.repeat(edges, 2)[1:-1], np.repeat(law.plan, 2))
+    start = {"disc.speed": 6.0, "pad.position": 2 * 0.4 * law.plan[0] / 1e6}
+    run = simulate(brake, 1.8, start=start, inputs={"brake.force": steps}, accuracy=1e-9)
+    np.testing.assert_allclose(run.at(edges[1:])["disc.speed"], law.speeds, atol=1e-6)
+    assert law.speeds[-1] == pytest.approx(6.0 - 2.0 * 1.8, abs=0.1)
+
+
+def test_without_a_sound_answer_the_last_plan_goes_on(monkeypatch):
+    law = BrakeMPC(deceleration=2.0).design(compose(DiscBrake()))
+    first = law(0.0, (6.0, 0.0))
+    expected = law.plan[1]
+    unsound = dataclasses.replace(law.record.answer, sound=False, reason="no")
+    monkeypatch.setattr(law.program, "solve", lambda *vectors: unsound)
+    assert law(0.03, (5.99, 30.0)) == expected != first
+    assert law.record.fallbacks == [(0.03, "no")]

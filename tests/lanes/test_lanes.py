@@ -1,0 +1,300 @@
+"""Runs in the lanes of a vector, against runs one by one and closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from controllers import PI, IdealSlidingMode
+from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
+from studies.benchmarks.cases import cases
+from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
+from toolbox.lanes.lanes import run_lanes
+from toolbox.measuring import measures as tally
+from toolbox.measuring.measure import extent
+from toolbox.simulation.event_loop import INCONSISTENT, UNDERFLOW
+from toolbox.simulation.simulate import checked_run
+from toolbox.simulation.work_arrays import place_start
+
+pytestmark = pytest.mark.timeout(60)
+
+RANDOM = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def driver():
+    """The driver of the lanes, compiled once per machine outside the time of any test."""
+    batch(compose(BlockOnBelt()), 0.0)
+
+
+@dataclass(frozen=True)
+class Ball(Component):
+    """A ball falling on a rigid floor."""
+
+    gravity: float = quantity(10.0, "m/s2", above=0)
+    restitution: float = quantity(0.7, "1", at_least=0, at_most=1)
+
+    def equations(self, signal):
+        x, v = state("ball.height", "m"), state("ball.speed", "m/s")
+        floor = UnilateralContact("floor", -x, -v, restitution=self.restitution)
+        return Equations(flow={x: v, v: -self.gravity + floor.force}, elements=[floor])
+
+
+@dataclass(frozen=True)
+class Oscillator(Component):
+    """An undamped oscillator."""
+
+    frequency: float = quantity(1.0, "rad/s", above=0)
+
+    def equations(self, signal):
+        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
+        return Equations(flow={x: v, v: -(self.frequency**2) * x})
+
+
+def spread(low, high, count):
+    return RANDOM.uniform(low, high, count)
+
+
+def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(), most_events=0, threads=1, width=None, **arguments):
+    """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
+    run = checked_run(plant, duration, start=start, **arguments)
+    values = np.tile(run.system.values, (count, 1))
+    for name, column in (parameters or {}).items():
+        values[:, run.system._parameter(name).offset] = column
+    first = np.zeros(run.system.x.numel())
+    for name, value in (start or {}).items():
+        place_start(run.system, first, name, value)
+    starts = np.tile(first, (count, 1))
+    return run_lanes(run, values, starts, measures=measures, most_events=most_events, threads=threads, width=width)
+
+
+CHAIN = TorsionalChain(
+    inertia=(900.0, 300.0, 200.0, 400.0), stiffness=(2000.0, 1500.0, 1200.0), damping=(40.0, 30.0, 30.0), top_drag=300.0,
+    friction=Coulomb(static=1.0, kinetic=0.8), friction_load=(1500.0, 300.0, 250.0, 900.0),
+)  # fmt: skip
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
+# plant, duration, the parameters that vary with their ranges, other arguments
+PLANTS = {
+    "block on belt": (compose(BlockOnBelt()), 60.0, {"block.mass": (0.5, 2.0), "block.belt_speed": (0.05, 0.4)}, {}),
+    "law that drops": (compose(BlockOnBelt(friction=Drop(speed=0.1))), 30.0, {"block.mass": (0.5, 2.0)}, {}),
+    "two blocks": (compose(BlocksOnBelt()), 30.0, {}, {"start": {"blocks.position": (0.5, 0.1)}}),
+    "five equal blocks, which stick and slip at one instant": (
+        compose(BlocksOnBelt(mass=(1.0,) * 5, stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
+    "five blocks": (
+        compose(BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)),
+        30.0,
+        {"blocks.belt_speed": (0.1, 0.3)},
+        {},
+    ),
+    "drill string with a drive": (RIG, 60.0, {"bit.weight": (5e4, 1.5e5), "pi.reference": (4.0, 16.0)}, {"controller": PI()}),
+    "drive with torque limits": (RIG, 40.0, {"bit.weight": (5e4, 1e5)}, {"controller": PI(lowest_torque=0.0, highest_torque=12_000.0)}),
+    "sliding mode": (RIG, 20.0, {"bit.weight": (5e4, 1e5)}, {"controller": IdealSlidingMode(reference=12.0)}),
+    "rock with memory": (
+        compose(wells.JANSEN_2, HystereticBitRock()),
+        30.0,
+        {"bit.weight": (5e4, 1e5)},
+        {"inputs": {"top.torque": 9000.0}},
+    ),
+    "torque from a table": (
+        RIG,
+        40.0,
+        {"bit.weight": (5e4, 1e5)},
+        {"inputs": {"top.torque": ([0.0, 9.0, 9.0, 20.0], [0.0, 12e3, 9e3, 14e3])}},
+    ),
+    "friction at every inertia": (
+        compose(CHAIN),
+        30.0,
+        {"chain.friction_load.1": (200.0, 500.0)},
+        {"inputs": {"top.torque": sine(2e3, 3e3, 0.2)}},
+    ),
+    "two-disk stop": (compose(TwoDisks()), 0.3, {}, {"start": {"disks.rotor_speed": 2.0}}),
+    "disc brake": (compose(DiscBrake()), 1.0, {"disc.force": (500.0, 1500.0)}, {"start": {"disc.speed": 2.0}}),
+    "bouncing ball": (compose(Ball()), 2.0, {"ball.restitution": (0.3, 0.8)}, {"start": {"ball.height": 1.0}}),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
+    plant, duration, ranges, arguments = PLANTS[name]
+    count = 21  # not a multiple of any width
+    parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
+    sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
+    measures = [tally.time_in(name) for name in sticks]
+    found = batch(plant, duration, parameters, count, measures=measures, most_events=2000, **arguments)
+    assert (found.statuses == 0).all()
+    for s in (0, 7, 15, 16, 20):
+        own = {key: column[s] for key, column in parameters.items()}
+        law = arguments.get("controller")
+        changed = dict(arguments)
+        if law is not None and "pi.reference" in own:
+            changed["controller"] = PI(reference=own.pop("pi.reference"))
+        run = simulate(plant, duration, parameters=own, method="explicit", **changed)
+        names = [element.name for element in run.program.system.elements]
+        legends = {element.name: {word: mode for mode, word in element.legend.items()} for element in run.program.system.elements}
+        assert found.switches[s] == len(run.events)
+        events = range(len(run.events))
+        assert [names[found.event_elements[s, e]] for e in events] == [event.element for event in run.events]
+        assert [found.event_modes[s, e] for e in events] == [legends[event.element][event.after] for event in run.events]
+        np.testing.assert_allclose(found.event_times[s, : len(run.events)], [event.time for event in run.events], atol=1e-6 * duration)
+        size = np.abs(run.states).max(axis=0)
+        np.testing.assert_allclose(found.states[s], run.at(duration).states[0], atol=1e-5 * size.max())
+        for i, element in enumerate(sticks):
+            assert found.values[s, i] == pytest.approx(run.time_in(element, "stick"), abs=1e-5 * duration)
+
+
+def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_where_signals_are_measured():
+    plant, duration, ranges, arguments = PLANTS["disc brake"]
+    forces = {name: np.linspace(*bounds, 20) for name, bounds in ranges.items()}
+    measures = (tally.minimum("pad.speed"), tally.maximum("pad.speed"))
+    usual = batch(plant, duration, forces, 20, most_events=500, **arguments)
+    found = batch(plant, duration, forces, 20, measures=measures, most_events=500, **arguments)
+    assert usual.alone.mean() > 2.0
+    assert found.alone.mean() < 0.1
+    np.testing.assert_array_equal(found.event_elements, usual.event_elements)
+    np.testing.assert_array_equal(found.event_modes, usual.event_modes)
+    np.testing.assert_allclose(found.event_times, usual.event_times, atol=1e-9)
+
+
+@pytest.mark.parametrize("width", [4, 8, 16])
+def test_oscillators_of_very_different_speeds_share_a_block_and_follow_their_cosines(width):
+    frequency = 10.0 ** np.linspace(-1, 2, 19)
+    found = batch(compose(Oscillator()), 10.0, {"mass.frequency": frequency}, 19, {"mass.position": 1.0}, width=width, accuracy=1e-8)
+    np.testing.assert_allclose(found.states[:, 0], np.cos(frequency * 10.0), atol=1e-7)
+    assert found.steps.max() > 30 * found.steps.min()
+
+
+@pytest.mark.parametrize("count", [1, 3, 16, 17])
+def test_any_number_of_scenarios_gives_each_the_same_answer(count):
+    plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    weights = np.linspace(5e4, 1.5e5, 17)
+    whole = batch(plant, duration, {"bit.weight": weights}, 17, **arguments)
+    part = batch(plant, duration, {"bit.weight": weights[:count]}, count, **arguments)
+    np.testing.assert_array_equal(part.states, whole.states[:count])
+    np.testing.assert_array_equal(part.switches, whole.switches[:count])
+
+
+def test_threads_and_widths_change_nothing_that_counts():
+    plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    parameters = {"bit.weight": np.linspace(5e4, 1.5e5, 1100)}
+    one = batch(plant, duration, parameters, 1100, **arguments)
+    two = batch(plant, duration, parameters, 1100, threads=2, **arguments)
+    np.testing.assert_array_equal(one.states, two.states)
+    narrow = batch(plant, duration, {"bit.weight": parameters["bit.weight"][::50]}, 22, width=4, **arguments)
+    np.testing.assert_array_equal(narrow.switches, one.switches[::50])
+    np.testing.assert_allclose(narrow.states, one.states[::50], rtol=1e-5, atol=1e-5)
+
+
+def test_no_scenarios_and_no_duration_are_answered_at_once():
+    plant = compose(BlockOnBelt())
+    assert batch(plant, 10.0, count=0).states.shape == (0, 2)
+    found = batch(plant, 0.0, count=5, start={"block.position": 0.3})
+    np.testing.assert_array_equal(found.states, [[0.3, 0.0]] * 5)
+    assert (found.statuses == 0).all() and (found.steps == 0).all()
+
+
+def test_a_scenario_without_an_answer_leaves_its_neighbours_alone():
+    plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    weights = np.linspace(5e4, 1.5e5, 20)
+    sound = batch(plant, duration, {"bit.weight": weights}, 20, **arguments)
+    weights[[3, 11]] = math.nan
+    found = batch(plant, duration, {"bit.weight": weights}, 20, **arguments)
+    assert set(found.statuses[[3, 11]].tolist()) <= {INCONSISTENT, UNDERFLOW}
+    others = np.delete(np.arange(20), [3, 11])
+    assert (found.statuses[others] == 0).all()
+    np.testing.assert_array_equal(found.states[others], sound.states[others])
+
+
+def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_only_what_it_releases_alone():
+    plant = compose(BlockOnBelt(stiffness=0.0, belt_speed=0.0, friction=Coulomb(0.5, 0.5), load=10.0))
+    loads = np.tile([10.0, 10.1, 9.9], 6)
+    for last, released in ((5.0, 9.9), (0.0, 9.9), (5.01, 10.0)):
+        table = ([0.0, 2.0, 4.0], [0.0, 5.0, last])
+        found = batch(plant, 5.0, {"block.load": loads}, len(loads), inputs={"block.force": table}, most_events=4)
+        assert np.array_equal(np.isfinite(found.event_times[:, 0]), loads <= released)
+        for load, first in zip(loads, found.event_times[:, 0], strict=True):
+            assert load > released or first == pytest.approx(load / 5.0, rel=1e-12)
+
+
+def test_stick_is_measured_in_the_window_asked():
+    run = simulate(RIG, 60.0, controller=PI(), method="explicit")
+    measures = (tally.time_in("bit", "stick", 21.5), tally.last_stay("bit"))
+    found = batch(RIG, 60.0, count=1, controller=PI(), measures=measures)
+    assert found.values[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
+    assert found.values[0, 0] > 1.0
+    last = [event.time for event in run.events if event.before == "stick"][-1]
+    ends = run.modes["bit"][-1] == "stick"
+    assert found.values[0, 1] == pytest.approx(60.0 if ends else last, abs=1e-5)
+    turning = {"chain.speed": (8.0, 8.0), "chain.twist": 20.0}
+    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), measures=measures[1:]).values[0, 0])
+
+
+MEASURED = {
+    "drill string with a drive": ("bit.speed", "bit.torque", "top.torque"),
+    "friction at every inertia": ("top.speed", "bit.speed"),
+    "torque from a table": ("bit.speed", "top.torque"),
+    "disc brake": ("pad.speed", "brake.torque"),
+    "bouncing ball": ("ball.height", "ball.speed"),
+}
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name):
+    plant, duration, ranges, arguments = PLANTS[name]
+    parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
+    after = 0.37 * duration
+    words = (tally.minimum, tally.maximum, tally.mean)
+    measures = [word(signal, after) for signal in MEASURED[name] for word in words]
+    found = batch(plant, duration, parameters, 5, measures=measures, **arguments)
+    for s in range(5):
+        run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
+        for q, signal in enumerate(MEASURED[name]):
+            expected = extent(run, signal, after)
+            size = 1e-5 * max(abs(expected.minimum), abs(expected.maximum))
+            for i, value in enumerate((expected.minimum, expected.maximum, expected.mean)):
+                assert found.values[s, 3 * q + i] == pytest.approx(value, abs=size)
+
+
+def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches():
+    # ten contacts that hold each other: pairs of switches 0.02 s apart, inside steps that end on the event of a neighbour
+    case = cases()["all"]
+    load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.plant.parameter("chain.friction_load")
+    parameters = {f"chain.friction_load.{i}": load[:, i] for i in range(10)}
+    usual, tight = (batch(case.plant, case.duration, parameters, 400, accuracy=accuracy, **case.arguments) for accuracy in (1e-6, 1e-8))
+    np.testing.assert_array_equal(usual.switches, tight.switches)
+    assert usual.switches.mean() > 150
+
+
+def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples():
+    # x = cos w t from the time 1: the mean is (sin 10 w - sin w) / 9 w, the extrema are 1 and -1
+    frequency = np.linspace(2.0, 9.0, 17)
+    found = batch(
+        compose(Oscillator()),
+        10.0,
+        {"mass.frequency": frequency},
+        17,
+        {"mass.position": 1.0},
+        measures=[word("mass.position", 1.0) for word in (tally.minimum, tally.maximum, tally.mean)],
+        accuracy=1e-8,
+    )
+    np.testing.assert_allclose(found.values[:, 1], 1.0, atol=1e-7)
+    np.testing.assert_allclose(found.values[:, 0], -1.0, atol=1e-7)
+    np.testing.assert_allclose(found.values[:, 2], (np.sin(10.0 * frequency) - np.sin(frequency)) / (9.0 * frequency), atol=1e-7)
+
+
+def test_what_lanes_do_not_carry_is_refused_by_name():
+    with pytest.raises(SceneError, match="Python"):
+        batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
+    run = checked_run(RIG, 1.0)
+    with pytest.raises(SceneError, match="`starts`"):
+        run_lanes(run, run.system.values[None], np.zeros((2, 3)))
+    with pytest.raises(SceneError, match="scalar"):
+        batch(RIG, 1.0, measures=[tally.mean("chain.speed")])
+    with pytest.raises(SceneError, match="`parameters`"):
+        run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))

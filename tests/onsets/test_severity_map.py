@@ -1,0 +1,178 @@
+"""Severity maps: three borders, each against something that knows it otherwise."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+from controllers import PI, StiffPI
+from models import BitRock, wells
+from toolbox import Sampled, Scene, SceneError, compose, hopf_curve, onset, severity_map
+from toolbox.commands.command_line import main
+from toolbox.onsets.borders import border
+from toolbox.onsets.severity_map import SMOOTH, STICK_SLIP, SeverityMap
+
+matplotlib.use("Agg")
+pytestmark = pytest.mark.timeout(120)
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+OVER = {"top.reference": (3.0, 14.0), "bit.weight": (50e3, 110e3)}
+SCENES = Path(__file__).parents[2] / "studies" / "scenes"
+
+
+@pytest.fixture(scope="module")
+def found():
+    return severity_map(RIG, OVER, shape=(9, 4), controller=StiffPI(), halvings=5)
+
+
+def test_a_border_between_cells_is_halved_onto_the_circle_that_makes_it():
+    axes = (np.linspace(-1.5, 1.5, 17), np.linspace(-1.5, 1.6, 23))
+
+    def inside(points):
+        return (points**2).sum(axis=-1) < 1.0
+
+    where, segments = border(axes, inside, halvings=50)
+    places = segments.reshape(-1, 2)
+    assert where.sum() == sum(inside(np.array([[x, y] for x in axes[0] for y in axes[1]])))
+    np.testing.assert_allclose((places**2).sum(axis=1), 1.0, atol=1e-12)
+    length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum()
+    assert length == pytest.approx(2 * np.pi, rel=0.01)
+    _, often = np.unique(places, axis=0, return_counts=True)
+    assert (often == 2).all()  # one closed line
+
+
+def test_the_linear_border_is_the_hopf_curve(found):
+    weights = found.axes[1]
+    curve = hopf_curve(RIG, "top.reference", OVER["top.reference"], "bit.weight", weights, controller=StiffPI())
+    for weight, speed in zip(weights, curve, strict=True):
+        assert found.border("linear", weight) == pytest.approx([speed], rel=1e-9)
+
+
+def test_smooth_running_is_lost_by_simulation_where_the_poles_say(found):
+    cell = np.diff(found.axes[0])[0] * found.resolution
+    for weight in found.axes[1]:
+        assert found.border("smooth", weight) == pytest.approx(found.border("linear", weight), abs=2 * cell)
+
+
+@pytest.mark.slow
+def test_both_borders_are_those_that_continuation_finds(found):
+    weight = found.axes[1][2]
+    both = onset(RIG, "top.reference", OVER["top.reference"], inputs={"bit.weight": weight}, controller=StiffPI(), values=7)
+    cell = np.diff(found.axes[0])[0] * found.resolution
+    assert found.border("smooth", weight) == pytest.approx([both.loss], abs=2 * cell)
+    assert found.border("sticking", weight) == pytest.approx([both.end], abs=2 * cell)
+    assert both.end > 2 * both.loss  # far apart: the margin to one says nothing about the other
+
+
+def test_regions_cover_the_map_once_and_both_branches_agree_outside_the_bistable_band(found):
+    regions = found.regions
+    assert (sum(where.astype(int) for where in regions.values()) == 1).all()
+    assert regions["bistable"].any() and regions["free"].any() and regions["stick-slip"].any()
+    free = regions["free"]
+    assert (found.smooth.severity[free] < 1e-3).all()
+    assert (found.smooth.verdict[free] == SMOOTH).all()
+    sticks = regions["stick-slip"]
+    assert (found.sticking.verdict[sticks] == STICK_SLIP).all()
+    assert (found.sticking.severity[sticks | regions["bistable"]] > 0.9).all()
+
+
+def test_a_sampled_law_begins_in_its_own_steady_state():
+    maps = [
+        severity_map(
+            RIG, {"top.reference": (5.0, 14.0), "bit.weight": (60e3, 80e3)}, shape=(3, 2), duration=60.0, controller=law, halvings=0
+        )
+        for law in (StiffPI(), Sampled(StiffPI(), 0.01, 0.005))
+    ]
+    np.testing.assert_array_equal(maps[0].smooth.verdict, maps[1].smooth.verdict)
+    np.testing.assert_array_equal(maps[0].sticking.verdict, maps[1].sticking.verdict)
+    np.testing.assert_allclose(maps[1].smooth.severity, 0.0, atol=1e-2)  # from rest it would swing to its set-point first
+    assert "continuous form" in maps[1].notes[0] and not maps[0].notes
+
+
+def test_parameters_of_plant_and_law_may_be_varied():
+    found = severity_map(
+        RIG,
+        {"pi.proportional": (4e3, 2e4), "chain.bit_drag": (20.0, 60.0)},
+        shape=(3, 3),
+        duration=60.0,
+        controller=PI(reference=9.0),
+        halvings=1,
+    )
+    assert found.units == ("N m s/rad", "N m s/rad")
+    assert not found.errors
+    assert found.sticking.verdict[-1, 0] == STICK_SLIP  # stiff, little drag
+    assert found.sticking.verdict[0, -1] == SMOOTH  # soft, much drag
+
+
+def test_what_is_saved_comes_back_and_prints_and_draws(found, tmp_path):
+    back = SeverityMap.load(found.save(tmp_path / "map.npz"))
+    assert str(back) == str(found)
+    assert "bistable" in str(found) and "existing stick-slip ends" in str(found)
+    np.testing.assert_array_equal(back.sticking.severity, found.sticking.severity)
+    for name in found.borders:
+        np.testing.assert_array_equal(back.borders[name], found.borders[name])
+    axes = back.plot()
+    assert [ax.get_xlabel() for ax in axes] == ["top reference [rad/s]"] * 2
+    assert axes[0].get_ylabel() == "bit weight [kN]"
+    assert axes[0].get_ylim() == (50.0, 110.0)
+    with pytest.raises(SceneError, match="There is no border `hopf`"):
+        found.border("hopf", 60e3)
+
+
+def test_an_interrupted_map_goes_on_where_it_was(tmp_path):
+    arguments = {"shape": (4, 3), "duration": 30.0, "controller": StiffPI(), "halvings": 2}
+    whole = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
+    chunks = sorted((tmp_path / "map").glob("stage_*.zarr/*/c/*"))
+    lost = [path for path in chunks if path.parts[-3] == "status"][::2]
+    for path in lost:
+        path.unlink()
+    kept = {path: path.stat().st_mtime_ns for path in chunks if not any(path.is_relative_to(each.parents[2]) for each in lost)}
+    assert lost and kept
+    again = severity_map(RIG, OVER, **arguments, out=tmp_path / "map")
+    np.testing.assert_array_equal(again.sticking.severity, whole.sticking.severity)
+    np.testing.assert_array_equal(again.borders["sticking"], whole.borders["sticking"])
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    with pytest.raises(SceneError, match="Argument `out` must be a new folder"):
+        severity_map(RIG, OVER, **{**arguments, "duration": 31.0}, out=tmp_path / "map")
+
+
+def test_the_command_maps_a_scene(tmp_path, capsys):
+    command = ["map", str(SCENES / "jansen_2.toml"), "--x", "top.reference=30 rpm:130 rpm", "--y", "bit.weight=50kN:110kN"]
+    assert main([*command, "--shape", "4x3", "--controller", "softer PI, 100 Hz", "--out", str(tmp_path / "maps")]) == 0
+    assert "share of the map" in capsys.readouterr().out
+    folder = tmp_path / "maps" / "01_softer_pi_100_hz"
+    assert {"map.npz", "map.png", "map.txt"} <= {path.name for path in folder.iterdir()}
+    assert SeverityMap.load(folder / "map.npz").smooth.verdict.shape == (4, 3)
+    assert main([*command[:-1], "bit.weight=50kN", "--out", str(tmp_path / "none")]) == 2
+    assert "Argument `--y` must be NAME=LOW:HIGH" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"over": {"bit.weight": (1e3, 2e3)}}, "Argument `over` must map two names"),
+        ({"over": {"bit.weight": (3e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be a range"),
+        ({"over": {"bit.wait": (1e3, 2e3), "top.reference": (3.0, 4.0)}}, "There is no parameter or input `bit.wait`"),
+        ({"shape": (1, 3)}, "Argument `shape` must be two integers >= 2"),
+        ({"halvings": -1}, "Argument `halvings` must be an integer from 0 to 20"),
+        ({"duration": 0.0}, "Argument `duration` must be a finite number > 0 s"),
+        ({"after": 200.0}, "Argument `after` must be > 0 s and before the end"),
+        ({"element": "bot"}, "There is no contact `bot` to be judged"),
+        ({"over": {"bit.weight": (-1e3, 2e3), "top.reference": (3.0, 4.0)}}, "Argument `bit.weight` must be >= 0 N"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
+    with pytest.raises(SceneError, match=message):
+        severity_map(RIG, **{"over": OVER, "controller": StiffPI(), **changes})
+
+
+def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):
+    scene = Scene.load(SCENES / "jansen_2.toml")
+    from toolbox.scenes.scene import Waveform
+
+    moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("sine", {"mean": 9e4, "amplitude": 1e3, "frequency": 0.1})})
+    with pytest.raises(SceneError, match="`bit.weight` must be a number"):
+        severity_map(moving, {"top.reference": (3.0, 14.0), "chain.bit_drag": (20.0, 60.0)}, controller="stiff PI")

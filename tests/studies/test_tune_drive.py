@@ -1,0 +1,69 @@
+"""The study of tuned drives: its two questions on runs whose answers are known, and what its table claims."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers import LQG, SlidingMode, SoftTorque
+from studies.questions import whirl
+from studies.questions.drives import DELAY, LIMITS, NOISE
+from studies.questions.tune_drive import (
+    HIGHEST,
+    LOWEST,
+    OBJECTIVES,
+    SET_POINT,
+    STARTED,
+    collar,
+    drill_strings,
+    impacts,
+    lowest_set_point,
+    measured,
+    settling,
+    tuned_pi,
+)
+from toolbox.scenes.scene import Case
+
+
+def run_of(scene, law):
+    """A scene under a law, or under what `Sampled` makes of one."""
+    if hasattr(law, "period") and hasattr(law, "law"):
+        return scene.run(Case("law", law.law, law.period, law.delay, noise=law.noise))
+    return scene.run(Case("law", law))
+
+
+def test_one_run_tells_the_settling_time_and_the_set_point_at_the_last_release():
+    scene = drill_strings()["97 kN"]
+    run = run_of(scene, measured(SoftTorque(reference=SET_POINT, **LIMITS)))
+    last = run.intervals("bit")
+    releases = [end for _, end, mode in last if mode == "stick" and end > STARTED]
+    ramp = LOWEST + (HIGHEST - LOWEST) * (releases[-1] - STARTED - 30.0) / 200.0
+    assert lowest_set_point(run) == pytest.approx(ramp, rel=1e-9)
+    found = settling(run)
+    after = np.linspace(found + 1e-6, STARTED, 4001)
+    assert np.abs(run.at(after)["bit.speed"] / SET_POINT - 1).max() <= 0.05 + 1e-9
+    assert abs(run.at(found - 1e-4)["bit.speed"] / SET_POINT - 1) > 0.05 - 1e-4
+
+
+def test_the_tuned_lqg_is_better_than_the_one_as_given_in_both_on_every_weight():
+    given = LQG(reference=SET_POINT, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
+    tuned = dataclasses.replace(given, top_size=8.21346, bit_size=0.893071, angle_size=1.61132)
+    before, after = (
+        [[of(run_of(scene, measured(law))) for of in OBJECTIVES.values()] for scene in drill_strings().values()] for law in (given, tuned)
+    )
+    assert np.max(after, axis=0)[0] < 3.0 < np.max(before, axis=0)[0]
+    assert np.max(after, axis=0)[1] < 13.0 < np.max(before, axis=0)[1]
+
+
+def test_the_tuned_sliding_mode_spares_the_collar_that_the_given_one_drives_against_the_wall():
+    given, tuned = (SlidingMode(reference=whirl.REFERENCE, surface=s, reaching=r) for s, r in ((0.6, 1.0), (0.248247, 0.58648)))
+    before, after = (run_of(collar(), law) for law in (given, tuned))
+    assert impacts(before) > 50 and impacts(after) == 0
+    assert lowest_set_point(after) < lowest_set_point(before) - 1.0
+
+
+@pytest.mark.slow
+def test_tuning_the_gains_of_soft_torque_lowers_the_set_point_that_they_hold():
+    found = tuned_pi(16)
+    assert found.counted(found.before)[0] > 8.0 > found.counted(found.best)[0]
+    assert set(found.scenes) == {"90 kN", "97 kN", "107 kN"}

@@ -67,8 +67,9 @@ class PlannedNonlinear(PredictiveLaw):
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from controllers import condensing
+        from toolbox.modelling.regularisation import regularised
         from toolbox.prediction import rollout_loop
-        from toolbox.prediction.rollout import Rollout, regularised
+        from toolbox.prediction.rollout import Rollout
 
         compiled = (rollout_loop.advance, condensing.cost, condensing.condense, condensing.wound_up, condensing.regulated)
         announced("nonlinear predictive law", *compiled)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from toolbox import SceneError
+from toolbox.arguments import is_finite_number
 from toolbox.errors import suggest
 from toolbox.files.tables import Column, Table, read
-from toolbox.modelling.elements import is_finite_number
 
 
 class Material(NamedTuple):

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from toolbox import SceneError
+from toolbox.arguments import finite_array
 from toolbox.files.tables import Column, read
-from toolbox.modelling.elements import finite_array
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     parameters, starts = scenarios(run, spread, count)
     run = dataclasses.replace(run, method=Explicit())
     work = work_arrays(run, program_of(run.system, run.kinds, formulas_of(run)))._replace(
-        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.empty((100_000, 2), np.int8)
+        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.zeros((100_000, 3), np.int8)
     )
     work.ints[loop_layout.NODES] = 0
     few = min(COMPARED, count)

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
+DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND = range(9)
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, INTS) = range(28)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, INTS) = range(29)  # fmt: skip
 
 
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
@@ -40,8 +40,8 @@ class Work(NamedTuple):
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, or -1;
     held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
-    rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after);
-    jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
+    rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
+    consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
     channel at its place in `keys`, computed outputs waiting in `queue` (controller, slot, output).
     """

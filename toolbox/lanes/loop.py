@@ -28,8 +28,6 @@ from toolbox.compilation.loop_layout import (
     EVENTS,
     FIRST_HELD,
     FIRST_OUTPUT,
-    FRICTION,
-    INCONSISTENT,
     JUMP,
     LAST_EVENT,
     LOCATED,
@@ -54,9 +52,8 @@ from toolbox.compilation.loop_layout import (
 from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.measuring.measuring_loop import note_end
 from toolbox.simulation.event_loop import advance
-from toolbox.simulation.guards import flies, project
-from toolbox.simulation.modes import fire, mark
-from toolbox.simulation.step_control import first_step, measure_round_off
+from toolbox.simulation.events import after_event, project_event
+from toolbox.simulation.step_control import measure_round_off, spread_round_off
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
 """Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar; a sample."""
@@ -309,25 +306,9 @@ def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, val
 @inlined
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
-    ne = w.ints[NE]
-    mark(w, False)
-    for i in range(ne):
-        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i):
-            w.m[i] = 0.0
-    project(w, t)
-    for i in range(ne):
-        w.m[i] = w.before[i]
-    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), w.reals[END]):
-        w.ints[CLOSE] += 1
-        if w.ints[CLOSE] > 50 + 20 * ne:
-            return ENDLESS
-    else:
-        w.ints[CLOSE] = 0
-    w.reals[LAST_EVENT] = t
-    if not fire(w, t):
-        return INCONSISTENT
-    first_step(w)
-    return PAUSED
+    project_event(w, t, False)
+    status = after_event(w, t)
+    return PAUSED if status == DONE else status
 
 
 @inlined
@@ -428,7 +409,7 @@ def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, n
                     counts[s, 2] += 1
                     modes[lane, i] = mode
                 counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
-                close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), end) else 0
+                close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), min(end, 1.0)) else 0
                 last_event[lane] = t
                 if close[lane] <= 50 + 20 * ne:
                     continue
@@ -451,6 +432,9 @@ def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, n
                     _gather_samples(block, rows, lane, w, queue)
                 if flag == ROUND_OFF:
                     measure_round_off(w)
+                    for i in range(n):
+                        w.scale[i] = block[rows[SCALE] + i, lane]
+                    spread_round_off(w, block[WANTED_ROW, lane])
                     for i in range(n):
                         block[rows[NOISE] + i, lane] = w.noise[i]
                     block[FLAG_ROW, lane] = GOES_ON

@@ -154,9 +154,10 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
         if program.kind[i] == RIGID:
             wrong |= sticks & (force[i] > 1e-9 * static[i])
         elif program.kind[i] == FRICTION:
-            slips = (abs(slip[i]) > 1e-9 * others[2 * i]) & slip[i].differs(0.0)
-            wrong |= sticks & (slips | ~(abs(force[i]) <= static[i] * (1.0 + 1e-9)))
+            wrong |= sticks & ~(abs(force[i]) <= static[i] * (1.0 + 1e-9))
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
+        else:
+            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), sizes[2 * i]), others[2 * i])
     done = acts & ~(changed & wrong)
     renewed = done & changed
 

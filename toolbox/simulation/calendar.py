@@ -13,6 +13,7 @@ from toolbox.compilation.loop_layout import (
     CULPRIT,
     DONE,
     END,
+    EPS,
     FIRST_HELD,
     FIRST_OUTPUT,
     FIRST_STATE,
@@ -34,8 +35,8 @@ from toolbox.compilation.loop_layout import (
     N,
 )
 from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import refresh
-from toolbox.simulation.modes import settle
+from toolbox.simulation.guards import bounds_hold, nudge, refresh
+from toolbox.simulation.modes import settle, turn_switches
 from toolbox.simulation.noise import normal
 
 
@@ -55,11 +56,19 @@ def record(w, t, x):
 
 
 @inlined
-def inputs_changed(w, t):
-    """After a parameter jumped: elements whose slip jumped away from zero slide, the others are decided by force."""
+def inputs_changed(w, t, slips_jump):
+    """After a parameter jumped, or a sample: elements whose slip jumped away from zero slide, switches turn, the others are decided by force.
+
+    slips_jump: whether a slip can have jumped; its value before is then in `y`, as `jumps` leaves it. A change within the round-off of its terms is none.
+    """
     ne = w.ints[NE]
-    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     wrong = False
+    if slips_jump:
+        for i in range(ne):
+            w.held[i] = w.y[i]
+        nudge(w)
+        call(w.ints[PROBE], t * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.y)
+    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         w.before[i] = w.m[i]
         slip, force, static = w.z[i], w.z[2 * ne + i], w.z[3 * ne + i]
@@ -67,7 +76,8 @@ def inputs_changed(w, t):
         if w.kind[i] != FRICTION:  # an open contact, like a switch, is seen to by its guard
             wrong = wrong or (w.zero[i] and force > 1e-9 * static)
         elif w.m[i] == 0.0:
-            if abs(slip) > 1e-9 * w.guard_scale[2 * i] and slip != 0.0:
+            jumped = slips_jump and abs(slip - w.held[i]) > max(4.0 * EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
+            if jumped and slip != 0.0:
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
                 wrong = True
@@ -76,16 +86,18 @@ def inputs_changed(w, t):
         elif w.m[i] * slip < 0.0:
             w.m[i] = -w.m[i]
             wrong = True
-    if wrong:
-        return settle(w, t)
-    refresh(w)
-    return True
+    if not wrong:
+        refresh(w)
+        wrong = turn_switches(w)
+    return settle(w, t) if wrong else bounds_hold(w)
 
 
 @inlined
 def jumps(w, t):
-    """Apply the parameter jumps due at time t; returns whether there were any."""
+    """Apply the parameter jumps due at time t, and leave the slips before them in `y`; returns whether there were any."""
     changed = False
+    if w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
+        call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.y)
     while w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
         j = w.ints[JUMP]
         for q in range(w.jump_first[j], w.jump_first[j + 1]):

@@ -92,7 +92,7 @@ def carry_out(run: Run) -> Trajectory:
             if status == loop_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
-                return _sound(done, program)
+                return _sound(done, program) if isinstance(done, Stepped) else done
             if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)
             if status == loop_layout.RECORDS_FULL or status == loop_layout.EVENTS_FULL:
@@ -141,15 +141,17 @@ def _fresh(law: Any) -> Any:
 
 
 def _sound(run: Trajectory, program: Program) -> Trajectory:
-    """The run, unless a bound that varies in time was negative at a recorded time: friction would have driven the machine."""
+    """The run, unless a bound that varies in time was negative at a recorded time: friction would have driven the machine.
+
+    A step sees a contact open at its end, and takes no friction until then.
+    """
     if program.varying:
         names = [program.system.elements[i].name for i in program.varying]
         expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
         bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
         wrong = bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)
-        if isinstance(run, Stepped):  # which sees a contact open at the end of a step, and takes no friction until then
-            wrong[:, 2:] = wrong[:, 2:] & wrong[:, 1:-1] & wrong[:, :-2]
-            wrong[:, :2] = False
+        wrong[:, 2:] = wrong[:, 2:] & wrong[:, 1:-1] & wrong[:, :-2]
+        wrong[:, :2] = False
         if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(

@@ -19,19 +19,16 @@ import numpy as np
 from toolbox.compilation.calls import borrowed_all, call
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
+    BOUNDS,
     BUDGET,
-    CLOSE,
     DONE,
     END,
-    ENDLESS,
     ERROR_OLD,
     EVENTS,
     EVENTS_FULL,
     FRICTION,
-    IMPLICIT,
     INCONSISTENT,
     JUMP,
-    LAST_EVENT,
     LOCATED,
     LONGEST,
     NE,
@@ -55,9 +52,10 @@ from toolbox.compilation.loop_layout import (
 from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.simulation.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
 from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, rising_fraction
-from toolbox.simulation.guards import accept_guard, flies, guard_size, project
-from toolbox.simulation.modes import begin, fire, mark
-from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error
+from toolbox.simulation.events import after_event, project_event
+from toolbox.simulation.guards import accept_guard, guard_size, project
+from toolbox.simulation.modes import begin
+from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
 """What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""
@@ -76,7 +74,7 @@ def _due(w, t, every_node):
             changed = jumps(w, t)
         if not changed:
             continue
-        if not inputs_changed(w, t):
+        if not inputs_changed(w, t, not sampling):
             return INCONSISTENT
         if not sampling:
             first_step(w)
@@ -113,8 +111,9 @@ def _watch(w, h, error, node):
     for j in range(ng if error < 1e4 else 0):
         a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
         if w.armed[j]:
-            if node and b >= -1e-12 * guard_size(w, j) and b <= 0.0 and j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION:
-                continue  # at its bound where an input turns: what follows decides
+            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
+            if node and bound and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
+                continue  # at its bound, or a bound at zero, where an input turns: what follows decides
             if b <= 0.0:
                 hit = True
             elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:
@@ -161,7 +160,7 @@ def _from_zero(w, h):
         if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j):
             continue
         rise = rising_fraction(w, h, j)
-        if rise == 0.0 and j >= 2 * ne:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+        if rise == 0.0 and 2 * ne <= j < ng - w.ints[BOUNDS]:  # a kink that starts at zero is on the side it goes to, which changes nothing else
             w.side[j] = -w.side[j]
             return True, False, low, h
         if rise == 0.0:  # it goes the wrong way from its start: decide again here
@@ -212,38 +211,6 @@ def _accept(w):
         w.g[j] = w.y[2 * n + j]
     for j in range(ng):
         accept_guard(w, j)
-
-
-@inlined
-def _project_event(w, t, again):
-    """Mark the guards that fire and set the slips that have just become zero to zero, so that they are so in the record, too."""
-    mark(w, again)
-    for i in range(w.ints[NE]):
-        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i):
-            w.m[i] = 0.0
-    project(w, t)
-    for i in range(w.ints[NE]):
-        w.m[i] = w.before[i]
-
-
-@inlined
-def _after_event(w, t):
-    """Switch what fires at an event. DONE, or the status of `advance` where switching has no end or no modes are consistent."""
-    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), w.reals[END]):
-        w.ints[CLOSE] += 1
-        if w.ints[CLOSE] > 50 + 20 * w.ints[NE]:
-            return ENDLESS
-    else:
-        w.ints[CLOSE] = 0
-    w.reals[LAST_EVENT] = t
-    if not fire(w, t):
-        return INCONSISTENT
-    if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
-        w.reals[STEP_OLD] = 0.0
-        measure_round_off(w)
-    else:
-        first_step(w)
-    return DONE
 
 
 @cached
@@ -313,6 +280,7 @@ def advance(w):
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
             if rejected:
                 measure_round_off(w)
+                spread_round_off(w, w.reals[STEP_SIZE])
             rejected = True
             continue
         if not outputs_before(w, t, t_new):
@@ -328,15 +296,16 @@ def advance(w):
             _accept(w)
         w.reals[TIME] = t_new
         if event:
-            _project_event(w, t_new, h == 0.0)
+            project_event(w, t_new, h == 0.0)
         else:
             project(w, t_new)
         if refresh:
             measure_round_off(w)
+            spread_round_off(w, h)
         if every_node and h > 0.0:
             record(w, t_new, w.x)
         if event:
-            status = _after_event(w, t_new)
+            status = after_event(w, t_new)
             if status != DONE:
                 return status
             if every_node:

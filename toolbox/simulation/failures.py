@@ -80,8 +80,11 @@ def failure(
             return SimulationError(
                 f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
             )
+    if status == loop_layout.NEGATIVE_BOUND:
+        name = names[program.bounded[int(work.ints[loop_layout.CULPRIT])]]
+        return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
     if status == loop_layout.ENDLESS:
-        return ZenoError(f"Element `{names[int(work.ints[loop_layout.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
+        return ZenoError(f"Element `{names[int(work.ints[loop_layout.CULPRIT])]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
     if status == loop_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
@@ -104,4 +107,9 @@ def failure(
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
-    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)
+    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}; lower the accuracy asked.", so_far)
+
+
+def _resolution(t: float) -> str:
+    """How far times are apart that a number can tell, where that is more than a run of ordinary length would notice."""
+    return f", where times are {np.spacing(t):.2g} s apart" if t > 1e3 else ""

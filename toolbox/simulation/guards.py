@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import FIELD, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
+from toolbox.compilation.loop_layout import BOUNDS, FIELD, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
 from toolbox.compilation.numba_cache import inlined
 
 
@@ -75,3 +75,12 @@ def accept_guard(w, j):
         w.guard_scale[w.slot[j]] = size
     if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * guard_size(w, j):
         w.armed[j] = True
+
+
+@inlined
+def bounds_hold(w):
+    """Whether no bound of friction is negative at the current guards, beyond round-off."""
+    hold = True
+    for j in range(w.ints[NG] - w.ints[BOUNDS], w.ints[NG]):
+        hold = hold and w.g[j] >= -1e-9 * guard_size(w, j)
+    return hold

@@ -8,6 +8,7 @@ import numpy as np
 
 from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import (
+    BOUNDS,
     COUPLED,
     CULPRIT,
     EPS,
@@ -25,7 +26,7 @@ from toolbox.compilation.loop_layout import (
     N,
 )
 from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import flies, guard_size, nudge, project, refresh
+from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh
 from toolbox.simulation.impacts import impact
 
 
@@ -94,10 +95,31 @@ def decide(w, t):
 
 
 @inlined
+def turn_switches(w):
+    """Turn every switch whose threshold is passed at the current guards by more than events are located to; returns whether there was one."""
+    turned = False
+    for i in range(w.ints[NE]):
+        size = max(w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[NG]])  # in both positions: a position that is new has seen nothing yet
+        if w.kind[i] == SWITCH and w.g[2 * i] < -2e-9 * size:
+            w.m[i] = 1.0 - w.m[i]
+            turned = True
+    return turned
+
+
+@inlined
 def settle(w, t):
-    """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent."""
-    if not decide(w, t):
-        return False
+    """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent.
+
+    A switch whose threshold is passed turns, too, which may change the forces that decide, and turn others.
+    """
+    for _ in range(2 * w.ints[NE] + 1):
+        if not decide(w, t):
+            return False
+        refresh(w)
+        if not bounds_hold(w):
+            return False
+        if not turn_switches(w):
+            break
     for i in range(w.ints[NE]):
         if w.m[i] != w.before[i] or w.bounced[i]:
             w.bounced[i] = False
@@ -106,9 +128,9 @@ def settle(w, t):
             w.ev_i[e] = i
             w.ev_m[e, 0] = np.int8(w.before[i])
             w.ev_m[e, 1] = np.int8(w.m[i])
+            w.ev_m[e, 2] = 0
             w.ints[EVENTS] = e + 1
             w.ints[CULPRIT] = i
-    refresh(w)
     return True
 
 
@@ -137,7 +159,7 @@ def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
     kink, strike = False, False
-    for j in range(2 * ne, ng):
+    for j in range(2 * ne, ng - w.ints[BOUNDS]):
         if w.fired[j]:
             w.side[j] = -w.side[j]
             kink = True
@@ -165,9 +187,43 @@ def fire(w, t):
     events = w.ints[EVENTS]
     if not settle(w, t):
         return False
+    if w.ints[COUPLED] == 1:
+        for e in range(events, w.ints[EVENTS]):
+            w.ev_m[e, 2] = np.int8(_other_choice(w, t, w.ev_i[e]))
     if w.ints[EVENTS] == events and not kink:
         w.ints[MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
     return True
+
+
+@inlined
+def _other_choice(w, t, i):
+    """Whether the contact i that has just switched could have done otherwise: stuck where it slides, or slid on or back where it sticks.
+
+    The others decide anew each time. Where forces hold each other and static friction is above kinetic both can be consistent. Leaves the modes in m.
+    """
+    ne = w.ints[NE]
+    if w.kind[i] != FRICTION or not w.zero[i]:
+        return False
+    for j in range(ne):
+        w.held[j] = w.m[j]
+    possible = False
+    for way in (-1.0, 0.0, 1.0):
+        if way == w.held[i] or (way != 0.0 and w.held[i] != 0.0) or possible:
+            continue
+        for j in range(ne):
+            w.m[j] = w.held[j]
+        w.m[i] = way
+        w.zero[i] = False
+        if decide(w, t):
+            w.zero[i] = True
+            if modes_consistent(w, t, False, -1):
+                rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+                # clearly so: at its limit a contact is on the border of both
+                possible = abs(force) < (1.0 - 1e-6) * static if way == 0.0 else way * rate > 1e-6 * abs(pace)
+        w.zero[i] = True
+    for j in range(ne):
+        w.m[j] = w.held[j]
+    return possible
 
 
 @inlined
@@ -225,8 +281,8 @@ def begin(w):
     if not decide(w, t):
         return False
     call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for j in range(2 * ne, ng):
+    for j in range(2 * ne, ng - w.ints[BOUNDS]):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
     refresh(w)
-    return True
+    return bounds_hold(w)

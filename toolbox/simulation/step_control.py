@@ -62,6 +62,25 @@ def measure_round_off(w):
 
 
 @inlined
+def spread_round_off(w, h):
+    """Add to the noise of every slope what the noise that an explicit step h leaves in the states does to it.
+
+    A position whose speed is only the round-off of balanced forces has no scale of its own: without this its error would be held to one. States of a size
+    that round-off does not reach are left alone.
+    """
+    n = w.ints[N]
+    if w.ints[IMPLICIT] == 1:
+        return
+    for i in range(n):
+        w.s[i] = w.x[i] + w.noise[i] * h
+    call(w.ints[FIELD], w.reals[TIME], 0.0, w.s, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        spread = abs(w.z[n + i] - w.k[i])
+        if 0.0 < w.scale[i] <= 1e6 * spread * h:
+            w.noise[i] += spread
+
+
+@inlined
 def first_step(w):
     """A first step size by Hairer's rule."""
     n, t = w.ints[N], w.reals[TIME]
@@ -86,6 +105,7 @@ def first_step(w):
     h = max(min(100.0 * h0, h1), 1e-9 * w.reals[END])
     w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
     w.reals[STEP_OLD] = 0.0
+    spread_round_off(w, w.reals[STEP_SIZE])
 
 
 @inlined

@@ -46,7 +46,7 @@ def _event(w, t, i, before, after):
     """Note a switch of element i."""
     e = w.ints[EVENTS]
     w.ev_t[e], w.ev_i[e] = t, i
-    w.ev_m[e, 0], w.ev_m[e, 1] = before, after
+    w.ev_m[e, 0], w.ev_m[e, 1], w.ev_m[e, 2] = before, after, 0
     w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
 
 

@@ -98,7 +98,7 @@ class Trajectory(Stays, Samples):
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
         times, index, modes = self._event_arrays
         first = int(np.searchsorted(times, times[event]))
-        for i, (before, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
+        for i, (before, _, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
             self._last_mode[i] = before
         self.end = float(times[event])
         self._event_arrays = times[:first], index[:first], modes[:first]
@@ -124,8 +124,17 @@ class Trajectory(Stays, Samples):
         times, index, modes = self._event_arrays
         return [
             Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)])
-            for t, i, (b, a) in zip(times, index, modes, strict=True)
+            for t, i, (b, a, _) in zip(times, index, modes, strict=True)
         ]
+
+    @property
+    def ambiguous(self) -> list[Event]:
+        """The switches at which other modes were consistent with the forces, too.
+
+        Where contacts hold each other and static friction is above kinetic, Coulomb's law does not say whether a contact that arrives sticks, or whether one at
+        its limit lets go first. The run goes on with what can stick beside the others; another choice is another motion.
+        """
+        return [event for event, other in zip(self.events, self._event_arrays[2][:, 2], strict=True) if other]
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:
@@ -313,6 +322,8 @@ class Trajectory(Stays, Samples):
         ]
         if self.why:
             lines.append(f"  {self.why}")
+        if self.ambiguous:
+            lines.append(f"  {len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
         if self.merged:
             lines.append(f"  {self.merged} touches without a change of mode")
         for element in self.program.system.elements:

@@ -59,6 +59,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     ints = np.zeros(loop_layout.INTS, np.int64)
     ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = n, ne, ng
     ints[loop_layout.COUPLED] = machine.coupled
+    ints[loop_layout.BOUNDS] = len(program.bounded)
     ints[loop_layout.FIRST_HELD] = program.first_held
     ints[loop_layout.NODES] = 1 if run.output_times is None else 0
     if fixed is not None and run.output_times is None:
@@ -100,7 +101,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
-        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.empty((events, 2), np.int8),
+        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.zeros((events, 3), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
@@ -162,7 +163,7 @@ def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
     for name in names:
         old = getattr(work, name)
         room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], program, budget.events)
-        new = np.empty((room, *old.shape[1:]), old.dtype)
+        new = np.zeros((room, *old.shape[1:]), old.dtype)
         new[: old.shape[0]] = old
         bigger[name] = new
     return work._replace(**bigger)

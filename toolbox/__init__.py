@@ -27,6 +27,7 @@ from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
+from toolbox.robustness.margins import Margins, margins
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
 from toolbox.simulation.simulate import Budget, simulate
@@ -59,6 +60,7 @@ __all__ = [
     "GrazingError",
     "HybridSystem",
     "Hysteresis",
+    "Margins",
     "Observed",
     "Observer",
     "Recording",
@@ -91,6 +93,7 @@ __all__ = [
     "impedance",
     "limit_cycle",
     "linearise",
+    "margins",
     "onset",
     "overshoot",
     "pole_locus",

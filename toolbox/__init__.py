@@ -27,6 +27,8 @@ from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
+from toolbox.robustness.absorber import absorber_limit
+from toolbox.robustness.limits import performance_limit
 from toolbox.robustness.margins import Margins, margins
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
@@ -79,6 +81,7 @@ __all__ = [
     "Update",
     "WorkPrecision",
     "ZenoError",
+    "absorber_limit",
     "compose",
     "cycles",
     "energy_audit",
@@ -96,6 +99,7 @@ __all__ = [
     "margins",
     "onset",
     "overshoot",
+    "performance_limit",
     "pole_locus",
     "quantity",
     "ramp",

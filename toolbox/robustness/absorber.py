@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
-from toolbox.modelling.free_parameter import checked_range
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running

@@ -6,36 +6,32 @@ Every function draws into given axes or makes a figure of its own, and returns t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.errors import SceneError
-from toolbox.robustness.disk_margins import frequencies
+from toolbox.robustness.disk_margins import LoopMargins, frequencies
+from toolbox.robustness.loop import LinearLoop
 from toolbox.simulation.plot import LINES, PAPER, WIDTH
 
-if TYPE_CHECKING:
-    from toolbox.robustness.margins import Margins
 
-
-def margins_diagram(found: Margins, axes: Any = None) -> Any:
+def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = None) -> Any:
     """The loop of every command in the complex plane and its sensitivities |S| and |S - T| / 2. Returns both axes.
 
     The disk around the critical point -1 is what the disk margin keeps free: a factor f of the command moves -1 to -1 / f, and the disk holds these
-    points for every f that the margin allows. Raises SceneError where there is no linear loop.
+    points for every f that the margin allows. rows: the margins of every command of the loop.
     """
-    if found.loop is None:
-        raise SceneError(f"There is no linear loop to be drawn: {found.reason}.")
     with plt.rc_context(PAPER):
         if axes is None:
             _, axes = plt.subplots(1, 2, figsize=(WIDTH, 3.2), layout="constrained")
         nyquist, bode = axes
         reach = 2.5
-        for i, row in enumerate(found.loops):
-            loop = found.loop.alone(i)
-            w = frequencies(loop)
-            gain = loop.transfer(w)[:, 0, 0]
+        for i, row in enumerate(rows):
+            alone = loop.alone(i)
+            w = frequencies(alone)
+            gain = alone.transfer(w)[:, 0, 0]
             style = LINES[i % len(LINES)]
             nyquist.plot(gain.real, gain.imag, label=row.command.replace("_", " "), **style)
             nyquist.plot(gain.real, -gain.imag, **{**style, "linewidth": 0.5})
@@ -50,7 +46,7 @@ def margins_diagram(found: Margins, axes: Any = None) -> Any:
             with np.errstate(divide="ignore"):
                 s = 1.0 / np.abs(1.0 + gain)
                 disk = np.abs((1.0 - gain) / (1.0 + gain)) / 2.0
-            last = " of " + row.command if len(found.loops) > 1 else ""
+            last = " of " + row.command if len(rows) > 1 else ""
             bode.loglog(w, s, label=f"$|S|${last}", **style)
             bode.loglog(w, disk, label=f"$|S - T| / 2${last}", **{**style, "linestyle": (0, (1.2, 1.2))})
             if math.isfinite(row.disk_frequency) and row.disk_margin > 0.0:
@@ -65,7 +61,7 @@ def margins_diagram(found: Margins, axes: Any = None) -> Any:
         )
         nyquist.legend(frameon=False, loc="upper right")
         bode.axhline(1.0, color="0.7", linewidth=0.5, zorder=0)
-        top = max((max(row.peak_sensitivity, 1.0 / row.disk_margin) for row in found.loops if row.disk_margin > 0.0), default=2.0)
+        top = max((max(row.peak_sensitivity, 1.0 / row.disk_margin) for row in rows if row.disk_margin > 0.0), default=2.0)
         bode.set(ylim=(0.02, 2.5 * max(top, 1.0)), xlabel="frequency [rad/s]", ylabel="gain [1]")
         bode.legend(frameon=False, loc="lower right")
     return axes

@@ -23,9 +23,12 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.components import Equations, Signal
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled, designed
-from toolbox.simulation.simulate import Budget, checked_run, simulate
-from toolbox.simulation.work_arrays import place_starts
-from toolbox.steady_states.linear import Equilibrium, equilibrium, input_values, linearise, mode_numbers
+from toolbox.modelling.start import place_starts
+from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Budget
+from toolbox.simulation.simulate import simulate
+from toolbox.steady_states.linear import equilibrium, input_values, linearise
 from toolbox.steady_states.running import running
 
 STABLE = 1e-8
@@ -140,7 +143,7 @@ def continuous_steady_loop(
         _slope(closed, point),
         point.states,
     )
-    system = checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=[Broken(law) for law in laws]).system
+    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=[Broken(law) for law in laws]).checked().system
     drives = tuple(name for law in laws for name in law.drives)
     commands = {plant.routes.get(name, name): point[plant.routes.get(name, name)] for name in drives}
     state = {name: point[name] for name in closed.states}
@@ -339,7 +342,7 @@ def sampled_steady_loop(
 ) -> SteadyLoop:
     """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
     exact = [dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in laws]
-    run = checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=exact)
+    run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=exact).checked()
     system = run.system
     if any(update.external for update in system.updates):
         raise NoDerivative("the law is a Python callable")
@@ -455,7 +458,7 @@ def steady_loop(
     checked_plant(plant)
     given = law_list(plant, controller, sample_time)
     arguments = plant, given, mapping("inputs", inputs), mapping("parameters", parameters), mapping("start", start)
-    checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=given, start=start)
+    Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=given, start=start).checked()
     if any(isinstance(law, Sampled) for law in given):
         return sampled_steady_loop(*arguments)
     return continuous_steady_loop(*arguments)

@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from toolbox.arguments import mapping
+from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative, law_list, smooth_points, steady_loop
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.simulation.simulate import checked_run
+from toolbox.simulation.request import Request
 
 
 @dataclass(frozen=True)
@@ -107,10 +106,15 @@ class Margins:
         return "\n".join(lines)
 
     def plot(self, axes: Any = None) -> Any:
-        """The Nyquist curve with the disk that it must not enter, and the sensitivity; see `toolbox.robustness.figures.margins_diagram`."""
+        """The Nyquist curve with the disk that it must not enter, and the sensitivities; returns both axes.
+
+        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError where there is no linear loop.
+        """
+        if self.loop is None:
+            raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")
         from toolbox.robustness.figures import margins_diagram
 
-        return margins_diagram(self, axes=axes)
+        return margins_diagram(self.loop, self.loops, axes=axes)
 
 
 def margins(
@@ -156,7 +160,7 @@ def margins(
     except NoDerivative as none:
         reason = str(none)
     if found is None:
-        system = checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).system
+        system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked().system
         drives = [name for name in plant.inputs if name not in system.inputs]
         result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason)
     else:
@@ -185,7 +189,7 @@ def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:
 
 def _smooth_start(plant: HybridSystem, laws: list[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any]) -> dict[str, Any]:
     """States of smooth running; raises SceneError where none is known."""
-    system = checked_run(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).system
+    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked().system
     points = smooth_points(plant, system, laws, inputs, parameters, {})
     if not points:
         raise SceneError(

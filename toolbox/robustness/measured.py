@@ -22,7 +22,8 @@ from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
-from toolbox.simulation.simulate import Budget, simulate
+from toolbox.simulation.run import Budget
+from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
 FACTORS = (1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)

@@ -8,13 +8,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
+from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
 from toolbox.steady_states.equilibria import state_values
-from toolbox.steady_states.linear import Equilibrium, closed_signal, equilibrium, function_of, input_values
+from toolbox.steady_states.linear import equilibrium, input_values
 
 
 def running(

@@ -30,6 +30,7 @@ from toolbox.orbits.sensitivity import Sensitivity, sensitivity
 from toolbox.robustness.absorber import absorber_limit
 from toolbox.robustness.limits import performance_limit
 from toolbox.robustness.margins import Margins, margins
+from toolbox.robustness.worst_case import WorstCase, cycle_phases, worst_case
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
 from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TimeStepping
@@ -89,9 +90,11 @@ __all__ = [
     "UnilateralContact",
     "Update",
     "WorkPrecision",
+    "WorstCase",
     "ZenoError",
     "absorber_limit",
     "compose",
+    "cycle_phases",
     "cycles",
     "energy_audit",
     "equilibria",
@@ -129,6 +132,7 @@ __all__ = [
     "triangle",
     "tune",
     "work_precision",
+    "worst_case",
 ]
 
 

@@ -15,7 +15,8 @@ from controllers import LQG, IdealSlidingMode, LinearMPC, SlidingMode, SoftTorqu
 from models import BitRock, wells
 from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, margins, measure, quantity, simulate, state
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
-from toolbox.robustness.loop import LinearLoop, steady_loop
+from toolbox.robustness.loop import LinearLoop
+from toolbox.robustness.steady_loop import steady_loop
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -1,4 +1,4 @@
-"""Pictures of margins: the Nyquist curve with the disk that it must not enter, and the sensitivities over frequency.
+"""Pictures of margins and of worst cases: Nyquist curve and disk, sensitivities over frequency, outcomes by model error.
 
 Every function draws into given axes or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`.
 """
@@ -64,4 +64,30 @@ def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = N
         top = max((max(row.peak_sensitivity, 1.0 / row.disk_margin) for row in rows if row.disk_margin > 0.0), default=2.0)
         bode.set(ylim=(0.02, 2.5 * max(top, 1.0)), xlabel="frequency [rad/s]", ylabel="gain [1]")
         bode.legend(frameon=False, loc="lower right")
+    return axes
+
+
+def worst_case_diagram(rows: Sequence[tuple[str, float, float, bool]], axes: Any = None) -> Any:
+    """Part of the time stuck and ripple of the command of every run, by model error. Returns both axes.
+
+    rows: (error, stuck, ripple, whether it is a success) of every run; those that could not be finished have nan and are counted beside the error.
+    """
+    errors = list(dict.fromkeys(error for error, *_ in rows))
+    with plt.rc_context(PAPER):
+        if axes is None:
+            _, axes = plt.subplots(1, 2, sharey=True, figsize=(WIDTH, 0.9 + 0.24 * len(errors)), layout="constrained")
+        place, good = np.array([errors.index(row[0]) for row in rows]), np.array([row[3] for row in rows])
+        panels = (([row[1] for row in rows], "time stuck [%]"), ([row[2] for row in rows], "ripple of the command [%]"))
+        for ax, (values, label) in zip(axes, panels, strict=True):
+            x = 100.0 * np.array(values)
+            ax.plot(x[good], place[good], marker="o", color=LINES[0]["color"], linestyle="none", markersize=4.5, label="succeeds")
+            ax.plot(x[~good], place[~good], marker="X", color=LINES[1]["color"], linestyle="none", markersize=4.5, label="fails")
+            ax.set_xlabel(label)
+            ax.set_xlim(left=-2.0)
+            ax.grid(axis="y", color="0.9", linewidth=0.6)
+        broken = [sum(math.isnan(row[1]) for row in rows if row[0] == error) for error in errors]
+        names = [error + (f" ({count} not finished)" if count else "") for error, count in zip(errors, broken, strict=True)]
+        axes[0].set_yticks(range(len(errors)), names)
+        axes[0].invert_yaxis()
+        axes[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return axes

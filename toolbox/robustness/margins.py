@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,8 +12,9 @@ from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
-from toolbox.robustness.loop import LinearLoop, NoDerivative, law_list, smooth_points, steady_loop
+from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
+from toolbox.robustness.steady_loop import law_list, smooth_start, steady_loop
 from toolbox.simulation.request import Request
 
 
@@ -132,7 +133,7 @@ def margins(
     """Disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running, with sampling, hold and delay as they are.
 
     The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is broken at every input that a law drives
-    (`toolbox.robustness.loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder steps of `Sampled` are left out.
+    (`toolbox.robustness.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder steps of `Sampled` are left out.
 
     - plant, controller, sample_time, parameters: as in `simulate`; a law is designed on the declared plant;
     - inputs: {signal: number}, such as another weight on bit or set-point;
@@ -149,10 +150,7 @@ def margins(
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     laws = law_list(plant, controller, sample_time)
-    title = "; ".join(
-        _described(law, given)
-        for law, given in zip(laws, controller if isinstance(controller, (list, tuple)) else [controller], strict=True)
-    )
+    title = titled(laws, controller)
     reason, found = "", None
     try:
         found = steady_loop(plant, laws, inputs=inputs, parameters=parameters, start=start)
@@ -177,7 +175,7 @@ def margins(
     if not measured:
         return result
     given = mapping("inputs", inputs), mapping("parameters", parameters)
-    begin = found.start if found is not None else mapping("start", start) or _smooth_start(plant, laws, *given)
+    begin = found.start if found is not None else mapping("start", start) or smooth_start(plant, laws, *given)
     bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=given[1], duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
 
@@ -187,18 +185,13 @@ def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:
     return loop(delay, only=i).alone(i)
 
 
-def _smooth_start(plant: HybridSystem, laws: list[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """States of smooth running; raises SceneError where none is known."""
-    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked().system
-    points = smooth_points(plant, system, laws, inputs, parameters, {})
-    if not points:
-        raise SceneError(
-            "No steady running of this loop is known to measure its margins from: give `start`, the states of the plant there."
-        )
-    return {name: points[0][name] for name in plant.states}
+def titled(laws: Sequence[Any], controller: Any) -> str:
+    """Laws as they were given, and how they run, in words. laws: as designed."""
+    given = controller if isinstance(controller, (list, tuple)) else [controller]
+    return "; ".join(described(law, each) for law, each in zip(laws, given, strict=True))
 
 
-def _described(law: Any, given: Any) -> str:
+def described(law: Any, given: Any) -> str:
     """A law and how it runs, in words."""
     inner = given.law if isinstance(given, Sampled) else given
     name = getattr(inner, "__name__", type(inner).__name__)

@@ -94,7 +94,7 @@ def test_seeds_are_used_where_there_is_noise(rig):
 
 def test_the_result_draws_every_run(found):
     stuck, ripple = found.plot()
-    assert [label.get_text() for label in stuck.get_yticklabels()] == list(found.by_error)
+    assert [label.get_text().replace("\n", " ") for label in stuck.get_yticklabels()] == list(found.by_error)
     assert sum(line.get_xdata().size for line in ripple.lines) == len(found.outcomes)
 
 

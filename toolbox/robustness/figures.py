@@ -83,11 +83,11 @@ def worst_case_diagram(rows: Sequence[tuple[str, float, float, bool]], axes: Any
             ax.plot(x[good], place[good], marker="o", color=LINES[0]["color"], linestyle="none", markersize=4.5, label="succeeds")
             ax.plot(x[~good], place[~good], marker="X", color=LINES[1]["color"], linestyle="none", markersize=4.5, label="fails")
             ax.set_xlabel(label)
-            ax.set_xlim(left=-2.0)
+            ax.set_xlim(-0.03 * max(10.0, np.nanmax(x, initial=0.0)), 1.05 * max(10.0, np.nanmax(x, initial=0.0)))
             ax.grid(axis="y", color="0.9", linewidth=0.6)
         broken = [sum(math.isnan(row[1]) for row in rows if row[0] == error) for error in errors]
         names = [error + (f" ({count} not finished)" if count else "") for error, count in zip(errors, broken, strict=True)]
-        axes[0].set_yticks(range(len(errors)), names)
+        axes[0].set_yticks(range(len(errors)), [name.replace(", ", ",\n") for name in names])
         axes[0].invert_yaxis()
         axes[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
     return axes

@@ -136,9 +136,9 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
     for k, label in enumerate(list(LAWS)[:8]):
         values = [found_at(label, speed, measured=False).disk_margin for speed in speeds]
         ax.plot(speeds, values, color=tones[k], ls=styles[k % 4], lw=1.4, marker="o", ms=2.2, label=label)
-    for value, text in zip(absorbing, ("absorber", "absorber on\nthe drive"), strict=True):
+    for value, text in zip(absorbing, ("absorber", "absorber\non the\ndrive"), strict=True):
         ax.axvline(value, color="0.3", lw=0.8, ls=":")
-        ax.text(value + 0.05, 0.95, text, fontsize=8, va="top")
+        ax.text(value + 0.05, 1.3, text, fontsize=8, va="top")
     ax.set(xlim=(2.0, 9.0), ylim=(0.0, 2.05), xlabel="set-point [rad/s]", ylabel="disk margin [1]")
     ax.set_title("sampled every 10 ms, torque 30 ms late", fontsize=9, loc="left")
     ax.spines[["top", "right"]].set_visible(False)

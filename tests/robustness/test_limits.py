@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from controllers import LQG, LQR, PI, ActiveDamping, HInfinity, SoftTorque, StiffPI, ZTorque
-from models import BitRock, TorsionalChain, wells
+from models import BitRock, TopDrive, TorsionalChain, wells
 from toolbox import (
     Component,
     Equations,
@@ -222,6 +222,16 @@ def test_the_zeros_of_the_top_speed_are_the_poles_of_a_string_held_at_its_top(ri
 def test_jansen_s_rig_leaves_a_tenth_at_2_4_and_one_at_4(rig):
     limits = [performance_limit(rig, {"top.speed": speed}, period=0.01, delay=0.03).disk_margin for speed in (2.4, 3.0, 3.4, 4.0, 4.2)]
     assert limits == pytest.approx([0.106, 0.177, 0.316, 1.041, 2.0], abs=1e-3)
+
+
+def test_a_drive_with_lags_stands_between_the_law_and_the_string(rig):
+    # the lags of the drive are outside of the interpolation, which stable dynamics do not touch; those of the sensor are, too
+    late = compose(wells.JANSEN_2, TopDrive(), BitRock(weight=WEIGHT))
+    plain = performance_limit(rig, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin
+    assert performance_limit(late, {"top.speed": 3.0}, period=0.01, delay=0.03).disk_margin == pytest.approx(plain, rel=0.02)
+    found = margins(late, Sampled(SoftTorque(reference=6.5), 0.01, 0.03))
+    assert found.loops[0].command == "drive.command"
+    assert 0.0 < found.disk_margin < margins(rig, Sampled(SoftTorque(reference=6.5), 0.01, 0.03)).disk_margin
 
 
 # --- the absorber

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from controllers import LQG, IdealSlidingMode, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting
+from controllers import LQG, HInfinity, IdealSlidingMode, LinearMPC, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from models import BitRock, wells
 from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, margins, measure, quantity, simulate, state
 from toolbox.robustness.disk_margins import LoopMargins, joint_margins, loop_margins, scaled_norm
 from toolbox.robustness.loop import LinearLoop
+from toolbox.robustness.measured import with_delay, with_gain
 from toolbox.robustness.steady_loop import steady_loop
 
 pytestmark = pytest.mark.timeout(120)
@@ -265,24 +266,34 @@ def test_the_loop_of_a_sampled_pi_is_that_of_its_transition_matrices(rig):
     np.testing.assert_allclose(found.loop().transfer(w)[:, 0, 0], law * np.array(top), rtol=1e-8)
 
 
-@pytest.mark.parametrize("what", ["gain", "delay"])
-def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, what):
-    law = Sampled(LQG(reference=5.0, late=3), 0.01, 0.03)
-    row = margins(rig, law)["top.torque"]
-    from toolbox.robustness.measured import with_delay, with_gain
+LAWS = {
+    "LQG": LQG(reference=5.0, late=3),
+    "H-infinity": HInfinity(reference=5.0),
+    "Z-torque": ZTorque(reference=5.0, filter_time=0.02),
+}
 
-    begin = dict(steady_loop(rig, law).start)
-    begin["chain.speed"] = np.array([5.0, 5.0 * (1 - 1e-4)])  # near enough that friction is a line
+
+@pytest.mark.parametrize("what", ["gain", "delay"])
+@pytest.mark.parametrize("label", LAWS)
+def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, label, what):
+    law = Sampled(LAWS[label], 0.01, 0.03)
+    row = margins(rig, law)["top.torque"]
 
     def grows(part):
-        margin = row.highest_gain if what == "gain" else row.delay_margin
-        changed = with_gain(law, 1 + part * (margin - 1)) if what == "gain" else with_delay(law, part * margin)
-        run = simulate(rig, 50.0, controller=changed, start=begin, accuracy=1e-9)
-        early, late = (measure.extent(run, "bit.speed", after, until=after + 15.0) for after in (10.0, 35.0))
-        return (late.maximum - late.minimum) / (early.maximum - early.minimum)
+        """(growth of what the bit does, growth of the linear loop) [1/s] with a part of the margin used up."""
+        changed = with_gain(law, 1 + part * (row.highest_gain - 1)) if what == "gain" else with_delay(law, part * row.delay_margin)
+        point = steady_loop(rig, changed)
+        begin = {name: value / 0.98 if name in rig.states else value for name, value in point.start.items()}
+        begin["chain.speed"] = begin["chain.speed"] * np.array([1.0, 1 - 1e-6])  # near enough that friction is a line
+        held = {"top.torque": point.signals["top.torque"]}  # until the first command arrives
+        run = simulate(rig, 80.0, controller=changed, start=begin, parameters=held, accuracy=1e-11)
+        early, late = (measure.extent(run, "bit.speed", after, until=after + 20.0) for after in (20.0, 50.0))
+        return math.log((late.maximum - late.minimum) / (early.maximum - early.minimum)) / 30.0, point.loop().growth()
 
-    assert grows(0.96) < 0.8
-    assert grows(1.04) > 1.2
+    found, expected = grows(0.9)  # several modes die there at about one rate
+    assert found < 0.0 and expected < 0.0
+    found, expected = grows(1.1)
+    assert found > 0.0 and found == pytest.approx(expected, rel=0.1, abs=2e-3)
 
 
 # --- laws that no line describes

@@ -28,7 +28,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
 from toolbox.robustness.loop import held_step
 from toolbox.steady_states.linear import linearise
@@ -84,12 +84,13 @@ def performance_limit(
     """The best disk margin and peak sensitivity that any linear law can have at a set-point, on what it measures and as late as it is.
 
     - at: {signal: value} that says where the plant runs steadily, such as {"top.speed": 3.0};
-    - measures: what laws may read;  drives: the one input that they drive;
+    - measures: what laws may read;  drives: the one input that they drive; a part such as a drive with lags stands between, as it does in runs;
     - period: sample time [s], None for continuous laws;  delay: of the commands [s], of sampled laws only;
     - inputs, parameters: as in `running`.
 
     Returns a `PerformanceLimit`. Raises SceneError where there is no steady running, for more than one driven input, and for a delay without a period.
     """
+    checked_plant(plant)
     if not isinstance(drives, str):
         raise SceneError(
             f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
@@ -98,8 +99,9 @@ def performance_limit(
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     if not is_finite_number(delay) or delay < 0 or (delay > 0 and period is None):
         raise SceneError(f"Argument `delay` must be >= 0 s, and 0 without a `period`, but it is {delay!r}.")
+    drives, seen = plant.routes.get(drives, drives), [plant.routes.get(name, name) for name in names(measures)]
     point = running(plant, at, drives, inputs=inputs, parameters=parameters)
-    linear = linearise(point.plant, point, inputs=drives, outputs=names(measures))
+    linear = linearise(point.plant, point, inputs=drives, outputs=seen)
     A, B, C, D = (np.asarray(each, float) for each in (linear.A, linear.B, linear.C, linear.D))
     late = 0
     if period is not None:

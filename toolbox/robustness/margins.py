@@ -14,7 +14,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import law_list, smooth_start, steady_loop
+from toolbox.robustness.steady_loop import law_list, smooth_start, stand_ins, steady_loop
 from toolbox.simulation.request import Request
 
 
@@ -175,8 +175,14 @@ def margins(
     if not measured:
         return result
     given = mapping("inputs", inputs), mapping("parameters", parameters)
-    begin = found.start if found is not None else mapping("start", start) or smooth_start(plant, laws, *given)
-    bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=given[1], duration=float(duration), inertia=inertia)
+    held: Mapping[str, float] = {}
+    begin = mapping("start", start)
+    if found is not None:
+        begin, held = dict(found.start), stand_ins(plant, found.signals)
+    elif not begin:
+        begin, held = smooth_start(plant, laws, *given)
+    changed = {**held, **given[1]}
+    bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=changed, duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
 
 

@@ -409,17 +409,24 @@ def law_list(plant: HybridSystem, controller: Any, sample_time: float | None) ->
 
 def smooth_start(
     plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any] | None = None
-) -> dict[str, Any]:
-    """Start values of a run near smooth running: with the memory of the laws where their loop is linear, of the plant alone where it is not.
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Start values of a run near smooth running, and the stand-ins of its commands, which late laws leave there until their first output arrives.
 
-    Raises SceneError where no steady running is known.
+    With the memory of the laws where their loop is linear, of the plant alone where it is not. Raises SceneError where no steady running is known.
     """
     with contextlib.suppress(NoDerivative, SceneError):
-        return dict(steady_loop(plant, list(laws), inputs=inputs, parameters=parameters).start)
+        found = steady_loop(plant, list(laws), inputs=inputs, parameters=parameters)
+        return dict(found.start), stand_ins(plant, found.signals)
     system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=list(laws)).checked().system
     points = smooth_points(plant, system, laws, inputs, parameters or {}, {})
     if not points:
         raise SceneError(
             "No steady running of this loop is known to begin from: give the states of the plant there, as `start` or `starts`."
         )
-    return {name: points[0][name] for name in plant.states}
+    commands = {name: points[0][name] for name in plant.inputs if name not in system.inputs}
+    return {name: points[0][name] for name in plant.states}, stand_ins(plant, commands)
+
+
+def stand_ins(plant: HybridSystem, values: Mapping[str, float]) -> dict[str, float]:
+    """Those of some values that are stand-ins of inputs, which are parameters of the plant."""
+    return {name: float(value) for name, value in values.items() if name in plant.inputs and name in plant.parameters}

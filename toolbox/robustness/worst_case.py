@@ -189,7 +189,11 @@ def worst_case(
         **{f"high {name}": measures.maximum(name, window) for name in drives},
         **{f"mean {name}": measures.mean(name, window) for name in drives},
     }
-    begins = [smooth_start(plant, laws, inputs or {})] if starts is None else list(starts)
+    begins = list(starts or ())
+    held: dict[str, float] = {}
+    if starts is None:
+        smooth, held = smooth_start(plant, laws, inputs or {})
+        begins = [smooth]
     found: list[Outcome] = []
     seconds = 0.0
     for late in sorted({case.get(DELAY, 1.0) for case in cases.values()}):
@@ -198,7 +202,7 @@ def worst_case(
         for seed in seeds if noisy else (0,):
             running = [_as_run(law, late, seed) for law in laws]
             for k, begin in enumerate(begins):
-                done = sweep(plant, rows, duration, controller=running, start=begin, inputs=inputs, measures=asked)
+                done = sweep(plant, rows, duration, controller=running, start=begin, inputs=inputs, parameters=held, measures=asked)
                 seconds += done.seconds
                 for i, label in enumerate(own):
                     numbers = {name: float(done[name][i]) for name in asked}

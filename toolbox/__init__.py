@@ -27,6 +27,10 @@ from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
+from toolbox.robustness.absorber import absorber_limit
+from toolbox.robustness.limits import performance_limit
+from toolbox.robustness.margins import Margins, margins
+from toolbox.robustness.worst_case import WorstCase, cycle_phases, worst_case
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
 from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TimeStepping
@@ -66,6 +70,7 @@ __all__ = [
     "HybridSystem",
     "Hysteresis",
     "Implicit",
+    "Margins",
     "Observed",
     "Observer",
     "Recording",
@@ -85,8 +90,11 @@ __all__ = [
     "UnilateralContact",
     "Update",
     "WorkPrecision",
+    "WorstCase",
     "ZenoError",
+    "absorber_limit",
     "compose",
+    "cycle_phases",
     "cycles",
     "energy_audit",
     "equilibria",
@@ -100,8 +108,10 @@ __all__ = [
     "impedance",
     "limit_cycle",
     "linearise",
+    "margins",
     "onset",
     "overshoot",
+    "performance_limit",
     "pole_locus",
     "quantity",
     "ramp",
@@ -122,6 +132,7 @@ __all__ = [
     "triangle",
     "tune",
     "work_precision",
+    "worst_case",
 ]
 
 

@@ -22,7 +22,7 @@ from toolbox.steady_states.equilibria import Followed
 from toolbox.steady_states.linear import Equilibrium, function_of
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
-"""How far outside of the range stick-slip is looked for, in parts of the value at its edge: below it as they are, above it as 1/(1 - part)."""
+"""How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""
 
 FINEST = 1 / 64
 """The smallest step, in parts of the way, in which stick-slip is led into the range."""
@@ -103,9 +103,7 @@ class Inside:
 
     def outside(self, edge: float, sign: float, width: float) -> None:
         """Stick-slip outside of an edge of the range, led up to the edge; sign: the way out."""
-        for part in OUTWARD:
-            size = abs(edge) if edge * sign > 0 else 0.0
-            value = edge + sign * max(size * part / (1 - part), part * width) if edge * sign >= 0 else edge * (1 - part)
+        for value in outward(edge, sign, width):
             try:
                 end = self.seek(value)
             except SceneError:  # the number itself is refused there
@@ -199,6 +197,13 @@ class Inside:
                 border = Border(edge, max(1e-6 * abs(outer - inner), 1e-12 * abs(edge)), border.safe, border.confirmed, followed="break-away")
             borders.append(border)
         return borders
+
+
+def outward(edge: float, sign: float, width: float) -> list[float]:
+    """Values beyond an edge of a range of that width, the nearest first; none changes its sign. sign: the way out."""
+    if edge * sign < 0:
+        return [edge * (1 - part) for part in OUTWARD]
+    return [edge + sign * max(abs(edge) * part / (1 - part), part * width) for part in OUTWARD]
 
 
 def worse(judged: Judged, other: Judged) -> bool:

@@ -63,7 +63,7 @@ class Search:
         """One run at a value of the knob, and with other numbers, and where it ended."""
         changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
         changes |= self.numbers(value, others)
-        duration = self.whole(longer * self.duration)
+        duration = whole(self.base, longer * self.duration)
         self.runs += 1
         for _ in range(3):
             try:
@@ -76,12 +76,7 @@ class Search:
             duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
         else:
             judged = dataclasses.replace(judged, verdict="stuck")
-        return judged, End(state_values(run.program.system, run.states[-1]), _held(run))
-
-    def whole(self, duration: float) -> float:
-        """A duration rounded to whole sample times of the slowest law, so that the next run takes its samples where they are due."""
-        slowest = max((sample_time for sample_time, _ in self.base.clocks), default=0.0)
-        return max(round(duration / slowest), 1) * slowest if slowest else duration
+        return judged, End(state_values(run.program.system, run.states[-1]), held_of(run))
 
     def plain(self, value: float, begin: End, duration: float) -> Trajectory | None:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
@@ -105,10 +100,10 @@ class Search:
             middle = origin + (value - origin) * k / STEPS
             changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, **self.numbers(middle)}
             try:
-                run = again(self.base, duration=self.whole(2.3 * self.period), longest_step=self.period / 256, **changes)
+                run = again(self.base, duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
             except SimulationError:
                 return begin
-            begin = End(state_values(run.program.system, run.states[-1]), _held(run))
+            begin = End(state_values(run.program.system, run.states[-1]), held_of(run))
         return begin
 
     def judged(self, run: Trajectory, value: float) -> Judged:
@@ -236,7 +231,14 @@ ROUNDS = 6
 """How often the search for a border is taken up again, with runs five times as long."""
 
 
-def _held(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+def whole(run: Run, duration: float) -> float:
+    """A duration rounded to whole sample times of the slowest law, so that the next run takes its samples where they are due."""
+    slowest = max((sample_time for sample_time, _ in run.clocks), default=0.0)
+    return max(round(duration / slowest), 1) * slowest if slowest else duration
+
+
+def held_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+    """What sampled laws remember at the end of a run, and the signals that they hold; None without any."""
     if not run.program.system.updates or run.memory is None:
         return None
     first = run.program.held_slot - run.program.first_held

@@ -42,6 +42,9 @@ VERDICTS = {SMOOTH: "smooth", SWING: "swing", STICK_SLIP: "stick-slip", STUCK: "
 SLOWED = 0.01
 """Part of its slip that the judged contact loses at once on the smooth branch, where a disturbance grows."""
 
+TANGENT = 1e-5
+"""Part of the way to the next points by which the slope of the steady states along it is told."""
+
 FAINT = 1e-4
 """The same where it dies: so little that the unstable cycle near a hard loss of stability is not met."""
 
@@ -156,19 +159,31 @@ class MapLoop:
         m = np.repeat(self.modes[:, None], size, axis=1)
         x = np.repeat(self.rest[:, None], size, axis=1)
         step = np.zeros_like(x)
+
+        def moved(x: np.ndarray, values: np.ndarray, u: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+            """Newton's step at parameters and inputs, with the slopes at others."""
+            flow, slip = (np.array(v) for v in residual(0.0, x, u, values, m))
+            of_flow, of_slip = (np.array(v).reshape(-1, size, n).transpose(1, 0, 2) for v in slopes(0.0, x, at[1], at[0], m))
+            rows = np.concatenate([flow, slip[sticking]]).T[:, :, None]
+            matrix = np.concatenate([of_flow, of_slip[:, sticking]], axis=1)
+            good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(rows).all(axis=(1, 2))
+            step = np.full_like(x, np.nan)
+            step[:, good] = -(np.linalg.pinv(matrix[good], rcond=1e-13) @ rows[good])[:, :, 0].T
+            return step
+
+        before = 0.0
         for part in (0.2, 0.4, 0.6, 0.8, 1.0):
+            # along the tangent first: a guess that saturates a drive or its layer has slopes that lead nowhere
+            here = self._numbers(self.middle + before * (points - self.middle))
+            values, u = self._numbers(self.middle + (before + TANGENT * (part - before)) * (points - self.middle))
+            x = x + moved(x, values, u, here) / TANGENT
             values, u = self._numbers(self.middle + part * (points - self.middle))
             for _ in range(12 if part == 1.0 else 4):
-                flow, slip = (np.array(v) for v in residual(0.0, x, u, values, m))
-                of_flow, of_slip = (np.array(v).reshape(-1, size, n).transpose(1, 0, 2) for v in slopes(0.0, x, u, values, m))
-                rows = np.concatenate([flow, slip[sticking]]).T[:, :, None]
-                matrix = np.concatenate([of_flow, of_slip[:, sticking]], axis=1)
-                good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(rows).all(axis=(1, 2))
-                step = np.full_like(x, np.nan)
-                step[:, good] = -(np.linalg.pinv(matrix[good], rcond=1e-13) @ rows[good])[:, :, 0].T
+                step = moved(x, values, u, (values, u))
                 x = x + step
                 if not (np.abs(step).max(axis=0) > 1e-13 * np.abs(x).max(axis=0)).any():  # nan where there is none
                     break
+            before = part
         scale = np.abs(x).max(axis=0) + 1e-300
         slips = np.array(residual(0.0, x, u, values, m)[1])
         sliding = np.array([e.law is not None for e in self.closed.elements]) & (self.modes != 0.0)

@@ -259,10 +259,12 @@ def severity_map(
     growth = loop.growth(points)
     front = Front(loop, points, shape)
     smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
-    _changed(smooth, front.settled(np.flatnonzero(smooth[2] == SWING)))
     verdicts = inside[2].copy()
     _changed(inside, front.spread(verdicts))
     inside[2] = verdicts
+    with np.errstate(invalid="ignore"):
+        grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
+    _changed(smooth, front.settled(np.flatnonzero(grows)))
     branches = [Branch(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
     growth = growth.reshape(shape)
     names = ("smooth", "sticking")

@@ -29,8 +29,11 @@ from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
-from toolbox.simulation.simulate import Budget, simulate
-from toolbox.simulation.trajectory import Event, Trajectory
+from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TimeStepping
+from toolbox.simulation.run import Budget
+from toolbox.simulation.samples import Event
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states import linear as linear
 from toolbox.steady_states.equilibria import equilibria
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
@@ -43,6 +46,7 @@ from toolbox.tuning.tune import tune
 
 __all__ = [
     "AccuracyError",
+    "Automatic",
     "Bifurcation",
     "Branch",
     "Budget",
@@ -54,11 +58,14 @@ __all__ = [
     "DryFriction",
     "Equations",
     "Event",
+    "EventExact",
+    "Explicit",
     "Fit",
     "FrictionLaw",
     "GrazingError",
     "HybridSystem",
     "Hysteresis",
+    "Implicit",
     "Observed",
     "Observer",
     "Recording",
@@ -69,8 +76,10 @@ __all__ = [
     "Sensitivity",
     "SeverityMap",
     "SimulationError",
+    "Smoothing",
     "Sweep",
     "Takeover",
+    "TimeStepping",
     "Trajectory",
     "Tuned",
     "UnilateralContact",

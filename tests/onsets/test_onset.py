@@ -232,7 +232,7 @@ def test_a_mistake_is_named(rig, arguments, word):
 
 def test_a_scene_whose_input_moves_has_no_onset(root):
     scene = Scene.load(root / "studies" / "scenes" / "jansen_2.toml")
-    from toolbox.scenes.scene import Waveform
+    from toolbox.scenes.cases import Waveform
 
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("step", {"before": 1.0, "after": 2.0, "at": 1.0})})
     with pytest.raises(SceneError, match=r"bit\.weight.*must be a number"):

@@ -218,7 +218,7 @@ def test_arguments_that_make_no_sense_are_refused_by_name(changes, message):
 
 def test_a_scene_whose_inputs_move_has_no_steady_state(tmp_path):
     scene = Scene.load(SCENES / "jansen_2.toml")
-    from toolbox.scenes.scene import Waveform
+    from toolbox.scenes.cases import Waveform
 
     moving = dataclasses.replace(scene, inputs={"bit.weight": Waveform("sine", {"mean": 9e4, "amplitude": 1e3, "frequency": 0.1})})
     with pytest.raises(SceneError, match="`bit.weight` must be a number"):

@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
@@ -42,10 +43,11 @@ def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import Knob, continuous_loop
+    from toolbox.modelling.free_parameter import Knob
     from toolbox.onsets.onset import onset
     from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
+    from toolbox.simulation.request import continuous_loop
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -98,9 +100,8 @@ def run(given: argparse.Namespace) -> int:
                     onsets[label].save(folder / f"{stem}_onset.csv")
                     onsets[label].save_borders(folder / f"{stem}_borders.csv")
             if onsets:
-                from toolbox.scenes import verdicts as study
 
-                study.draw_onsets(scene, onsets, folder / "onset.png")
+                figures.draw_onsets(scene, onsets, folder / "onset.png")
     print(text, end="")
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")

@@ -58,8 +58,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     found = system.kernels.get(key)
     if found is not None:
         return found
+    from toolbox.compilation import loop_layout
     from toolbox.compilation.kernel import machine
-    from toolbox.simulation import event_loop as loop
 
     given = dict(kinds)
     coefficients: list[ca.SX] = []
@@ -118,7 +118,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         machine=machine(system.t, x, p, elements, form, pair, updates, flow),
         excited=np.array(excited, np.int64),
-        kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
+        kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
         loader=np.array(form.loader, np.int64),

@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.emitter import inline
+from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.loop import EVENT
 from toolbox.lanes.vectors import Rows, Value, largest, smallest
-from toolbox.simulation.event_loop import RIGID, SWITCH
 
 
 def carries_events(program: Program) -> bool:

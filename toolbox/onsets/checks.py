@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.onset import onset
 from toolbox.onsets.report import Onset

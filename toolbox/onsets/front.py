@@ -20,7 +20,8 @@ from toolbox.onsets.borders import Edges
 from toolbox.onsets.inside import FINEST, outward
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
 from toolbox.onsets.search import held_of, whole
-from toolbox.simulation.simulate import Run, carry_out
+from toolbox.simulation.carry_out import carry_out
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import Task, single
 from toolbox.sweeps.designs import Variations

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
 from toolbox.onsets.search import ROUNDS, End, Search, mode_codes
 from toolbox.steady_states.equilibria import Followed
-from toolbox.steady_states.linear import Equilibrium, function_of
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
 """How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""

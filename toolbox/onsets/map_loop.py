@@ -9,25 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measures as tally
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import is_finite_number
-from toolbox.modelling.free_parameter import Knob, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
-from toolbox.onsets.onset import judged_contact, judged_speed
-from toolbox.simulation.simulate import Run
-from toolbox.steady_states.linear import (
-    closed_signal,
-    equilibrium,
-    function_of,
-    holding_elements,
-    input_values,
-    mode_numbers,
-    residual_functions,
-    state_labels,
-)
+from toolbox.modelling.steady_point import closed_signal, function_of, mode_numbers
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.request import continuous_loop
+from toolbox.simulation.run import Run
+from toolbox.steady_states.linear import equilibrium, holding_elements, input_values, residual_functions, state_labels
 from toolbox.sweeps.batch import Numbers, Task
 from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.executors import evaluated

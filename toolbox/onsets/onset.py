@@ -17,20 +17,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.arguments import checked_range, is_finite_number
+from toolbox.errors import SceneError
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import is_finite_number
-from toolbox.modelling.free_parameter import Knob, checked_range, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import PERIODS, Onset
 from toolbox.onsets.search import Search, swing_period
-from toolbox.simulation.simulate import checked_run
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.request import Request, continuous_loop
 from toolbox.steady_states.equilibria import Followed, state_values
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.steady_states.linear import input_values
@@ -116,10 +116,10 @@ def onset(
         grid = np.sort(np.append(grid, at))
     laws = law if isinstance(law, (list, tuple)) or law is None else [law]
     search = Search(
-        base=checked_run(
+        base=Request(
             plant, 0.0, inputs={**(inputs or {}), **({parameter: low} if knob.is_input else {})}, parameters=parameters, controller=laws,
             accuracy=1e-6 if accuracy is None else accuracy,
-        ),
+        ).checked(),
         knob=knob,
         followed=Followed(closed, knob, inputs or {}, mode, guess),
         element=contact,
@@ -182,18 +182,5 @@ def onset(
     )
 
 
-def judged_contact(closed: HybridSystem, element: str | None) -> str:
-    """The contact whose sticking is judged: the one named, else the first. Raises SceneError where there is none."""
-    contacts = [each.name for each in closed.elements if each.law is not None]
-    if not contacts:
-        raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
-    if element is not None and element not in contacts:
-        raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, contacts)}")
-    return element or contacts[0]
 
 
-def judged_speed(closed: HybridSystem, contact: str) -> str:
-    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
-
-    speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
-    return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import is_finite_number
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")

@@ -20,11 +20,12 @@ import numpy as np
 from toolbox.errors import SimulationError
 from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
-from toolbox.simulation.simulate import Run, again
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
-from toolbox.steady_states.linear import Equilibrium, function_of, state_labels
+from toolbox.steady_states.linear import state_labels
 from toolbox.steady_states.poles import critical_pole
 
 
@@ -67,7 +68,7 @@ class Search:
         self.runs += 1
         for _ in range(3):
             try:
-                run = again(self.base, duration=duration, longest_step=duration / 256, **changes)
+                run = self.base.again(duration=duration, longest_step=duration / 256, **changes)
             except SimulationError:
                 return Judged("failed"), None
             judged = self.judged(run, value)
@@ -82,7 +83,7 @@ class Search:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
         changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": min(self.base.accuracy, 1e-9)}
         try:
-            return again(self.base, duration=duration, longest_step=duration / 256, **changes, **self.numbers(value))
+            return self.base.again(duration=duration, longest_step=duration / 256, **changes, **self.numbers(value))
         except SimulationError:
             return None
 
@@ -100,7 +101,7 @@ class Search:
             middle = origin + (value - origin) * k / STEPS
             changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, **self.numbers(middle)}
             try:
-                run = again(self.base, duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
+                run = self.base.again(duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
             except SimulationError:
                 return begin
             begin = End(state_values(run.program.system, run.states[-1]), held_of(run))

@@ -125,7 +125,7 @@ class Checks:
         return audit.relative
 
     def onset_below(self, machine: Any, parameter: str, limit: float, between: tuple[float, float], **arguments: Any) -> Onset:
-        """From `limit` to the end of the range the machine is free: both borders, that of smooth running and that of existing stick-slip, lie below.
+        """From `limit` to the end of the range the machine is free: the borders of smooth running, of existing stick-slip and of standstill lie below.
 
         machine, parameter, between, arguments: as in `toolbox.onset`. The borders count with their tolerance. Returns the onset.
         """
@@ -135,8 +135,7 @@ class Checks:
         found = onset(machine, parameter, between, **{"at": limit, **arguments})
         late = [
             (name, border)
-            for name, borders in (("smooth running is lost", found.losses), ("existing stick-slip ends", found.ends))
-            for border in borders
+            for name, border in found.borders
             if border.value + border.tolerance > limit
         ]
         lasting = [

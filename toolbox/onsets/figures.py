@@ -5,6 +5,7 @@ Every function draws into `ax` or makes a figure of its own, and returns the axe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,11 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
             ax.axvline(point.value, color="0.2", linewidth=1.0, linestyle=(0, (4, 2)), label="Hopf point", zorder=1)
         for border in found.ends:
             ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (1.2, 1.2)), label="stick-slip ends", zorder=1)
+        for border in found.stalls:
+            ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (5, 1.5, 1, 1.5)), label="stick-slip stalls", zorder=1)
+        for border in found.breakaways:
+            ax.axvline(border.value, color="0.45", linewidth=1.6, label="break-away", zorder=1)
+        _standstill(found, ax)
         if found.values[0] <= found.at <= found.values[-1]:
             ax.plot([found.at], [0.0], marker="^", color="black", markersize=7, linestyle="none", clip_on=False, zorder=4, label="working point",
                     transform=ax.get_xaxis_transform())  # fmt: skip
@@ -52,6 +58,14 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
         once = dict(zip(labels, handles, strict=True))
         ax.legend(once.values(), once.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
     return ax
+
+
+def _standstill(found: Onset, ax: Any) -> None:
+    """A hatched strip along the axis where standstill lasts."""
+    edges = sorted({float(found.values[0]), float(found.values[-1]), *(border.value for border in found.breakaways)})
+    for low, high in itertools.pairwise(edges):
+        if "standstill" in found.regimes((low + high) / 2):
+            ax.axvspan(low, high, ymax=0.05, facecolor="none", edgecolor="0.45", hatch="////", linewidth=0, zorder=2, label="standstill")
 
 
 def onset_panels(onsets: Mapping[str, Onset]) -> Any:

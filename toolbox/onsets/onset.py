@@ -180,7 +180,3 @@ def onset(
         runs=search.runs,
         notes=tuple(search.notes),
     )
-
-
-
-

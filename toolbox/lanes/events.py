@@ -12,7 +12,7 @@ from toolbox.compilation.emitter import inline
 from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.lanes.loop import EVENT
+from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import explicit_pair
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 

@@ -16,7 +16,7 @@ from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody, function_text
 from toolbox.lanes.events import carries_events, settling
 from toolbox.lanes.extrema import Path, measure_step
-from toolbox.lanes.loop import ALONE, EVENT, ROUND_OFF, SAMPLE, STOP
+from toolbox.lanes.layout import ALONE, EVENT, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.quintics import measure_quintics
 from toolbox.lanes.samples import POINTERS, sampling
 from toolbox.lanes.searches import Guards, emit_dips, emit_guards, emit_search, signed

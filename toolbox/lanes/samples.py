@@ -22,7 +22,7 @@ from toolbox.compilation.emitter import inline
 from toolbox.compilation.loop_layout import FRICTION, RIGID
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.lanes.loop import GOES_ON, ROUND_OFF, SAMPLE, STOP
+from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.vectors import Truth, Value, largest, smallest
 
 POINTERS = ("clocks", "noise", "queue")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-from toolbox.lanes.loop import GOES_ON
+from toolbox.lanes.layout import GOES_ON
 from toolbox.lanes.trial_step import CLEARED, PROBING, Pass, Step
 from toolbox.lanes.vectors import Row, Truth, Value, changed_where, largest, smallest, where_any
 

@@ -25,7 +25,8 @@ from toolbox.onsets.onset import onset
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.continuation import follow
-from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
+from toolbox.orbits.limit_cycle import limit_cycle
+from toolbox.orbits.orbit import Cycle, CycleError
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
 from toolbox.robustness.absorber import absorber_limit
 from toolbox.robustness.limits import performance_limit

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
 
 
 class DrawnVerdict(Protocol):

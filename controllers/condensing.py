@@ -9,12 +9,12 @@ first, which a bit that has stuck again cannot keep;  unit: of the torques [N m]
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from toolbox.compilation.numba_cache import cached
 from toolbox.prediction.rollout_loop import advance
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, priority):  # pragma: no cover - compiled
     """Cost of a plan along its own rollout, excess of limits included."""
     N, n = U.shape[0], X.shape[1]
@@ -52,7 +52,7 @@ def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest,
     return total
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def condense(
     X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high
 ):  # pragma: no cover - compiled
@@ -127,7 +127,7 @@ def condense(
             H[c, j] = H[j, c]
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
     """(stationarity, violation, complementarity) of `controllers.quadratic_program.Residuals`."""
     n, m = z.size, A.shape[0]
@@ -164,7 +164,7 @@ def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
     return off / (1.0 + size), violation, standing / (1.0 + size)
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def wound_up(
     addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
 ):  # pragma: no cover - compiled
@@ -182,7 +182,7 @@ def wound_up(
         before = command
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def regulated(
     addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate
 ):  # pragma: no cover - compiled

@@ -13,11 +13,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from toolbox.compilation.numba_cache import checksum, inlined
+from toolbox.compilation.numba_cache import cached, checksum, inlined
 from toolbox.measuring import measuring_loop as tally_loop
 from toolbox.measuring.measuring_loop import note_end
 from toolbox.simulation import event_loop as loop
@@ -370,7 +370,7 @@ def _made(stamp: int) -> Any:
     """The compiled loop; `stamp` enters the key of its cache."""
 
     # fmt: off
-    @njit(cache=True, nogil=True, error_model="numpy")
+    @cached
     def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, noise, queue, rows, w, parameters, starts, memories, held, first,
             last, windows, asked, x_end, m_end, statuses, counts, lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
         # fmt: on

@@ -17,10 +17,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numba import njit
 
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.kernel import plain_body
+from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
@@ -48,7 +48,7 @@ class Tangent:
     approach: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def transport(address, a, b, c, rows, columns, first_parameter, time, state, mode, held, p, first_held, tangent, first, last, kept):
     """Carry `tangent` (n, k) in place over the recorded steps from node `first` to `last`; kept: (nodes, n, k) to fill, or empty.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from toolbox.compilation.numba_cache import cached
 from toolbox.simulation.event_loop import _call
 
 MOST_SWITCHES = 50
@@ -14,7 +14,7 @@ MOST_STEPS = 500
 """Steps beyond the planned ones that an interval may take; one of a bit that chatters takes some two for each of its switches."""
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # pragma: no cover - compiled
     """Fill X, A, B and M (see `Rollout.advance`), whose first rows of X and M are given; no derivatives where A is empty.
 

@@ -17,11 +17,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.numba_cache import cached, inlined
 
 # --- status codes of `advance`
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT = range(8)
@@ -222,13 +222,13 @@ def _scrambled(z):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def channel_key(seed, name):
     """The key of a noise channel from a seed and the number of its name."""
     return _scrambled(_scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def normal(key, sample):
     """A standard normal number that is a function of a channel's key and the number of the sample alone (splitmix64, Box and Muller)."""
     counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
@@ -965,7 +965,7 @@ def _begin(w):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def advance(w):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
     w = _borrowed_all(w)
@@ -1185,7 +1185,7 @@ def advance(w):
                 _record(w, t_new, w.x)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def evaluate(step, project, field, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
     """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector."""
     x, k, m, new = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1)), np.zeros(n)

@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
-from toolbox.compilation.numba_cache import checksum, inlined
+from toolbox.compilation.numba_cache import cached, checksum, inlined
 from toolbox.simulation import event_loop as loop
 from toolbox.simulation.event_loop import (
     ACCEPTED,
@@ -153,7 +151,7 @@ def _step(w, t, h):
 def _made(stamp: int) -> Any:
     """The compiled loop; `stamp` enters the key of its cache."""
 
-    @njit(cache=True, nogil=True, error_model="numpy")
+    @cached
     def advance(w):
         """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
         w = _borrowed_all(w)

@@ -184,7 +184,7 @@ def test_in_the_shipped_scenes_some_drives_end_the_stick_slip_that_others_keep(r
 
 
 def test_every_shipped_scene_is_tested(root):
-    tests = "".join(path.read_text() for path in (root / "tests").glob("test_*.py"))
+    tests = "".join(path.read_text() for path in (root / "tests").rglob("test_*.py"))
     untested = [path.stem for path in (root / "studies" / "scenes").glob("*.toml") if f'"{path.stem}"' not in tests]
     assert untested == []
 

@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
     many.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
     )
-    many.set_defaults(action=run, interrupted=GOES_ON)
+    many.set_defaults(action=run, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
         help="severity of stick-slip over two parameters, with its borders",
@@ -72,7 +72,7 @@ def add(commands: Any) -> None:
     chart.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
     )
-    chart.set_defaults(action=run_map, interrupted=GOES_ON)
+    chart.set_defaults(action=run_map, words=lambda given: GOES_ON)
 
 
 def run(given: argparse.Namespace) -> int:

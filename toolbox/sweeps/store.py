@@ -16,6 +16,7 @@ import errno
 import functools
 import json
 import math
+import os
 import time as clock
 import warnings
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.atomic import replaced, replaced_folder
+from toolbox.files.atomic import clear_left, replaced, replaced_folder
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
 from toolbox.sweeps.designs import grid
 
@@ -74,6 +75,9 @@ class Store:
                 f"Argument `out` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
             )
         self.settings = notes["settings"]
+        for name in _parts(notes):
+            for folder, _, _ in os.walk(self.path / name):
+                clear_left(Path(folder))
 
     def begin(self, settings: Mapping[str, Any], together: int = 1) -> None:
         """Lay out a new store. settings: to be found again in `settings`;  together: runs that are worked on at once, which one chunk holds at least."""
@@ -115,9 +119,7 @@ class Store:
         self._written = clock.monotonic()
 
     def finish(self, seconds: float) -> None:
-        """Note the seconds that it took, and clear away what was being written when earlier calls were killed."""
-        for left in self.path.rglob(".*"):
-            left.unlink(missing_ok=True)
+        """Note the seconds that it took."""
         notes = json.loads(self._group.attrs["sweep"])
         self._group.attrs["sweep"] = json.dumps({**notes, "seconds": seconds})
 
@@ -125,12 +127,29 @@ class Store:
 def saved(sweep: Sweep, path: Path) -> None:
     """Write a sweep that is there as the store that it would have left, in place of what is there."""
     _zarr()
+    _check_free(path)
     columns = Columns.empty(sweep.runs, len(sweep.measures))
     columns.put(0, np.stack([values.ravel() for values in sweep.measures.values()], axis=1), sweep.errors)
     with replaced_folder(path) as folder:
         group = _laid_out(folder, sweep, chunk_shape(sweep.shape, ROWS), {})
         for both in chunk_ranges(group["status"].shape, group["status"].chunks):
             _write(group, both, columns, tuple(sweep.measures))
+
+
+def _check_free(path: Path) -> None:
+    """Raise SceneError where a sweep would take the place of anything but a sweep."""
+    if not os.path.lexists(path):
+        return
+    entries = {entry.name for entry in path.iterdir()} if path.is_dir() else {""}
+    own = {"zarr.json", *_parts(_opened(path, "r")[1])} if "zarr.json" in entries else set()
+    foreign = sorted(entries - own)
+    if foreign:
+        raise SceneError(f"Argument `path` must not hide your own files, but `{path / foreign[0]}` is not of a sweep.")
+
+
+def _parts(notes: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the arrays of a store."""
+    return ("status", "error", *notes["names"], *notes["measure_units"])
 
 
 def loaded(path: Path) -> Sweep:
@@ -254,7 +273,7 @@ def _opened(path: Path, mode: str) -> tuple[Any, dict[str, Any]]:
         with zarr.config.set({"array.write_empty_chunks": True}):  # a chunk of nothing but nan is there, too
             group = zarr.open_group(_durable()(path, read_only=mode == "r"), mode=mode)
             notes = json.loads(group.attrs["sweep"])
-            for name in ("status", "error", *notes["names"], *notes["measure_units"]):
+            for name in _parts(notes):
                 group[name].metadata  # noqa: B018, raises where it is not there
     except _UNREADABLE as error:
         raise SceneError(f"There is no sweep in `{path}`, or it is damaged: {error}") from None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -180,3 +182,72 @@ def test_workers_go_with_the_command_and_say_nothing(tmp_path, wait, how):
     while any(map(alive, workers)) and time.monotonic() < patience:
         time.sleep(0.02)
     assert workers and not any(map(alive, workers))
+
+
+BEGUN = """
+inner = command_line.main
+def main(*arguments, **named):
+    open("begun", "w").close()
+    return inner(*arguments, **named)
+command_line.main = main
+"""
+
+LOADING = """
+from numba.core.dispatcher import Dispatcher
+inner = Dispatcher.compile
+def compile(self, signature):
+    if "advance" in self.__name__:
+        open("begun", "w").close()
+    return inner(self, signature)
+Dispatcher.compile = compile
+"""
+
+
+def interrupted_at(tmp_path, patch, latest, times, seed):
+    """Interrupt a study so many times, at random instants after a mark. Returns how many ended with 130, and the longest time that took [s]."""
+    draw, ends, longest, out = random.Random(seed), [], 0.0, tmp_path / "out"
+    for _ in range(times):
+        shutil.rmtree(out, ignore_errors=True)
+        (tmp_path / "begun").unlink(missing_ok=True)
+        process = started(tmp_path, "study", "belt.toml", "--out", out, patch=patch)
+        while not (tmp_path / "begun").exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(draw.uniform(0.0, latest))
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        code, errors, _ = ended(process)
+        took = time.monotonic() - began
+        left = sorted(path.name for path in tmp_path.iterdir() if path.name != "begun")
+        if code == 0:  # it came when the result was in place
+            assert errors == [] and left == ["belt.toml", "out"] and len(list(out.iterdir())) == 9
+        else:
+            assert (code, errors) == (130, [NOTHING]) and left == ["belt.toml"]
+            longest = max(longest, took)
+        ends.append(code)
+    return ends.count(130), longest
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(("patch", "latest", "times"), [(BEGUN, 1.2, 200), (LOADING, 0.15, 50)], ids=["any instant", "while the event loop is loaded"])
+def test_an_interrupt_at_random_instants_ends_the_study(tmp_path, patch, latest, times):
+    count, longest = interrupted_at(tmp_path, patch, latest, times, seed=5)
+    print(f"{count} of {times} ended with 130, the others were in place; at most {longest:.2f} s")
+    assert count > 0.5 * times
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, monkeypatch):
+    draw, longest = random.Random(6), 0.0
+    for number in range(10):
+        monkeypatch.setitem(ENVIRONMENT, "NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+        process = started(tmp_path, "study", "belt.toml", "--out", tmp_path / "out", patch=BEGUN)
+        time.sleep(draw.uniform(3.0, 30.0))
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert ended(process)[:2] == (130, [NOTHING]), number
+        longest = max(longest, time.monotonic() - began)
+        assert not list((tmp_path / "cache").rglob("*.part"))
+        shutil.rmtree(tmp_path / "cache", ignore_errors=True)
+    print(f"10 of 10 while compiling; at most {longest:.2f} s")

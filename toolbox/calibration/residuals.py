@@ -80,6 +80,10 @@ class Simulated:
         given |= {word: value for word, value in self.arguments.items() if word not in given}
         return simulate(self.plant, float(self.recording.time[-1]), output_times=self.recording.time, **given)
 
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self.plant.with_parameters({name: float(v) for name, v in zip(self.names, values, strict=True) if self.kind(name) == "parameters"})
+
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Simulated outputs at the measured times; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
 
@@ -253,6 +257,10 @@ class Loop:
             m[self._switches] = self._side * np.array(slip) >= np.array(places)
         found = function(self._x, self._u, grid, m, self._side[None])
         return [np.array(each)[0] for each in found[:4]]
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self._numbers(values)
 
     def _numbers(self, values: np.ndarray) -> np.ndarray:
         return self.plant.with_parameters(dict(zip(self.names, map(float, values), strict=True))).values

@@ -342,13 +342,14 @@ class _Search:
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
         found: list[Any] = []
+        trial = misfit.trial()
         reason: Exception | None = None
         with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
             for begin in self._begins():
                 if len(found) == self.starts:
                     break
                 try:
-                    found.append(self._descend(begin, scales, self.misfit.horizons()))
+                    found.append(self._descend(begin, scales, trial.horizons()))
                     bar.update()
                 except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
                     reason = reason or error
@@ -356,23 +357,26 @@ class _Search:
             raise reason or SimulationError("No start of the fit could be simulated.")
         best = min(found, key=lambda each: each.cost)
         agreeing = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found))
-        values = best.x
-        if self.noise is None:
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
+        if self.noise is None and len(misfit.outputs) > 1:  # the weight of one alone changes nothing
             left = self._left(values)
             scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
             values = self._descend(values, scales, [misfit]).x
-        rest = resting(misfit, values, self._size(values), scales, self.low, self.high)
-        values, ways = rest.values, rest.directions
-        if rest.together:
-            values = self._along(values, ways, scales)
-        slopes = misfit.slopes(values, self._size(values))
-        per_part = np.concatenate([slopes[name] / sizes[name] for name in misfit.outputs]) @ (self._size(values)[:, None] * ways)
+        size = self._size(values)
+        jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        rest = resting(misfit, values, size, jacobian, self._weighed(left, scales), self.low, self.high)
+        ways = rest.directions
+        if rest.why:
+            values = self._along(rest.values, ways, scales) if rest.together else rest.values
+            size = self._size(values)
+            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
+        per_part = (jacobian * weights[:, None]) @ (size[:, None] * ways)
         heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE if rest.why else np.ones(ways.shape[1], bool)
         labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
         condition = self._identifiable(labels, per_part[:, heard])
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
-        jacobian = np.concatenate([slopes[name] / scales[name] for name in misfit.outputs]) @ ways
-        left = self._left(values)
+        jacobian = jacobian @ ways
         n, k = jacobian.shape
         if n <= k:
             raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
@@ -399,14 +403,17 @@ class _Search:
         high = np.array([np.min((self.high - values)[way != 0]) for way in ways.T]) / length
 
         def slopes(z: np.ndarray) -> np.ndarray:
-            found = self.misfit.slopes(values + ways @ (z * length), size)
-            return np.concatenate([found[name] / scales[name] for name in self.misfit.outputs]) @ ways * length
+            return self._weighed(self.misfit.slopes(values + ways @ (z * length), size), scales) @ ways * length
 
         found = least_squares(
             lambda z: residuals(self.misfit, values + ways @ (z * length), scales), np.zeros(ways.shape[1]), slopes,
             bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
         )  # fmt: skip
         return values + ways @ (found.x * length)
+
+    def _weighed(self, found: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> np.ndarray:
+        """All signals in a row, in parts of their noise."""
+        return np.concatenate([found[name] / scales[name] for name in self.misfit.outputs])
 
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
         if self.noise is None:

@@ -6,13 +6,11 @@ before them. Whether it would go on is told by the slope of the misfit there, an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from toolbox.calibration.residuals import residuals
 from toolbox.errors import SceneError
 
 HALVINGS = 40
@@ -40,11 +38,11 @@ class Resting:
         return np.stack(columns, axis=1)
 
 
-def resting(misfit: Any, values: np.ndarray, size: np.ndarray, scales: Mapping[str, float], low: np.ndarray, high: np.ndarray) -> Resting:
-    """Which of the numbers at the end of a search rest on others, and where."""
-    slopes = misfit.slopes(values, size)
-    jacobian = np.concatenate([slopes[name] / scales[name] for name in misfit.outputs])
-    gradient = jacobian.T @ residuals(misfit, values, scales)
+def resting(
+    misfit: Any, values: np.ndarray, size: np.ndarray, jacobian: np.ndarray, left: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> Resting:
+    """Which of the numbers at the end of a search rest on others, and where. jacobian, left: slopes and residuals there, in parts of the noise."""
+    gradient = jacobian.T @ left
     curvature = (jacobian**2).sum(axis=0)
     why: dict[int, str] = {}
     for i in range(values.size):

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolbox.compilation.numba_cache import cached
-from toolbox.prediction.rollout_loop import advance
+from toolbox.authoring import advance_rollout, cached
 
 
 @cached(error_model="python")
@@ -178,7 +177,7 @@ def wound_up(
         command = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         offset += command - wanted  # what is cut does not wind up
         U[k, 0] = command
-        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance_rollout(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
         before = command
 
 
@@ -194,4 +193,4 @@ def regulated(
             wanted -= gain[a] * (X[k, a] - x_s[a])
         before = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         U[k, 0] = before
-        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance_rollout(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])

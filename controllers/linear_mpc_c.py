@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.export.c_code import Declared, written
+from toolbox.authoring import Declared, written
 
 if TYPE_CHECKING:
     from controllers.linear_mpc import PlannedLinear

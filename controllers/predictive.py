@@ -14,7 +14,7 @@ from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.modelling.components import check_fields
+from toolbox.authoring import check_fields
 
 MOST_LATE = 1000
 """Commands on their way, in samples, that a law can remember."""

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged, clear_left
 from toolbox.scenes import verdicts
@@ -110,9 +111,9 @@ def quick(monkeypatch):
         return runs[scene.title]
 
     monkeypatch.setattr(verdicts, "judged", known)
-    monkeypatch.setattr(verdicts, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
+    monkeypatch.setattr(figures, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
     for name in ("draw_comparison", "draw_found"):
-        monkeypatch.setattr(verdicts, name, lambda *arguments: arguments[-1].touch())
+        monkeypatch.setattr(figures, name, lambda *arguments: arguments[-1].touch())
 
 
 @pytest.mark.parametrize("exchange", [True, False], ids=["", "no exchange of folders"])
@@ -248,10 +249,11 @@ def killed(command, tmp_path, times, seed):
     began = time.monotonic()
     assert started(tmp_path / "whole").wait() == 0
     length = time.monotonic() - began
-    expected, draw, died, folder = result(tmp_path / "whole"), random.Random(seed), 0, None
+    expected, draw, died, folder, count = result(tmp_path / "whole"), random.Random(seed), 0, None, 0
     while died < times:
         if folder is None:
-            (folder := tmp_path / f"after_{died}").mkdir()
+            count += 1
+            (folder := tmp_path / f"after_{count}").mkdir()
         process = started(folder)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(draw.uniform(0.3, 1.0) * length)

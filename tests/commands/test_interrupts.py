@@ -21,14 +21,14 @@ NOTHING = "stickslip: interrupted, and nothing was written."
 
 COMMAND = """
 import os, signal, sys, threading, time
-from toolbox.commands import command_line
+from toolbox.commands import command_line, figures
 from toolbox.scenes import verdicts
 
 def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
 
-verdicts.draw = lambda scene, label, run, *paths: [path.touch() for path in paths]
-verdicts.draw_comparison = lambda scene, runs, path: path.touch()
+figures.draw = lambda scene, label, run, *paths: [path.touch() for path in paths]
+figures.draw_comparison = lambda scene, runs, path: path.touch()
 {patch}
 sys.argv = ["stickslip", *sys.argv[1:]]
 command_line.script()

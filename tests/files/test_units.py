@@ -146,7 +146,11 @@ def test_no_text_whatever_raises_anything_but_a_scene_error(text):
         assert math.isfinite(parse(text, "N"))
 
 
-@pytest.mark.parametrize("value", [10**1_000_000, "1" * 1_000_000 + " N", "1" * 1_000_000, "1e" + "9" * 1_000_000 + " N", "1 " + "N" * 1_000_000, "1e9999 N"])
+@pytest.mark.parametrize(
+    "value",
+    [10**1_000_000, "1" * 1_000_000 + " N", "1" * 1_000_000, "1e" + "9" * 1_000_000 + " N", "1 " + "N" * 1_000_000, "1e9999 N"],
+    ids=["an integer", "digits", "digits without unit", "an exponent", "a unit", "an exponent that overflows"],
+)
 def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value):
     with pytest.raises(SceneError, match="Argument `force` must be") as caught:
         parse(value, "N", "force")

@@ -8,14 +8,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
+from toolbox.files.atomic import whole_folder
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.sweeps.designs import Variations
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
+
+MAP_FILES = ("map.txt", "map.png")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -163,9 +167,7 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
 def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
-    from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -200,11 +202,12 @@ def run_map(given: argparse.Namespace) -> int:
                 raise
             failures[label] = str(error)
             continue
-        if not goes_on:
-            folder_of(folder)
-            found.save(folder / "map.npz")
-        (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-        study.draw_found(found, found.title, folder / "map.png")
+        names = MAP_FILES if goes_on else (*MAP_FILES, "map.npz")
+        with whole_folder(folder, names, _earlier_map, last=False) as made:
+            if not goes_on:
+                found.save(made / "map.npz")
+            (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+            figures.draw_found(found, found.title, made / "map.png")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")
@@ -212,10 +215,20 @@ def run_map(given: argparse.Namespace) -> int:
     return 1 if len(failures) == len(labels) else 0
 
 
-def _closed(scene: Any, label: str) -> HybridSystem:
-    from toolbox.simulation.simulate import checked_run
+def _earlier_map(path: Path) -> set[str]:
+    """Names of the files that an earlier map left in a folder, beside its data, as its report tells."""
+    try:
+        if not (path / "map.txt").read_text(encoding="utf-8").startswith("Severity map of "):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {name for name in MAP_FILES if (path / name).is_file()}
 
-    return checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system
+
+def _closed(scene: Any, label: str) -> HybridSystem:
+    from toolbox.simulation.request import Request
+
+    return Request(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).checked().system
 
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:

@@ -17,7 +17,6 @@ import contextlib
 import dis
 import hashlib
 import sys
-import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -233,12 +232,3 @@ def _text(value: Any, name: str, user: FunctionType) -> str:
     if callable(value) and _versioned(getattr(value, "__module__", None)):  # functions of Python itself
         return f"function {value.__module__}.{value.__qualname__}"
     raise TypeError(f"Function `{user.__qualname__}` must read constants and functions only, but `{name}` holds a {type(value).__name__}.")
-
-
-def checksum(*modules: ModuleType) -> int:
-    """A number >= 0 of the texts of the files of some modules."""
-    found = 0
-    for module in modules:
-        assert module.__file__ is not None
-        found = zlib.crc32(Path(module.__file__).read_bytes(), found)
-    return found & 0x7FFFFFFF

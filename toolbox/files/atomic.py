@@ -90,10 +90,11 @@ def replaced_folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set[str]]) -> Iterator[Path]:
+def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set[str]], last: bool = True) -> Iterator[Path]:
     """A temporary folder whose files `names` appear in `path` together when the block ends well, and vanish otherwise.
 
-    Files of an earlier study in `path` are replaced, other files stay; left_by: function that names those of an earlier one.
+    Files of an earlier study in `path` are replaced, other files stay; left_by: function that names those of an earlier one;
+    last: whether a command has nothing to do after it that an interrupt could spoil.
     Raises SceneError, before the block runs, where `path` cannot be written and where a file in the way is not from an earlier study.
     """
     path = path.absolute()
@@ -120,7 +121,7 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
                 _placed(shelter, path, earlier)
             else:
                 _moved_in(shelter / "new", path)
-            GATE.placed = True
+            GATE.placed = last
 
 
 def clear_left(folder: Path) -> None:

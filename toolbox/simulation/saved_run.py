@@ -10,7 +10,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
-from toolbox.simulation.trajectory import Event, Modes, Stays
+from toolbox.simulation.samples import Event, Modes, Stays
 
 
 class SavedRun(Stays):

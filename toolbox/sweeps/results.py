@@ -148,7 +148,7 @@ class Sweep:
         """What `save` wrote, or what a finished sweep left with `out=`. Raises SceneError for anything else, and for a sweep that is not finished."""
         path = Path(path)
         if path.is_dir():
-            return store.loaded(path)
+            return Sweep(**store.loaded(path))
         what = "a sweep written by `Sweep.save`"
         with understood(path, what):
             data = arrays(path, what)

@@ -20,7 +20,7 @@ import time as clock
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from toolbox.files.atomic import clear_left, replaced, replaced_folder
 from toolbox.sweeps import metadata
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
 from toolbox.sweeps.designs import grid
-
-if TYPE_CHECKING:
-    from toolbox.sweeps.results import Sweep
 
 STATUS = {"flag_values": [WAITING, DONE, FAILED], "flag_meanings": "waiting done failed"}
 """What the numbers of `status` mean, in the words of the CF conventions."""
@@ -42,6 +39,10 @@ ROWS = 16_384
 PAUSE = 1.0
 """Seconds between two writes."""
 
+Sheet = Any
+"""A `toolbox.sweeps.results.Sweep`, which knows this file."""
+
+
 class Store:
     """The store of one sweep in the folder `path`, new or to be continued.
 
@@ -49,7 +50,7 @@ class Store:
     given, None where there is no store yet. Raises SceneError for a folder with anything else, for another sweep and a damaged store, ImportError without zarr.
     """
 
-    def __init__(self, path: str | Path, sheet: Sweep, arguments: Mapping[str, str]):
+    def __init__(self, path: str | Path, sheet: Sheet, arguments: Mapping[str, str]):
         self.path, self.sheet, self.arguments = Path(path), sheet, dict(arguments)
         self.settings: dict[str, Any] | None = None
         self._open: _Open | None = None
@@ -123,7 +124,7 @@ class Store:
         self._open.note({"seconds": seconds})
 
 
-def saved(sweep: Sweep, path: Path) -> None:
+def saved(sweep: Sheet, path: Path) -> None:
     """Write a sweep that is there as the store that it would have left, in place of what is there."""
     _zarr()
     _check_free(path)
@@ -147,10 +148,8 @@ def _check_free(path: Path) -> None:
         raise SceneError(f"Argument `path` must not hide your own files, but `{path / foreign[0]}` is not of a sweep.")
 
 
-def loaded(path: Path) -> Sweep:
-    """The sweep in a store. Raises SceneError where there is none, where it is damaged, and where runs still wait."""
-    from toolbox.sweeps.results import Sweep
-
+def loaded(path: Path) -> dict[str, Any]:
+    """The sweep in a store, as the arguments of a `Sweep`. Raises SceneError where there is none, where it is damaged, and where runs still wait."""
     _zarr()
     opened = _Open(path, "r")
     notes, columns = opened.notes, opened.columns()
@@ -163,12 +162,13 @@ def loaded(path: Path) -> Sweep:
         )
     axes = tuple(map(opened.axis, names))
     shape = opened.arrays["status"].shape
-    return Sweep(
-        title=notes["title"], names=names, units=tuple(notes["units"]), points=grid(dict(zip(names, axes, strict=True))).points if notes["grid"] else
-        np.stack(axes, axis=1), shape=shape, axes=axes if notes["grid"] else (), measures={name: columns.values[:, k].reshape(shape) for k, name in
-        enumerate(notes["measure_units"])}, measure_units=notes["measure_units"], errors=columns.errors, duration=notes["duration"],
-        accuracy=notes["accuracy"], seconds=notes["seconds"],
-    )  # fmt: skip
+    points = grid(dict(zip(names, axes, strict=True))).points if notes["grid"] else np.stack(axes, axis=1)
+    measures = {name: columns.values[:, k].reshape(shape) for k, name in enumerate(notes["measure_units"])}
+    return {
+        "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
+        "measures": measures, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
+        "accuracy": notes["accuracy"], "seconds": notes["seconds"],
+    }  # fmt: skip
 
 
 def folder_of(path: Path) -> None:
@@ -203,7 +203,7 @@ class _Open:
     def note(self, more: Mapping[str, Any]) -> None:
         """Write more notes."""
         self.notes = {**self.notes, **more}
-        self.group.update_attributes(metadata.attributes(self.notes))
+        metadata.write_notes(self.path, self.notes)
 
     def write(self, both: tuple[int, int], columns: Columns) -> None:
         """Write one chunk of results, whose status comes last."""
@@ -296,7 +296,7 @@ def _durable() -> Any:
     return Durable
 
 
-def _laid_out(folder: Path, sheet: Sweep, chunk: tuple[int, ...], more: Mapping[str, Any]) -> None:
+def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[str, Any]) -> None:
     """Make a store with all arrays of a sweep, and its coordinates filled in."""
     from zarr.codecs import ZstdCodec
 

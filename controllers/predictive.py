@@ -13,6 +13,7 @@ from controllers.disturbance_filter import DisturbanceFilter, held
 from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
+from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, SceneError, quantity
 from toolbox.modelling.components import check_fields
 
@@ -34,8 +35,13 @@ class Predictive(TorqueLimits):
     `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
     law knows it; it may exceed the period.
 
-    Every answer of the solver must pass the KKT conditions. Where none does, a soft-torque drive acts, from the torque that was. `run.laws[0].record` tells
-    when and why, and how long each sample took. Sampled only, at `period`.
+    drive_walk stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
+    a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
+    the bit, and the motor swings between its limits with the bit parked. `move_size` keeps the plan slower than that filter.
+
+    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the motor
+    swings between its limits for longer than `patience`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and why, and how
+    long each sample took. Sampled only, at `period`.
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
@@ -53,7 +59,8 @@ class Predictive(TorqueLimits):
     soft: bool = True
     priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
     torque_walk: float = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    drive_walk: float = quantity(400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0)
+    patience: float = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
     solver: str = "daqp"
     warm: bool = True
 
@@ -114,7 +121,12 @@ class Record:
 
 
 class SoftDrive:
-    """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was."""
+    """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was.
+
+        proportional = sqrt(k J_b),   integral = proportional sqrt(k / J_b) / 5
+
+    The integral is slow, a fifth of the string's own frequency, so that the impedance stays where the string swings; see `controllers.ZTorque`.
+    """
 
     def __init__(self, law: Predictive, plant: HybridSystem):
         try:
@@ -122,7 +134,8 @@ class SoftDrive:
         except SceneError as error:
             raise SceneError(f"{type(law).__name__} falls back on soft torque, which is designed on a chain of inertias: {error}") from None
         series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
-        self.proportional, self.integral = float(np.sqrt(series * below)), series / below * float(inertia[0])
+        self.proportional = float(np.sqrt(series * below))
+        self.integral = self.proportional * float(np.sqrt(series / below)) / 5
         self.offset: float | None = None
 
     def torque(self, error: float, last: float, period: float) -> float:
@@ -153,6 +166,7 @@ class PredictiveLaw:
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
         self.drive = SoftDrive(law, plant)
+        self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)
         self.stand_ins = {"top.reference": (self.reference, "rad/s")}
         self.top = sensor_rows(plant, ("top.speed",))[0]
@@ -181,7 +195,8 @@ class PredictiveLaw:
             self.reference = float(y[-1])
         estimate = self.filter.correct(y[: len(self.measures)])
         wanted, reason = self.plan(self.filter.arrival())
-        if wanted is None:
+        reason = self.watchdog(float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1]), self.last, self.reference) or reason
+        if reason or wanted is None:
             self.record.fallbacks.append((float(t), reason))
             wanted = self.drive.torque(self.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
         else:

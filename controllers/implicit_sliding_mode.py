@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from controllers.bumpless import begun
 from controllers.sliding_mode import SlidingSurface
 from toolbox import Update, state
 
@@ -27,7 +28,8 @@ class ImplicitSlidingMode(SlidingSurface):
         sign = ca.fmin(ca.fmax(s / (self.reaching * period), -1), 1)
         wanted = equivalent - self.inertia * self.reaching * sign
         command, memory = self.limited(wanted, period)
-        return Update(
+        update = Update(
             memory={angle: angle + period * self.taken_up(rate, wanted, command), **memory},
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
+        return begun(update, signal, "slidingmode", {angle: self.angle_at(signal, self.reaching * period * self.lacking(signal))})

@@ -51,11 +51,12 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
         *[(f"torque sent {k} periods ago" if k > 1 else "last torque", "N m") for k in range(law.filter.periods + 1, 0, -1)],
         ("torque of the soft drive", "N m"),
         *[(f"watchdog: {what}", unit) for what, unit in MEMORY],
+        ("the first sample is over", "1"),
         ("soft drive acts", "1"),
     ]
     declared = Declared(
         "LinearMPC", name, period,
-        [*reads, ("top.reference", "rad/s", numbers.reference)],
+        [*reads, ("top.torque.held", "N m", 0.0), ("top.reference", "rad/s", numbers.reference)],
         memory, [("top.torque", "N m")],
         note=f"The solver in {name}_osqp (OSQP, Apache 2.0) keeps its last answer to start from in static memory: one law, one thread.\n"
         f"Compile with {name}_osqp/*.c and {name}_osqp/src/*.c, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
@@ -67,16 +68,22 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
 def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
     """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound).
 
-    memory: z-, the commands on their way with the last one at the end, the torque of the soft drive, what the watchdog remembers, and whether the soft
-    drive acts.
+    y: the sensors, the torque that is held at the top, the set-point.  memory: z-, the commands on their way with the last one at the end, the torque of the
+    soft drive, what the watchdog remembers, whether the first sample is over, and whether the soft drive acts.
     """
     numbers, observer = law.law, law.filter
     n, sensors, waits = law.model.A.shape[0] + 1, len(numbers.sensors), observer.periods + 1
     watched = len(MEMORY)
-    y, memory = ca.MX.sym("y", sensors + 1), ca.MX.sym("memory", n + waits + watched + 2)
-    prior, waiting, offset, watch, acting = ca.vertsplit(memory, [0, n, n + waits, n + waits + 1, n + waits + 1 + watched, memory.numel()])
+    y, memory = ca.MX.sym("y", sensors + 2), ca.MX.sym("memory", n + waits + watched + 3)
+    places = [0, n, n + waits, n + waits + 1, n + waits + 1 + watched, memory.numel() - 1, memory.numel()]
+    prior, waiting, offset, watch, started, acting = ca.vertsplit(memory, places)
+    first = ca.logic_and(started < 0.5, y[sensors] != 0.0)
+    begun_string = ca.DM(law.steady_string) @ y[: sensors + 1]
+    prior, waiting = ca.if_else(first, begun_string, prior), ca.if_else(first, y[sensors] * ca.DM.ones(waits), waiting)
+    moving = ca.vertcat(*[ca.DM(row[None, :]) @ begun_string[:-1] for row in (law.top, law.model.load)], watch[2:])
+    watch = ca.if_else(first, moving, watch)
     last = waiting[-1]
-    reference = y[sensors]
+    reference = y[sensors + 1]
     z = prior + ca.DM(observer.gain) @ (y[:sensors] - ca.DM(observer.rows) @ prior)
     begun_period = ca.DM(observer.first) @ z + ca.DM(observer.first_drive) * waiting[0]
     arrival = begun_period
@@ -114,7 +121,7 @@ def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
     command = ca.fmin(ca.fmax(wanted, max(law.lowest, -FAR)), min(law.highest, FAR))
     sent = ca.vertcat(*[waiting[k] for k in range(1, observer.periods + 1)], command)
     following = ca.DM(observer.rest) @ begun_period + ca.DM(observer.rest_drive) * sent[0]
-    memory_next = ca.vertcat(following, sent, ca.if_else(trusted, 0.0, begun), watch_next, 1.0 - trusted)
+    memory_next = ca.vertcat(following, sent, ca.if_else(trusted, 0.0, begun), watch_next, 1.0, 1.0 - trusted)
     after = ca.Function(
         f"{name}_after",
         [y, memory, w, dual, solved],

@@ -133,6 +133,17 @@ class PlannedNonlinear(PredictiveLaw):
         self.record = Record()
         self.drive.rest()
 
+    def begin(self, y: np.ndarray, torque: float) -> None:
+        super().begin(y, torque)
+        if isinstance(self.filter, RockFilter):
+            self.filter.mean = torque
+        speed, load = float(self.filter.z[self.place]), float(self.filter.z[-1])
+        if speed > self.settings.rest_speed:
+            self.turning, self.resting = 3, False
+            if self.settings.adapt:
+                self.strength = float(np.clip(load / self._rock_torque(speed), 0.5, 2.0))
+                self.rollout.scale[self.contact] = self.strength
+
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         from controllers.condensing import condense, regulated, wound_up
 

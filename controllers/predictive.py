@@ -153,7 +153,8 @@ class SoftDrive:
 class PredictiveLaw:
     """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
 
-    y: the sensors, then `top.reference`, which stays what it was where it is left out.
+    y: the sensors, then the torque that is held at the top and `top.reference`, which may be left out: no torque acts, and the set-point stays what it was. At
+    the first sample under a torque the estimate begins at the string that turns steadily at its measured top speed under that torque.
     """
 
     measures: tuple[str, ...]
@@ -168,12 +169,13 @@ class PredictiveLaw:
         self.drive = SoftDrive(law, plant)
         self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)
-        self.stand_ins = {"top.reference": (self.reference, "rad/s")}
+        self.stand_ins = {"top.torque": (0.0, "N m"), "top.reference": (self.reference, "rad/s")}
+        self.steady_string = steady_string(A, model, sensors)
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
         self.highest = np.inf if law.highest_torque is None else law.highest_torque
         self.rate = np.inf if law.torque_rate is None else law.torque_rate * law.period
-        self.last, self.samples = 0.0, 0
+        self.last, self.samples, self.began = 0.0, 0, 0.0
         self.record = Record()
 
     def design(self, plant: HybridSystem) -> PredictiveLaw:
@@ -184,15 +186,25 @@ class PredictiveLaw:
         """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""
         raise NotImplementedError
 
+    def begin(self, y: np.ndarray, torque: float) -> None:
+        """Take over from a drive whose torque [N m] acts, at the first sample with what the sensors measure."""
+        estimate = self.steady_string @ np.append(y, torque)
+        self.filter.z, self.filter.waiting[:], self.last = estimate, torque, torque
+        self.watchdog.speed, self.watchdog.load = float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1])
+
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
-        if self.samples and abs(t - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
+        if not self.samples:
+            self.began = t
+        if abs(t - self.began - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
             raise SceneError(
                 f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
             )
         y = np.asarray(y, float)
         if y.size > len(self.measures):
             self.reference = float(y[-1])
+        if not self.samples and y.size > len(self.measures) + 1 and y[-2] != 0.0:
+            self.begin(y[: len(self.measures)], float(y[-2]))
         estimate = self.filter.correct(y[: len(self.measures)])
         wanted, reason = self.plan(self.filter.arrival())
         reason = self.watchdog(float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1]), self.last, self.reference) or reason
@@ -267,6 +279,16 @@ def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -
     return found[:n], float(found[n])
 
 
+def steady_string(A: np.ndarray, model: StringModel, sensors: np.ndarray) -> np.ndarray:
+    """The matrix that gives (x, T) of the steady string from what the sensors measure and the torque u: 0 = A x + B u - E T, C x = y, by least squares."""
+    n, m = A.shape[0], sensors.shape[0]
+    size = np.append(np.ones(n), 1e4)  # torques in 10 kN m
+    still = 1e3 * np.column_stack([A, -model.E])  # the balance counts before the noise of the sensors
+    matrix = np.vstack([still, np.column_stack([sensors, np.zeros(m)])]) * size
+    right = np.block([[np.zeros((n, m)), -1e3 * model.B[:, None]], [np.eye(m), np.zeros((m, 1))]])
+    return size[:, None] * np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
+
+
 __all__ = [
     "Predictive",
     "PredictiveLaw",
@@ -275,6 +297,7 @@ __all__ = [
     "riccati",
     "sensor_rows",
     "steady",
+    "steady_string",
     "string_model",
     "twist_row",
     "without_actuators",

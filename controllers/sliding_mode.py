@@ -20,6 +20,7 @@ from typing import ClassVar
 
 import casadi as ca
 
+from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Relay, SceneError, Update, quantity, state
 
@@ -29,7 +30,8 @@ class SlidingSurface(TorqueLimits):
     """What both forms share: the surface, the equivalent control and the numbers in them; use one of the two below.
 
     `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given. Where torque limits are
-    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given.
+    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given. Sampled, the integral
+    begins where the law gives the torque that acts (`controllers.bumpless`).
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
@@ -62,6 +64,14 @@ class SlidingSurface(TorqueLimits):
         equivalent = self.drag * top + load - self.inertia * self.surface * rate
         return rate, error + self.surface * angle, equivalent
 
+    def angle_at(self, signal, surface):
+        """The integral at which s has this value."""
+        return over(surface - self.terms(signal, 0.0)[1], self.surface)
+
+    def lacking(self, signal):
+        """What the equivalent control has beyond the torque that acts, in parts of J_r eta, cut at 1 either way."""
+        return ca.fmin(ca.fmax((self.terms(signal, 0.0)[2] - acting(signal)) / (self.inertia * self.reaching), -1), 1)
+
     def taken_up(self, rate, wanted, command):
         """Rate of the integral with what the drive cannot give."""
         return rate if command is wanted else rate + (wanted - command) / (self.inertia * self.surface)
@@ -86,10 +96,11 @@ class SlidingMode(SlidingSurface):
         angle = state("slidingmode.angle", "rad")
         rate, s, wanted = self._wanted(signal, angle)
         command, memory = self.limited(wanted, period)
-        return Update(
+        update = Update(
             memory={angle: angle + period * self.taken_up(rate, wanted, command), **memory},
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
+        return begun(update, signal, "slidingmode", {angle: self.angle_at(signal, self.width * self.lacking(signal))})
 
     def _wanted(self, signal, angle):
         rate, s, equivalent = self.terms(signal, angle)

@@ -37,6 +37,9 @@ class StringObserver(Observer):
         None, "1", "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design"
     )
     gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
+    begins: tuple[float, ...] | None = quantity(
+        None, "1", "states per torque, then per top speed, of the string that turns steadily; filled in by design"
+    )
     rock: tuple[float, ...] | None = quantity(
         None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
     )
@@ -62,8 +65,15 @@ class StringObserver(Observer):
         places = entries(stacked)
         return replace(
             self, states=model.states, units=model.units, rock=rock, places=places, model=tuple(stacked.ravel()[list(places)].tolist()),
-            gain=tuple(gain.ravel().tolist()),
+            gain=tuple(gain.ravel().tolist()), begins=tuple(steady_string(A, B, rows[0]).T.ravel().tolist()),
         )  # fmt: skip
+
+    def begun(self, speed: Any, torque: Any) -> Any:
+        """The state of a string that turns steadily at a top speed under a torque: what is known when the observer begins."""
+        if self.begins is None:
+            raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
+        n = len(self.begins) // 2
+        return ca.vertcat(*self.begins[:n]) * torque + ca.vertcat(*self.begins[n:]) * speed
 
     def injection(self, error: Any) -> Any:
         """What the gain is multiplied with, given w_top - w_top_hat."""
@@ -115,6 +125,15 @@ def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.nda
     A = np.block([[model.A, -model.E[:, None]], [np.zeros((1, model.A.shape[0] + 1))]])
     rows = np.array([np.append(row, 0.0) for row in (model.top, model.bit, model.load)])
     return A, np.append(model.B, 0.0), rows
+
+
+def steady_string(A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Columns z with A z + B u = 0 and row z = w for (u, w) = (1, 0) and (0, 1), z the states of the string and the torque of its rock."""
+    n = A.shape[0]
+    size = np.append(np.ones(n - 1), 1e4)  # torques in 10 kN m
+    matrix = np.vstack([A * size, row * size])
+    right = np.array([np.append(-B, 0.0), np.append(np.zeros(n), 1.0)]).T
+    return size[:, None] * np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,7 @@ from controllers import (
     ImplicitSlidingMode,
     LinearMPC,
     NonlinearMPC,
+    OnEstimates,
     SlidingMode,
     SoftTorque,
     StiffPI,
@@ -52,7 +53,7 @@ from controllers import (
 )
 from controllers.observers import Kalman
 from models import BitRock, wells
-from toolbox import Observed, Sampled, SimulationError, Trajectory, compose, simulate
+from toolbox import Sampled, SimulationError, Trajectory, compose, simulate
 
 WEIGHT = 97_347.0
 PLANT = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -96,7 +97,7 @@ def on_estimates(label: str, law: Callable[..., Any], **numbers: float) -> Conte
     def nominal(reference: float) -> Any:
         return law(reference=reference, **numbers, **LIMITS)
 
-    return Contender(label, nominal, lambda reference: Observed(nominal(reference), Kalman(speed_noise=NOISE), late=round(DELAY / 0.01)))
+    return Contender(label, nominal, lambda reference: OnEstimates(nominal(reference), Kalman(speed_noise=NOISE), late=round(DELAY / 0.01)))
 
 
 def predictive(label: str, law: Callable[..., Any]) -> Contender:

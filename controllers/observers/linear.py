@@ -79,20 +79,35 @@ class StringObserver(Observer):
         """What the gain is multiplied with, given w_top - w_top_hat."""
         return error
 
-    def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
-        """State, its rate as a function of the state, and the estimates."""
+    def _stacked(self):
+        """The number of states, and the rows of the model."""
         if self.gain is None or self.model is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.gain)
-        stacked = with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
-        A, B, L = stacked[:n, :], stacked[n, :].T, ca.vertcat(*self.gain)
-        top, bit, load = (stacked[i, :] for i in range(n + 1, n + 4))
+        return n, with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
+
+    def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
+        """State, its rate as a function of the state, and the estimates."""
+        n, stacked = self._stacked()
+        A, B, L, top = stacked[:n, :], stacked[n, :].T, ca.vertcat(*(self.gain or ())), stacked[n + 1, :]
         x = state("observer.state", "1", n)
         speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
 
         def rate(z: Any) -> Any:
             return A @ z + B * torque + L * self.injection(speed - top @ z)
 
+        return x, rate, self.seen(x)
+
+    def moved(self, x: Any, torque: Any, duration: Any) -> Any:
+        """The state after a duration [s] under a held torque [N m], with nothing measured."""
+        n, stacked = self._stacked()
+        A, B = stacked[:n, :], stacked[n, :].T
+        return one_step(lambda z: A @ z + B * torque, x, duration)
+
+    def seen(self, x: Any) -> dict[str, tuple[Any, str]]:
+        """{signal: (estimate, unit)} of a state."""
+        n, stacked = self._stacked()
+        top, bit, load = (stacked[i, :] for i in range(n + 1, n + 4))
         estimates: dict[str, tuple[Any, str]] = {
             name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))
         }
@@ -105,7 +120,7 @@ class StringObserver(Observer):
         if self.rock is not None:
             at_speed, excess, decay = self.rock
             estimates["bit.friction_scale"] = (x[n - 1] / (at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
-        return x, rate, estimates
+        return estimates
 
     def continuous(self, signal):
         x, rate, estimates = self._equations(signal)
@@ -113,11 +128,16 @@ class StringObserver(Observer):
 
     def sampled(self, signal, period):
         x, rate, estimates = self._equations(signal)
-        a = rate(x)
-        b = rate(x + period / 2 * a)
-        c = rate(x + period / 2 * b)
-        d = rate(x + period * c)
-        return Update({x: x + period / 6 * (a + 2 * b + 2 * c + d)}, estimates)
+        return Update({x: one_step(rate, x, period)}, estimates)
+
+
+def one_step(rate: Any, x: Any, period: Any) -> Any:
+    """A Runge-Kutta step of order four of x' = rate(x)."""
+    a = rate(x)
+    b = rate(x + period / 2 * a)
+    c = rate(x + period / 2 * b)
+    d = rate(x + period * c)
+    return x + period / 6 * (a + 2 * b + 2 * c + d)
 
 
 def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

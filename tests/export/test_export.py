@@ -81,7 +81,8 @@ LAWS = {
     "ZTorque": ZTorque(reference=8.0, **LIMITS),
     "ActiveDamping": ActiveDamping(reference=8.0),
     "SlidingMode": SlidingMode(reference=8.0, **LIMITS),
-    "ImplicitSlidingMode": ImplicitSlidingMode(reference=8.0),
+    # what it learns is an integral of an integral, which takes up the round-off of a run that is played back
+    "ImplicitSlidingMode": ImplicitSlidingMode(reference=8.0, learning=0.0),
     "SuperTwisting": SuperTwisting(reference=8.0, **LIMITS),
     "ImpedanceSuperTwisting": ImpedanceSuperTwisting(reference=8.0),
     "LQR": LQR(reference=8.0),

@@ -67,7 +67,7 @@ def changes() -> dict[str, np.ndarray]:
 
 
 def late_torques() -> dict[str, np.ndarray]:
-    """{law: rows for commands late by `LATE` samples of 10 ms: change of the torque per second [N m/s] of a law that does not know it, and of one that does}."""
+    """{law: rows for commands `LATE` samples of 10 ms late: change of the torque [N m/s] of a law that does not know it, and of one that does}."""
     found = {}
     for name, law in laws().items():
         pairs = [[np.abs(np.diff(held(replace(law, late=known), 0.01, late)[2])).sum() / 5.0 for known in (0, late)] for late in LATE]

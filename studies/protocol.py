@@ -1,8 +1,8 @@
 """The protocol by which laws of a drill string are judged: rigs, noise, ways of starting, what success is, and the search for the lowest set-point.
 
-Plant: the two inertias of Jansen and van den Steen with the bit of Navarro-Lopez and Cortes at 97 347 N. A law is designed on it for a set-point, measures the top
-speed alone, commands 0 to 20 kN m and knows that its commands come 30 ms late. A stiff PI drive has the rig in stick-slip at the same set-point; the law
-takes over at one of 8 phases of that cycle. Two ways of starting:
+Plant: the two inertias of Jansen and van den Steen with the bit of Navarro-Lopez and Cortes at 97 347 N. A law is designed on it for a set-point, measures
+the top speed alone, commands 0 to 20 kN m and knows that its commands come 30 ms late. A stiff PI drive has the rig in stick-slip at the same set-point; the
+law takes over at one of 8 phases of that cycle. Two ways of starting:
 
     direct   the set-point stays
     raised   the set-point is lifted to 12 rad/s, held for 40 s and lowered again within 60 s, as drillers do
@@ -16,8 +16,8 @@ Groups of rigs, each run with 8 phases:
     rocks      two other laws of friction with the same static torque: Gaussian (with the same excess over all speeds), and half the decay; noise, 3 seeds
 
 Success: from 80 s after the last set-point change the bit does not stick; over the 80 s that follow its mean speed is within 2 % of the set-point, and the
-standard deviation of the torque is at most 2 % of its mean without noise, and 5 % with noise, while the torque is at a limit at most 1 % of the time. A group stops at the first failure. The
-lowest set-point is found by bisection on a grid of 0.1 rad/s and confirmed at three set-points above it.
+standard deviation of the torque is at most 2 % of its mean without noise, and 5 % with noise, while the torque is at a limit at most 1 % of the time. A group
+stops at the first failure. The lowest set-point is found by bisection on a grid of 0.1 rad/s and confirmed at three set-points above it.
 
 Why here and not in `toolbox`: the protocol names a well, rocks and the drive that is replaced, which `toolbox` does not know.
 """
@@ -180,19 +180,24 @@ def set_point(reference: float, way: str, begin: float) -> tuple[Any, float]:
 
 def judged(law: Law, group: Group, reference: float, way: str = "direct") -> Outcome:
     """What comes of a law on a group of rigs at a set-point; stops at the first sweep that holds a failure."""
+    runs = 0
+    for failed, count in attempts(law, group, reference, way):
+        runs += count
+        if failed:
+            return Outcome(False, failed[0], runs)
+    return Outcome(True, "", runs)
+
+
+def attempts(law: Law, group: Group, reference: float, way: str) -> Iterator[tuple[list[str], int]]:
+    """(which runs failed and why, number of runs) of one sweep after the other, or of one run after the other for a Python law."""
     made = law.of(reference)
     if isinstance(made, Controller):
         made = made.design(PLANT)
-    runs = 0
+    find = _in_lanes if isinstance(made, Controller) else _one_by_one
     for seed in group.seeds:
         for delay, rock in dict.fromkeys((rig.delay, rig.rock) for rig in group.rigs):
             rigs = [rig for rig in group.rigs if (rig.delay, rig.rock) == (delay, rock)]
-            find = _in_lanes if isinstance(made, Controller) else _one_by_one
-            for failed, count in find(law, made, rigs, group, seed, reference, way):
-                runs += count
-                if failed:
-                    return Outcome(False, failed, runs)
-    return Outcome(True, "", runs)
+            yield from find(law, made, rigs, group, seed, reference, way)
 
 
 def verdict(numbers: dict[str, float], reference: float, noise: float) -> str:
@@ -215,7 +220,7 @@ def _window(reference: float, way: str) -> tuple[dict[str, Any], float, Any, flo
     return start, period, given, last + SETTLING, last + SETTLING + JUDGED
 
 
-def _in_lanes(law: Law, made: Controller, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[str, int]]:
+def _in_lanes(law: Law, made: Controller, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[list[str], int]]:
     start, period, given, after, end = _window(reference, way)
     both = Takeover(StiffPI(reference=reference, **LIMITS), made, at=period, name="takeover")
     rows = [(rig, phase) for rig in rigs for phase in group.phases]
@@ -227,17 +232,16 @@ def _in_lanes(law: Law, made: Controller, rigs: Sequence[Rig], group: Group, see
         inputs={"top.reference": given},
         measures={"stuck": measures.time_in("bit", "stick", after), **{name: measures.mean(of, after) for name, of in signals.items()}},
     )  # fmt: skip
-    failed = ""
+    failed = []
     for i, (rig, phase) in enumerate(rows):
-        if i in found.errors or not all(np.isfinite(found[name][i]) for name in signals):
-            failed = failed or f"{rig.name}, seed {seed}, phase {phase:g}: the run failed"
-        else:
-            why = verdict({name: float(found[name][i]) for name in ("stuck", *signals)}, reference, group.noise)
-            failed = failed or (f"{rig.name}, seed {seed}, phase {phase:g}: {why}" if why else "")
+        numbers = {name: float(found[name][i]) for name in ("stuck", *signals)}
+        why = verdict(numbers, reference, group.noise) if np.isfinite(list(numbers.values())).all() else "the run failed"
+        if why:
+            failed.append(f"{rig.name}, seed {seed}, phase {phase:g}: {why}")
     yield failed, len(rows)
 
 
-def _one_by_one(law: Law, made: Any, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[str, int]]:
+def _one_by_one(law: Law, made: Any, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[list[str], int]]:
     start, period, given, after, end = _window(reference, way)
     states = {name: value for name, value in start.items() if not name.startswith("before.")}
     grid = np.arange(after, end, law.period / 2) + law.period / 4
@@ -263,7 +267,7 @@ def _one_by_one(law: Law, made: Any, rigs: Sequence[Rig], group: Group, seed: in
                 why = verdict(numbers, reference, group.noise)
             except SimulationError:
                 why = "the run failed"
-            yield (f"{rig.name}, seed {seed}, phase {phase:g}: {why}" if why else ""), 1
+            yield ([f"{rig.name}, seed {seed}, phase {phase:g}: {why}"] if why else []), 1
 
 
 class TakenOver:

@@ -5,6 +5,11 @@
         run = simulate(rig, 200.0, controller=MyDrive(), parameters=perturbed(rig))
         stickslip.no_stick_slip(run, after=100.0)
 
+    def test_my_drive_is_robust(stickslip):
+        law = Sampled(MyDrive(), 0.01, delay=0.03)
+        stickslip.robust(rig, law, disk_margin=0.35)
+        stickslip.survives(rig, law, 200.0, errors={"chain.inertia.0": (0.8, 1.2)}, starts=cycle_phases(stick_slip, 8))
+
 The assertions are those of `toolbox.onsets.checks.Checks`; a failed one saves a figure under `--stickslip-figures DIR`, or the test's `tmp_path`.
 
 Why a module of its own, beside the packages: pytest imports its plugins at every start, and importing anything below `toolbox` imports casadi. Here

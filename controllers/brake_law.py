@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import casadi as ca
 
 from toolbox import Controller, HybridSystem, SceneError, quantity, state
-from toolbox.modelling.elements import State
+from toolbox.authoring import State
 
 
 @dataclass(frozen=True, kw_only=True)

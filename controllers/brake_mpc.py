@@ -12,7 +12,7 @@ from controllers.brake_law import BrakeLaw
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.modelling.components import check_fields
+from toolbox.authoring import check_fields
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,12 +9,11 @@ first, which a bit that has stuck again cannot keep;  unit: of the torques [N m]
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from toolbox.prediction.rollout_loop import advance
+from toolbox.authoring import advance_rollout, cached
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, priority):  # pragma: no cover - compiled
     """Cost of a plan along its own rollout, excess of limits included."""
     N, n = U.shape[0], X.shape[1]
@@ -52,7 +51,7 @@ def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest,
     return total
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def condense(
     X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high
 ):  # pragma: no cover - compiled
@@ -127,7 +126,7 @@ def condense(
             H[c, j] = H[j, c]
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
     """(stationarity, violation, complementarity) of `controllers.quadratic_program.Residuals`."""
     n, m = z.size, A.shape[0]
@@ -164,7 +163,7 @@ def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
     return off / (1.0 + size), violation, standing / (1.0 + size)
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def wound_up(
     addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
 ):  # pragma: no cover - compiled
@@ -178,11 +177,11 @@ def wound_up(
         command = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         offset += command - wanted  # what is cut does not wind up
         U[k, 0] = command
-        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance_rollout(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
         before = command
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def regulated(
     addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate
 ):  # pragma: no cover - compiled
@@ -194,4 +193,4 @@ def regulated(
             wanted -= gain[a] * (X[k, a] - x_s[a])
         before = min(max(min(max(wanted, before - rate), before + rate), lowest), highest)
         U[k, 0] = before
-        advance(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])
+        advance_rollout(addresses, interval, steps, inputs, columns, p, U[k : k + 1], X[k : k + 2], none, none, M[k : k + 2])

@@ -11,7 +11,7 @@ from controllers.predictive import Predictive, PredictiveLaw, held, riccati, ste
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
 from toolbox import HybridSystem, quantity
-from toolbox.export.c_code import Declared
+from toolbox.authoring import Declared
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ import numpy as np
 
 from controllers.watchdog import MEMORY
 from toolbox import SceneError
-from toolbox.export.c_code import Declared, written
+from toolbox.authoring import Declared, written
 
 if TYPE_CHECKING:
     from controllers.linear_mpc import PlannedLinear

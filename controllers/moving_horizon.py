@@ -12,7 +12,7 @@ from controllers.disturbance_filter import DisturbanceFilter
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from controllers.string_model import StringModel, rock_table, string_model
 from toolbox import HybridSystem, Observer, SceneError, quantity
-from toolbox.modelling.components import check_fields
+from toolbox.authoring import check_fields
 
 
 @dataclass(frozen=True, kw_only=True)

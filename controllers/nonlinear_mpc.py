@@ -18,7 +18,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.compilation.notices import announced
+from toolbox.authoring import announced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +69,9 @@ class PlannedNonlinear(PredictiveLaw):
 
     def __init__(self, law: NonlinearMPC, plant: HybridSystem):
         from controllers import condensing
-        from toolbox.prediction import rollout_loop
-        from toolbox.prediction.rollout import Rollout, regularised
+        from toolbox.authoring import Rollout, advance_rollout, regularised
 
-        compiled = (rollout_loop.advance, condensing.cost, condensing.condense, condensing.wound_up, condensing.regulated)
+        compiled = (advance_rollout, condensing.cost, condensing.condense, condensing.wound_up, condensing.regulated)
         announced("nonlinear predictive law", *compiled)
         model, _, _, A = drilling_point(plant, law.reference)
         super().__init__(law, plant, model, string_model(plant).A)

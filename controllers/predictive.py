@@ -15,7 +15,7 @@ from controllers.string_model import StringModel, string_model, without_actuator
 from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.modelling.components import check_fields
+from toolbox.authoring import check_fields
 
 MOST_LATE = 1000
 """Commands on their way, in samples, that a law can remember."""

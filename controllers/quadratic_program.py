@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.compilation.notices import announced
+from toolbox.authoring import announced
 
 SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, the others as they ship with casadi."""

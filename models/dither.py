@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import FrictionLaw, HybridSystem, SceneError
-from toolbox.errors import suggest
+from toolbox.authoring import suggest
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:

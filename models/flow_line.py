@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
-from toolbox.modelling.elements import is_finite_number
+from toolbox.authoring import is_finite_number
 
 
 @dataclass(frozen=True)

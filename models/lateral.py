@@ -15,7 +15,7 @@ import numpy as np
 
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, Trajectory, UnilateralContact, quantity, state
-from toolbox.measuring.measure import window
+from toolbox.authoring import window
 
 TINY = 1e-20
 """A length [m] or speed [m/s] below all others: it gives a collar in the very middle of the hole a direction, and changes no digit elsewhere."""

@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from toolbox import SceneError
-from toolbox.errors import suggest
-from toolbox.files.tables import Column, Table, read
-from toolbox.modelling.elements import is_finite_number
+from toolbox.authoring import Column, Table, is_finite_number, read_table, suggest
 
 
 class Material(NamedTuple):
@@ -121,7 +119,7 @@ def read_sections(path: str | Path) -> tuple[Section, ...]:
     Columns: `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`; `material` (a name of MATERIALS), or
     `density [kg/m3]` and `shear modulus [Pa]`; perhaps `name`. Units may differ, order is free. Raises SceneError naming file, row and column.
     """
-    table = read(path, COLUMNS)
+    table = read_table(path, COLUMNS)
     sections: list[Section] = []
     bottom = 0.0
     for i, row in enumerate(table):

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.files.tables import Column, read
-from toolbox.modelling.elements import finite_array
+from toolbox.authoring import Column, finite_array, read_table
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ def read_survey(path: str | Path) -> Survey:
 
     Units may differ, order of columns is free. Raises SceneError naming file, row and column.
     """
-    table = read(path, COLUMNS)
+    table = read_table(path, COLUMNS)
     columns = [tuple(row[column.name] for row in table) for column in COLUMNS]
     fault = _fault(*columns)
     if fault:

@@ -15,7 +15,7 @@ from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
 from toolbox import FrictionLaw, SceneError, quantity
-from toolbox.modelling.elements import is_finite_number
+from toolbox.authoring import is_finite_number
 
 
 @dataclass(frozen=True)

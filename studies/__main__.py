@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> int:
         hint = f"did you mean {near[0]!r}?" if near else "`python -m studies` lists them."
         print(f"There is no study {name!r}: {hint}", file=sys.stderr)
         return 2
-    sys.argv = [f"python -m studies {name}", *arguments[1:]]
+    sys.argv = [name, *arguments[1:]]
     runpy.run_module(f"studies.{where[name]}.{name}", run_name="__main__", alter_sys=True)
     return 0
 

@@ -27,10 +27,17 @@ from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
 from toolbox.orbits.sensitivity import Sensitivity, sensitivity
+from toolbox.robustness.absorber import absorber_limit
+from toolbox.robustness.limits import performance_limit
+from toolbox.robustness.margins import Margins, margins
+from toolbox.robustness.worst_case import WorstCase, cycle_phases, worst_case
 from toolbox.scenes.scene import Scene
 from toolbox.scenes.work_precision import WorkPrecision, work_precision
-from toolbox.simulation.simulate import Budget, simulate
-from toolbox.simulation.trajectory import Event, Trajectory
+from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TimeStepping
+from toolbox.simulation.run import Budget
+from toolbox.simulation.samples import Event
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states import linear as linear
 from toolbox.steady_states.equilibria import equilibria
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
@@ -43,6 +50,7 @@ from toolbox.tuning.tune import tune
 
 __all__ = [
     "AccuracyError",
+    "Automatic",
     "Bifurcation",
     "Branch",
     "Budget",
@@ -54,11 +62,15 @@ __all__ = [
     "DryFriction",
     "Equations",
     "Event",
+    "EventExact",
+    "Explicit",
     "Fit",
     "FrictionLaw",
     "GrazingError",
     "HybridSystem",
     "Hysteresis",
+    "Implicit",
+    "Margins",
     "Observed",
     "Observer",
     "Recording",
@@ -69,15 +81,20 @@ __all__ = [
     "Sensitivity",
     "SeverityMap",
     "SimulationError",
+    "Smoothing",
     "Sweep",
     "Takeover",
+    "TimeStepping",
     "Trajectory",
     "Tuned",
     "UnilateralContact",
     "Update",
     "WorkPrecision",
+    "WorstCase",
     "ZenoError",
+    "absorber_limit",
     "compose",
+    "cycle_phases",
     "cycles",
     "energy_audit",
     "equilibria",
@@ -91,8 +108,10 @@ __all__ = [
     "impedance",
     "limit_cycle",
     "linearise",
+    "margins",
     "onset",
     "overshoot",
+    "performance_limit",
     "pole_locus",
     "quantity",
     "ramp",
@@ -113,6 +132,7 @@ __all__ = [
     "triangle",
     "tune",
     "work_precision",
+    "worst_case",
 ]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import is_finite_number
 
 
 def mapping(word: str, given: Any) -> dict[str, Any]:
@@ -38,3 +38,36 @@ def whole(word: str, given: Any, at_least: int) -> int:
     if isinstance(given, (bool, np.bool_)) or not isinstance(given, (int, np.integer)) or given < at_least:
         raise SceneError(f"Argument `{word}` must be an integer >= {at_least}, but it is {given!r}.")
     return int(given)
+
+
+def is_finite_number(value: Any) -> bool:
+    """True for a finite real number that is not a bool."""
+    if isinstance(value, (bool, np.bool_, str, bytes)):
+        return False
+    try:
+        return math.isfinite(value)
+    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
+        return False
+
+
+def finite_array(value: Any) -> np.ndarray | None:
+    """Numbers as a float array, or None where they are not finite real numbers."""
+    try:
+        raw = np.asarray(value)
+        if raw.dtype.kind not in "iuf":
+            return None
+        array = np.array(raw, float)
+    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
+        return None
+    return array if np.isfinite(array).all() else None
+
+
+def checked_range(between: Any) -> tuple[float, float]:
+    """(low, high) of a range; raises SceneError unless it is two finite numbers in that order."""
+    try:
+        low, high = between
+    except (TypeError, ValueError):
+        low, high = None, None
+    if not is_finite_number(low) or not is_finite_number(high) or not low < high:
+        raise SceneError(f"Argument `between` must be two finite numbers (low, high) with low < high, but it is {between!r}.")
+    return float(low), float(high)

@@ -25,13 +25,17 @@ from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.benchmarks.cases import DRIVE, cases
 from studies.questions.maps import string_map
 from toolbox import Controller, Sampled, compose
+from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import run_lanes
 from toolbox.lanes.loop import _begin, scalar_address
 from toolbox.measuring import measures as tally
-from toolbox.simulation import event_loop as loop
-from toolbox.simulation.simulate import Run, checked_run, pair_of
-from toolbox.simulation.work_arrays import place_start, work_arrays
+from toolbox.modelling.start import place_start
+from toolbox.simulation.carry_out import formulas_of
+from toolbox.simulation.methods import Explicit
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Run
+from toolbox.simulation.work_arrays import work_arrays
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import Task, finished, numbers_of_run
 
@@ -48,9 +52,9 @@ def one_by_one(scalar, w, rest, memory, parameters, starts, statuses, switches, 
     """Run every scenario by the scalar loop; rest, memory: what changes of the parameters, and laws remember, as at the start."""
     held = rest[:0]
     for s in range(len(parameters)):
-        w.ints[loop.EVENTS] = 0
+        w.ints[loop_layout.EVENTS] = 0
         statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
-        switches[s] = w.ints[loop.EVENTS]
+        switches[s] = w.ints[loop_layout.EVENTS]
         states[s] = w.x[: states.shape[1]]
         for e in range(min(switches[s], ev_t.shape[1])):
             ev_t[s, e] = w.ev_t[e]
@@ -73,11 +77,11 @@ def scenarios(run: Run, spread: dict[str, tuple[float, float]], count: int) -> t
 def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int) -> str:
     """One line of the table."""
     parameters, starts = scenarios(run, spread, count)
-    run = dataclasses.replace(run, method="explicit")
-    work = work_arrays(loop, run, program_of(run.system, run.kinds, pair_of(run)))._replace(
-        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.empty((100_000, 2), np.int8)
+    run = dataclasses.replace(run, method=Explicit())
+    work = work_arrays(run, program_of(run.system, run.kinds, formulas_of(run)))._replace(
+        out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.zeros((100_000, 3), np.int8)
     )
-    work.ints[loop.NODES] = 0
+    work.ints[loop_layout.NODES] = 0
     few = min(COMPARED, count)
     statuses, switches = np.zeros(few, np.int64), np.zeros(few, np.int64)
     states, times = np.zeros_like(starts[:few]), np.zeros((few, ROOM))
@@ -120,23 +124,23 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
     def case(name: str) -> Run:
         found = cases()[name]
         arguments: dict[str, Any] = dict(found.arguments)
-        return checked_run(found.plant, found.duration, **arguments)
+        return Request(found.plant, found.duration, **arguments).checked()
 
     rig = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
 
     def sampled(law: Controller, **arguments: Any) -> Run:
-        return checked_run(rig, 60.0, controller=Sampled(law, 0.01, **arguments))
+        return Request(rig, 60.0, controller=Sampled(law, 0.01, **arguments)).checked()
 
     weights = {"bit.weight": (0.5, 1.5)}
     brake = dataclasses.replace(DiscBrake(), force=1000.0)
     blocks = BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)
     return {
-        "JANSEN_2 with PI, 60 s": (checked_run(rig, 60.0, controller=DRIVE), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
+        "JANSEN_2 with PI, 60 s": (Request(rig, 60.0, controller=DRIVE).checked(), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
         "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
-        "five tied blocks on belt": (checked_run(compose(blocks), 60.0), {"blocks.mass": (0.8, 1.2)}, 10),
-        "ideal sliding mode": (checked_run(rig, 60.0, controller=IdealSlidingMode(reference=12.0)), {"bit.weight": (0.5, 1.0)}, 2),
-        "squealing pad": (checked_run(compose(SquealingPad()), 60.0), {"pad.disc_speed": (0.5, 1.5)}, 2),
-        "disc brake": (checked_run(compose(brake), 2.0, start={"disc.speed": 2.0}), {"disc.force": (0.8, 1.2)}, 4),
+        "five tied blocks on belt": (Request(compose(blocks), 60.0).checked(), {"blocks.mass": (0.8, 1.2)}, 10),
+        "ideal sliding mode": (Request(rig, 60.0, controller=IdealSlidingMode(reference=12.0)).checked(), {"bit.weight": (0.5, 1.0)}, 2),
+        "squealing pad": (Request(compose(SquealingPad()), 60.0).checked(), {"pad.disc_speed": (0.5, 1.5)}, 2),
+        "disc brake": (Request(compose(brake), 2.0, start={"disc.speed": 2.0}).checked(), {"disc.force": (0.8, 1.2)}, 4),
         "ten inertias, bit": (case("bit"), {"bit.weight": (0.8, 1.2)}, 4),
         "ten inertias, friction on all": (case("all"), {"chain.friction_load": (0.8, 1.2)}, 10),
         "PI at 100 Hz, 120 s": (case("sampled"), {**weights, "pi.reference": (0.5, 2.0)}, 5),

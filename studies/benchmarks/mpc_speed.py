@@ -30,7 +30,7 @@ from controllers import LinearMPC, NonlinearMPC, StiffPI
 from controllers.quadratic_program import SOLVERS
 from models import BitRock, wells
 from toolbox import compose, simulate
-from toolbox.prediction.rollout import regularised
+from toolbox.modelling.regularisation import regularised
 
 SPEED, WEIGHT = 4.0, 97_347.0
 PLANT = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))

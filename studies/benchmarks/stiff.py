@@ -110,7 +110,7 @@ def table(case: Case) -> None:
             cost = seconds(lambda a=accuracy, m=method: case.run(m, a), 2)
             for target in TARGETS:
                 if error <= target and cost < best.get((method, target), (np.inf,))[0]:
-                    best[method, target] = cost, error, accuracy, run.run.method
+                    best[method, target] = cost, error, accuracy, run.run.method.text
     for target in TARGETS:
         for method in SETTINGS:
             if (method, target) in best:

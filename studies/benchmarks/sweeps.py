@@ -27,7 +27,7 @@ from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, Scene, compose, sweep, tune
 from toolbox.measuring import measures as tally
-from toolbox.scenes.scene import Case
+from toolbox.scenes.cases import Case
 from toolbox.sweeps.sweep import uniform
 
 RUNS = 1_000_000

@@ -32,7 +32,7 @@ from studies.benchmarks.cases import Case, cases
 from toolbox import WorkPrecision, simulate, smoothed, work_precision
 from toolbox.scenes.work_precision import Point
 from toolbox.simulation.refinement import slips
-from toolbox.simulation.simulate import checked_run
+from toolbox.simulation.request import Request
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 12))
 SHARES = tuple(10.0**-k for k in range(1, 7))
@@ -98,7 +98,7 @@ def sundae(plant: reference.Plant, duration: float, rtol: float, output_times: n
 
 def cvodes(case: Case, share: float, tolerance: float) -> Callable[[np.ndarray], tuple[np.ndarray, float]]:
     """Times -> (states, seconds) by casadi.integrator on the smoothed law."""
-    run = checked_run(case.plant, case.duration, **case.arguments)
+    run = Request(case.plant, case.duration, **case.arguments).checked()
     plant = smoothed(run.system, {name: share * size for name, size in slips(run).items()})
     form = plant.to_casadi()
     problem = {"t": form["t"], "x": form["x"], "p": ca.vertcat(form["p"], form["u"]), "ode": form["ode"]}

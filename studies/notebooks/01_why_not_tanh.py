@@ -70,7 +70,7 @@ stand = simulate(exact, 160.0, inputs={"top.torque": hold})
 creeping = {e: simulate(smooth, 160.0, inputs={"top.torque": hold}, parameters={"bit.epsilon": e}) for e in (0.3, 0.1, 0.01, 0.001)}
 for e, run in creeping.items():
     at_end = run.at(160.0)["bit.speed"]
-    print(f"width {e:5.3f} rad/s: {60 * np.degrees(at_end):8.1f} degrees a minute, {sum(run.steps):6d} steps ({run.run.method})")
+    print(f"width {e:5.3f} rad/s: {60 * np.degrees(at_end):8.1f} degrees a minute, {sum(run.steps):6d} steps ({run.run.method.text})")
 print(f"set-valued:          {np.degrees(60 * stand.at(160.0)['bit.speed']):8.1f} degrees a minute, {sum(stand.steps):6d} steps")
 
 # %% [markdown]

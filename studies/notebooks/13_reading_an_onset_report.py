@@ -14,7 +14,7 @@ from pathlib import Path
 
 import toolbox
 from toolbox import Scene, equilibrium, onset, plot, simulate
-from toolbox.modelling.free_parameter import continuous_loop
+from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.equilibria import state_values
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "jansen_2.toml")

@@ -21,7 +21,7 @@ import numpy as np
 from controllers import PI, pipe_impedance
 from models import BitRock, DrillString, Transition
 from toolbox import Scene, compose, export_c, measure, plot, simulate, tune
-from toolbox.scenes.scene import Case
+from toolbox.scenes.cases import Case
 
 tables = files("models") / "tables"
 print("\n".join((tables / "aarsnes_shor_sections.csv").read_text().splitlines()[1:4]))

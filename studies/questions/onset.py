@@ -11,6 +11,8 @@ Plant: the two inertias of Jansen and van den Steen with the bit at 97.3 kN, as 
 What comes out: sliding mode loses stick-slip in a smooth fold, the stiff drive where the stick phase shrinks to nothing (a corner, at which the branch turns),
 soft torque by period doubling before either. The two borders of every law are so far apart that the Hopf speed alone says little.
 
+How far `onset`, `severity_map` and `follow` lie apart, and from slow ramps of another simulation, is the question of `studies.questions.borders`.
+
     python -m studies onset [FOLDER]          (default studies/figures; writes onset.png; two minutes)
 """
 

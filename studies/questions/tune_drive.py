@@ -35,7 +35,7 @@ from models import BitRock, WhirlingCollar, wells
 from studies.questions import whirl
 from studies.questions.drives import DELAY, LIMITS, NOISE, WEIGHT
 from toolbox import Sampled, Scene, Trajectory, Tuned, compose, measure, tune
-from toolbox.scenes.scene import Waveform
+from toolbox.scenes.cases import Waveform
 
 SET_POINT = 8.0
 STARTED = 60.0

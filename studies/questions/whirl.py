@@ -1,16 +1,19 @@
-"""Which gain of a sliding mode ends stick-slip without driving the collar against the borehole wall?
+"""Which gain of a sliding mode ends stick-slip without driving the collar against the borehole wall, and does the answer survive the way of starting?
 
 Theory. The bit of a published string (160 kN, 88 rpm) sticks and slips under a stiff drive. A sliding mode ends that in a range of its weight lam of the speed
 difference. But breaking the bit free it lets the bit run ahead, the faster the larger lam. Steady synchronous whirl reaches the wall at
 sqrt(k_l/m gap/(gap + e)), here 20.2 rad/s; beyond it the collar strikes, friction turns its whirl backward, and rolling along the wall then lasts down to
-a much lower speed, here 7.4 rad/s (`WhirlingCollar.contact_speed`, `rolling_speed`). So the bit may turn evenly and the collar suffer: a gain has to
-be judged by both.
+a much lower speed, here 7.4 rad/s (`WhirlingCollar.contact_speed`, `rolling_speed`). The set-point lies between the two: at 9.2 rad/s the collar does what it
+was last disturbed into, as the bit does between its borders. So a gain has no outcome by itself; a gain and a way of starting have.
 
-Answer (the table): 0.1 and 0.2 1/s are good for both. From 0.4 1/s the bit turns as evenly as before, but the collar strikes the wall tens or hundreds of
-times; from about 1 1/s stick-slip is back. How many impacts there are depends on every digit, that there are many does not. At 165 kN and 0.4 1/s
-the bit turns evenly while the collar rolls backward along the wall for ever.
+Answer (the map of outcomes). A ramp of the set-point over 60 s lets the collar alone at every gain from 0.05 to 0.8 1/s, a step from rest only at 0.1
+and 0.2 1/s. Inside existing stick-slip the collar strikes already, and at every gain it strikes on when the sliding mode takes over; what differs is
+the end. At 0.02 to 0.1 and at 0.6 to 0.8 1/s the collar comes off the wall from all eight phases of the cycle. At 0.2 to 0.4 1/s it ends up rolling
+backward along the wall for ever from half of them and more, while the bit turns as evenly as it can: the drive sees nothing. From 1 1/s on stick-slip
+is back however it is started. A gain good for both whatever came before is 0.05 to 0.1 1/s, with the set-point ramped; a step from rest at 0.2 1/s,
+which strikes nothing, says nothing about a drive that takes over at 0.2 1/s. How many impacts there are depends on every digit.
 
-    python -m studies whirl [FOLDER]         table, studies/figures/whirl.png and whirl_gain.png
+    python -m studies whirl [FOLDER]         map of outcomes and table, studies/figures/whirl.png and whirl_outcomes.png (four minutes)
     python -m studies whirl stiffness        what a stiff wall costs the explicit method
 """
 
@@ -19,6 +22,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +33,19 @@ from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
 from toolbox import HybridSystem, compose, measure, plot, simulate
 from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.equilibria import state_values
 
 WEIGHT, REFERENCE = 160_000.0, 88 * math.pi / 30  # [N], [rad/s]
-DURATION, SETTLED = 120.0, 80.0  # [s]
+DURATION, SETTLED = 160.0, 120.0  # [s]
+PHASES = 8
+RAMPS = (15.0, 60.0)  # [s]
+WAYS = ("step from rest", *(f"ramp over {length:g} s" for length in RAMPS), *(f"inside, phase {k}/{PHASES}" for k in range(PHASES)))
+"""Ways of starting: the set-point at once, the set-point ramped, and a takeover from the stiff drive at a phase of its stick-slip cycle."""
+
+SHOWN = {WAYS[0]: 8.0, WAYS[2]: 56.0, WAYS[3]: 40.0}
+"""Ways of starting that the figure shows, and when two seconds of their orbit begin [s]."""
+
+OUTCOMES = ("never strikes", "strikes, comes off", "rolls on the wall", "stick-slip")
 GAINS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3, 1.6)  # [1/s]
 ROCK = BitRock(weight=WEIGHT, radius=0.0239, friction=Exponential(static=2.5, kinetic=1.1, decay=0.4))
 SLIDING = ROCK.radius * WEIGHT * ROCK.friction.kinetic
@@ -43,10 +58,39 @@ def rig(weight: float = WEIGHT) -> HybridSystem:
     return compose(dataclasses.replace(wells.UFRJ_2, collar=-1), dataclasses.replace(ROCK, weight=weight), WhirlingCollar())
 
 
-def driven(gain: float | None, weight: float = WEIGHT) -> Trajectory:
-    """A run from rest under a sliding mode of that gain [1/s], or under the stiff drive."""
-    law = StiffPI(reference=REFERENCE) if gain is None else SlidingMode(reference=REFERENCE, surface=gain, reaching=1.0)
-    return simulate(rig(weight), DURATION, controller=law)
+@cache
+def driven(gain: float | None, way: str = WAYS[0], weight: float = WEIGHT) -> Trajectory:
+    """A run under a sliding mode of that gain [1/s], started in one of the ways, or under the stiff drive, from rest."""
+    if gain is None:
+        return simulate(rig(weight), DURATION, controller=StiffPI(reference=REFERENCE))
+    law: Any = SlidingMode(reference=REFERENCE, surface=gain, reaching=1.0)
+    if way.startswith("ramp"):
+        length = RAMPS[WAYS.index(way) - 1]
+        return simulate(rig(weight), DURATION, controller=law, inputs={"top.reference": ((0.0, length), (0.0, REFERENCE))})
+    start = taken_over(WAYS.index(way) - 1 - len(RAMPS), weight) if way.startswith("inside") else None
+    return simulate(rig(weight), DURATION, controller=law, start=start)
+
+
+def taken_over(phase: int, weight: float = WEIGHT) -> dict[str, Any]:
+    """The states of string and collar at a phase of the last whole stick-slip cycle under the stiff drive; its integral stays with it."""
+    run = driven(None, WAYS[0], weight)
+    begins = [first for first, _ in measure.stick_intervals(run, "bit", SETTLED)]
+    samples = run.at(begins[-2] + phase / PHASES * (begins[-1] - begins[-2]))
+    return {name: value for name, value in state_values(run.program.system, samples.states[0]).items() if not name.startswith("pi.")}
+
+
+def outcome(run: Trajectory) -> int:
+    """What a run came to, an index of `OUTCOMES`."""
+    if run.time_in("bit", "stick", after=SETTLED) > 0.0:
+        return 3
+    if run.time_in("wall", "closed", after=SETTLED) > 0.0:
+        return 2
+    return int(measure.contact(run, "wall").impacts > 0)
+
+
+def outcomes(gains: Sequence[float] = GAINS, ways: Sequence[str] = WAYS) -> np.ndarray:
+    """The outcome for every gain and way of starting, shape (gains, ways)."""
+    return np.array([[outcome(driven(gain, way)) for way in ways] for gain in gains])
 
 
 def row(run: Trajectory) -> dict[str, float]:
@@ -72,13 +116,24 @@ def table(rows: dict[str, dict[str, float]]) -> str:
         f"Synchronous whirl reaches the wall at {collar.contact_speed(WEIGHT, SLIDING):.1f} rad/s; rolling backward (whirl "
         f"{collar.rolling_ratio():.2f}) lasts above {collar.rolling_speed(WEIGHT, SLIDING):.1f} rad/s.",
         "",
-        f"{'drive':<24}{'severity':>9}{'stuck':>9}{'peak':>12}{'impacts':>9}{'contact':>10}{'force':>9}{'late contact':>14}{'whirl':>8}",
+        f"{'drive':<28}{'severity':>9}{'stuck':>9}{'peak':>12}{'impacts':>9}{'contact':>10}{'force':>9}{'late contact':>14}{'whirl':>8}",
     ]
     for label, r in rows.items():
         lines.append(
-            f"{label:<24}{r['severity']:9.2f}{r['stuck']:7.1f} s{r['peak']:6.1f} rad/s{r['impacts']:9.0f}{r['contact']:8.2f} s{r['force'] / 1e3:6.0f} kN"
+            f"{label:<28}{r['severity']:9.2f}{r['stuck']:7.1f} s{r['peak']:6.1f} rad/s{r['impacts']:9.0f}{r['contact']:8.2f} s{r['force'] / 1e3:6.0f} kN"
             f"{r['late contact']:12.2f} s{r['whirl']:8.2f}"
         )
+    return "\n".join(lines)
+
+
+def map_text(found: np.ndarray, gains: Sequence[float] = GAINS, ways: Sequence[str] = WAYS) -> str:
+    """The map of outcomes as text, one line per gain; the phases inside stick-slip counted."""
+    plain = [k for k, way in enumerate(ways) if not way.startswith("inside")]
+    within = [k for k, way in enumerate(ways) if way.startswith("inside")]
+    lines = [f"{'gain':>10}" + "".join(f"{ways[k]:>22}" for k in plain) + f"    inside stick-slip, {len(within)} phases"]
+    for gain, row in zip(gains, found, strict=True):
+        counted = ", ".join(f"{(row[within] == k).sum()} {OUTCOMES[k]}" for k in range(4) if (row[within] == k).any())
+        lines.append(f"{gain:>6g} 1/s" + "".join(f"{OUTCOMES[row[k]]:>22}" for k in plain) + f"    {counted}")
     return "\n".join(lines)
 
 
@@ -131,26 +186,28 @@ def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
     return figure
 
 
-def draw_gains(rows: dict[float, dict[str, float]], stiff: dict[str, float]) -> Any:
-    """Severity of stick-slip and impacts on the wall against the gain; returns a matplotlib figure."""
+def draw_outcomes(found: np.ndarray, gains: Sequence[float] = GAINS, ways: Sequence[str] = WAYS) -> Any:
+    """The map of outcomes over gain and way of starting, a grey and a letter for each; returns a matplotlib figure."""
     import matplotlib.pyplot as plt
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
 
-    gains = list(rows)
+    greys, letters = ("white", "0.85", plot.LINES[1]["color"], "0.35"), ("", "s", "R", "S")
     with plt.rc_context(plot.PAPER):
-        figure, axes = plt.subplots(3, 1, figsize=(5.2, 5.2), layout="constrained", sharex=True)
-        words = {"severity": "severity [1]", "impacts": "wall impacts [1]", "contact": "wall contact [s]"}
-        for ax, (key, label) in zip(axes, words.items(), strict=True):
-            ax.plot(gains, [rows[g][key] for g in gains], marker="o", markersize=4, **plot.LINES[0])
-            ax.axhline(stiff[key], label="stiff drive", **plot.LINES[2])
-            ax.set_ylabel(label)
-            ax.axvspan(0.1, 0.2, facecolor=plot.BAND, zorder=0)
-        axes[1].set_yscale("symlog", linthresh=1.0)
-        axes[1].set_ylim(-0.2, 4e3)
-        axes[0].legend(frameon=False, loc="center left", bbox_to_anchor=(0.0, 0.8))
-        axes[0].text(0.141, 0.45, "good\nfor both", ha="center", fontsize=7.5)
-        axes[-1].set(xscale="log", xlabel="gain of the sliding mode, weight lam of the surface [1/s]")
-        axes[-1].set_xticks([0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 1.6], ["0.02", "0.05", "0.1", "0.2", "0.5", "1", "1.6"], minor=False)
-        axes[-1].set_xticks([], minor=True)
+        figure, ax = plt.subplots(figsize=(6.6, 4.0), layout="constrained")
+        ax.imshow(found.T, cmap=ListedColormap(greys), vmin=0, vmax=3, aspect="auto", interpolation="nearest")
+        for i, j in np.ndindex(*found.shape):
+            ax.text(i, j, letters[found[i, j]], ha="center", va="center", fontsize=7.5, color="white" if found[i, j] == 3 else "black")
+        ax.set_xticks(range(len(gains)), [f"{gain:g}" for gain in gains])
+        ax.set_yticks(range(len(ways)), list(ways))
+        ax.set_xticks(np.arange(len(gains) + 1) - 0.5, minor=True)
+        ax.set_yticks(np.arange(len(ways) + 1) - 0.5, minor=True)
+        ax.grid(which="minor", color="0.6", linewidth=0.5)
+        ax.tick_params(which="both", length=0)
+        ax.set_xlabel("gain of the sliding mode, weight lam of the surface [1/s]")
+        words = [f"{letter}  {word}".strip() for letter, word in zip(letters, OUTCOMES, strict=True)]
+        patches = [Patch(facecolor=grey, edgecolor="0.4", linewidth=0.5, label=word) for grey, word in zip(greys, words, strict=True)]
+        figure.legend(handles=patches, loc="outside upper center", ncols=4, frameon=False, fontsize=8.0)
     return figure
 
 
@@ -188,15 +245,13 @@ def main() -> None:
     matplotlib.use("Agg")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FIGURES
     folder.mkdir(parents=True, exist_ok=True)
-    stiff = driven(None)
-    runs = {gain: driven(gain) for gain in GAINS}
-    rows = {gain: row(run) for gain, run in runs.items()}
-    heavy = driven(0.4, 165_000.0)
-    named = {"stiff PI": row(stiff)} | {f"gain {gain:g} 1/s": r for gain, r in rows.items()} | {"gain 0.4 1/s, 165 kN": row(heavy)}
-    print(table(named))
-    shown = {"stiff PI": (stiff, 45.0), "sliding mode, 0.2 1/s": (runs[0.2], 8.0), "sliding mode, 0.6 1/s": (runs[0.6], 8.3)}
+    found = outcomes()
+    print(map_text(found), end="\n\n")
+    named = {"stiff PI": driven(None), **{f"0.2 1/s, {way}": driven(0.2, way) for way in WAYS}}
+    print(table({label: row(run) for label, run in named.items()}))
+    shown = {f"0.2 1/s, {way}": (driven(0.2, way), first) for way, first in SHOWN.items()}
     draw(shown).savefig(folder / "whirl.png")
-    draw_gains(rows, named["stiff PI"]).savefig(folder / "whirl_gain.png")
+    draw_outcomes(found).savefig(folder / "whirl_outcomes.png")
     print(f"Figures are in {folder}")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from toolbox import ZenoError
-from toolbox.commands import terminal
+from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
 from toolbox.scenes import verdicts as study
 from toolbox.scenes.scene import Scene
@@ -58,8 +58,8 @@ def belt(tmp_path):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Figures as empty files, where the test is not about them."""
-    monkeypatch.setattr(study, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
-    monkeypatch.setattr(study, "draw_comparison", lambda scene, runs, path: path.touch())
+    monkeypatch.setattr(figures, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
+    monkeypatch.setattr(figures, "draw_comparison", lambda scene, runs, path: path.touch())
 
 
 def content(folder):
@@ -184,7 +184,7 @@ def test_in_the_shipped_scenes_some_drives_end_the_stick_slip_that_others_keep(r
 
 
 def test_every_shipped_scene_is_tested(root):
-    tests = "".join(path.read_text() for path in (root / "tests").glob("test_*.py"))
+    tests = "".join(path.read_text() for path in (root / "tests").rglob("test_*.py"))
     untested = [path.stem for path in (root / "studies" / "scenes").glob("*.toml") if f'"{path.stem}"' not in tests]
     assert untested == []
 
@@ -308,8 +308,8 @@ def test_a_full_disk_is_one_line_and_nothing_is_written(tmp_path, belt, capsys, 
     def full(*arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "comparison.png")
 
-    monkeypatch.setattr(study, "draw", lambda *arguments: None)
-    monkeypatch.setattr(study, "draw_comparison", full)
+    monkeypatch.setattr(figures, "draw", lambda *arguments: None)
+    monkeypatch.setattr(figures, "draw_comparison", full)
     assert main(["study", str(belt), "--out", str(tmp_path / "out")]) == 1
     assert one_line(capsys) == "stickslip: comparison.png: No space left on device.\n"
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]

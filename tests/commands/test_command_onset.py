@@ -45,7 +45,8 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
     printed = capsys.readouterr().out
     for word in ("Hopf point", "existing stick-slip ends", "Margin", "Checked", "bistable", "constant torque failed", "from stick-slip"):
         assert word in printed
-    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "02_stiff_pi_onset.csv", "03_soft_torque_onset.csv"}
+    tables = {f"{stem}_{table}.csv" for stem in ("02_stiff_pi", "03_soft_torque") for table in ("onset", "borders")}
+    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", *tables}
     assert (out / "onset.txt").read_text() in printed
     assert (out / "onset.png").read_bytes().startswith(b"\x89PNG")
     with (out / "02_stiff_pi_onset.csv").open(newline="") as file:
@@ -53,10 +54,15 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
     speeds = [float(row["top.reference [rad/s]"]) for row in rows]
     assert speeds[0] == pytest.approx(20 * math.pi / 30) and speeds[-1] == pytest.approx(150 * math.pi / 30)
     assert rows[0]["smooth verdict"] == "stick-slip" and rows[-1]["sticking verdict"] == "smooth"
+    with (out / "02_stiff_pi_borders.csv").open(newline="") as file:
+        borders = {row["border"]: row for row in csv.DictReader(file)}
+    assert set(borders) == {"Hopf point", "smooth running is lost", "existing stick-slip ends"}
+    assert borders["existing stick-slip ends"]["safe"] == "above" and borders["existing stick-slip ends"]["beyond"] == "smooth"
+    assert float(borders["Hopf point"]["top.reference [rad/s]"]) == pytest.approx(4.3458, abs=1e-3)
     # a second search takes the place of the first, and files of the user stay
     (out / "mine.txt").write_text("keep")
     assert main(["onset", rig, *RANGE, "--controller", "soft torque", "--out", str(out)]) == 0
-    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "01_soft_torque_onset.csv", "mine.txt"}
+    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "01_soft_torque_onset.csv", "01_soft_torque_borders.csv", "mine.txt"}
 
 
 def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from toolbox import Recording, Scene, ZenoError
+from toolbox.commands import figures
 from toolbox.commands.command_line import main
-from toolbox.scenes import verdicts as study
 
 BELT = """
 title = "Block on a belt"
@@ -36,7 +36,7 @@ def belt(tmp_path):
 
 @pytest.fixture
 def no_figures(monkeypatch):
-    monkeypatch.setattr(study, "draw_found", lambda found, title, path: path.touch())
+    monkeypatch.setattr(figures, "draw_found", lambda found, title, path: path.touch())
 
 
 def columns(path):
@@ -163,7 +163,7 @@ def test_an_interrupted_simulation_leaves_nothing_behind(belt, tmp_path, capsys,
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(study, "draw_found", interrupted)
+    monkeypatch.setattr(figures, "draw_found", interrupted)
     assert main(["simulate", str(belt), "--out", str(tmp_path / "out")]) == 130
     assert "nothing was written" in one_line(capsys)
     assert [path.name for path in tmp_path.iterdir()] == ["belt.toml"]

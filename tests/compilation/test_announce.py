@@ -14,9 +14,9 @@ from toolbox import compose, simulate
 pytestmark = pytest.mark.timeout(120)
 
 MODULE = """
-from numba import njit
+from toolbox.compilation.numba_cache import cached
 
-@njit(cache=True)
+@cached
 def twice(x):
     return 2 * x
 """

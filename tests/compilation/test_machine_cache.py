@@ -1,31 +1,288 @@
-"""The cached loops are made anew when a file that they call into changes."""
+"""Machine code that is kept is that of the text as it stands, whatever file was edited and whatever was upgraded."""
 
 from __future__ import annotations
 
-from types import ModuleType
+import ast
+import importlib
+import inspect
+import os
+import pkgutil
+import subprocess
+import sys
+import textwrap
 
-from toolbox.compilation.numba_cache import checksum
-from toolbox.lanes import loop as lanes_loop
-from toolbox.measuring import measuring_loop as tally_loop
-from toolbox.simulation import event_loop as loop
-from toolbox.simulation import stepping_loop
+import llvmlite
+import numba
+import numpy as np
+import pytest
+
+import controllers
+import models
+import studies
+import toolbox
+from toolbox.compilation.numba_cache import MachineCode, followed, known, read_outside, stamp
+
+pytestmark = pytest.mark.timeout(120)
+
+FILES = {
+    "loops_a": """
+        from typing import NamedTuple
+        from numba import float64
+        import numpy as np
+        from toolbox.compilation.numba_cache import cached
+        import loops_b
+        from loops_b import FACTOR, helped
+        from loops_c import Pair
+
+        @cached
+        def result(x, pair):
+            "Words that say nothing to the machine."
+            return 1000.0 * helped(x) + 100.0 * loops_b.OFFSETS[1] + 10.0 * FACTOR + loops_b.deep(x) + 1e4 * pair.one
+    """,
+    "loops_b": """
+        from numba.extending import intrinsic
+        from numba import types
+        from toolbox.compilation.numba_cache import inlined
+        from loops_c import deepest
+
+        FACTOR = 2
+        OFFSETS = (1.0, 3.0)
+
+        @intrinsic
+        def taken(context, x):
+            def codegen(context, builder, signature, arguments):
+                from loops_c import times
+                return getattr(builder, times)(arguments[0], arguments[0])
+            return types.float64(types.float64), codegen
+
+        @inlined
+        def helped(x):
+            return taken(x)
+
+        def made(y):
+            @inlined
+            def deep(x):
+                return y + deepest(x)
+            return deep
+
+        deep = made(4.0)
+    """,
+    "loops_c": """
+        from typing import NamedTuple
+        from numba import njit
+
+        times = "fmul"
+
+        class Pair(NamedTuple):
+            one: float
+            two: float
+
+        @njit
+        def deepest(x):
+            return x * 0.5
+    """,
+}
 
 
-def module(path, text):
-    path.write_text(text)
-    found = ModuleType(path.stem)
-    found.__file__ = str(path)
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package of three files, whose function is called in a process as good as new: (write a file anew, call)."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    times = {}
+
+    def write(name, old="", new=""):
+        texts[name] = texts[name].replace(old, new) if old else texts[name]
+        path = tmp_path / f"{name}.py"
+        path.write_text(inspect.cleandoc(texts[name]))
+        os.utime(path, ns=times.setdefault(name, (path.stat().st_atime_ns, path.stat().st_mtime_ns)))
+
+    def called():
+        for name in FILES:
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        module, others = importlib.import_module("loops_a"), importlib.import_module("loops_c")
+        value = module.result(2.0, others.Pair(0.0, 1.0))
+        return value, bool(module.result.stats.cache_hits)
+
+    texts = dict(FILES)
+    for name in FILES:
+        write(name)
+    yield write, called, tmp_path
+    for name in FILES:
+        sys.modules.pop(name, None)
+
+
+FIRST = 1000.0 * 4.0 + 300.0 + 20.0 + 5.0
+
+
+def test_code_of_an_unchanged_text_is_loaded_and_that_of_new_comments_and_words_too(package):
+    write, called, _ = package
+    assert called() == (FIRST, False)
+    assert called() == (FIRST, True)
+    write("loops_b", "FACTOR = 2", "# a word\n        FACTOR = 2")
+    write("loops_a", "Words that say nothing", "Other words, which say nothing")
+    assert called() == (FIRST, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "value"),
+    [
+        ("loops_c", "x * 0.5", "x * 1.5", FIRST + 2.0),  # called by a function of another file that is called
+        ("loops_b", "FACTOR = 2", "FACTOR = 3", FIRST + 10.0),  # a constant of another file
+        ("loops_b", "(1.0, 3.0)", "(1.0, 4.0)", FIRST + 100.0),  # one that is read through its module
+        ("loops_b", "made(4.0)", "made(5.0)", FIRST + 1.0),  # one that a function encloses
+        ("loops_c", "fmul", "fadd", FIRST),  # an instruction of an intrinsic: 2 + 2 is 2 * 2
+        ("loops_c", "one: float\n            two", "two: float\n            one", FIRST + 1e4),  # the order of a tuple that is only given
+        ("loops_a", "1000.0", "2000.0", FIRST + 4000.0),
+    ],
+)
+def test_an_edit_of_whatever_is_called_or_read_is_compiled_even_with_size_and_time_of_the_file_as_before(package, name, old, new, value):
+    write, called, _ = package
+    assert called() == (FIRST, False)
+    write(name, old, new)
+    assert called() == (value, False)
+    assert called() == (value, True)
+
+
+@pytest.mark.parametrize(("module", "name"), [(numba, "__version__"), (llvmlite, "__version__"), (np, "__version__")])
+def test_another_version_of_a_compiler_compiles_anew(package, monkeypatch, module, name):
+    _, called, _ = package
+    assert called() == (FIRST, False)
+    monkeypatch.setattr(module, name, "0.0.1")
+    assert called() == (FIRST, False)
+
+
+def test_a_damaged_file_of_machine_code_is_compiled_anew_and_files_of_earlier_texts_go(package):
+    write, called, folder = package
+    called()
+    (path,) = folder.rglob("*.code")
+    content = path.read_bytes()
+    for damaged in (content[:100], content[:-1] + bytes([content[-1] ^ 1]), b""):
+        path.write_bytes(damaged)
+        assert called() == (FIRST, False)
+        assert path.read_bytes()[:32] == content[:32] or called() == (FIRST, True)
+    write("loops_a", "1000.0", "2000.0")
+    called()
+    (other,) = folder.rglob("*.code")
+    assert other != path
+
+
+def test_a_value_that_cannot_be_told_from_another_is_refused():
+    scale = {"x": 1.0}
+
+    def reading(x):
+        return x * scale["x"]
+
+    with pytest.raises(TypeError, match="`test_a_value.*reading` must read constants and functions only, but `scale` holds a dict"):
+        stamp(reading)
+
+
+PACKAGES = (toolbox, models, controllers, studies)
+
+
+def own(thing):
+    """The Python function behind a compiled one of these packages, or None."""
+    plain = getattr(thing, "py_func", getattr(thing, "_defn", thing))
+    packages = [package.__name__ for package in PACKAGES]
+    return plain if inspect.isfunction(plain) and plain.__module__.partition(".")[0] in packages else None
+
+
+def compiled_functions():
+    """{name: function} of all that numba compiles, found by importing every module."""
+    found = {}
+    for package in PACKAGES:
+        for entry in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if entry.name.endswith("__main__"):
+                continue
+            module = importlib.import_module(entry.name)
+            for name, value in vars(module).items():
+                if hasattr(value, "py_func") and value.py_func.__module__ == entry.name:
+                    found[f"{entry.name}.{name}"] = value
     return found
 
 
-def test_an_edit_of_any_file_changes_the_checksum(tmp_path):
-    one, other = module(tmp_path / "one.py", "x = 1\n"), module(tmp_path / "other.py", "y = 1\n")
-    before = checksum(one, other)
-    assert checksum(one, other) == before >= 0
-    module(tmp_path / "other.py", "y = 2\n")
-    assert checksum(one, other) != before
+def words_of(plain):
+    """Names that the text of a function uses as they stand, and (name, attribute) pairs."""
+    (function,) = ast.parse(textwrap.dedent(inspect.getsource(plain))).body
+    nodes = [node for line in function.body for node in ast.walk(line)]
+    names = {node.id for node in nodes if isinstance(node, ast.Name)}
+    pairs = {(node.value.id, node.attr) for node in nodes if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)}
+    return names, pairs
 
 
-def test_loops_that_call_functions_of_other_files_carry_their_checksum():
-    for function, files in ((lanes_loop.run, (loop, tally_loop)), (stepping_loop.advance, (loop,))):
-        assert checksum(*files) in [cell.cell_contents for cell in function.py_func.__closure__ if isinstance(cell.cell_contents, int)]
+def called_by_text(function):
+    """Functions that the text of one leads to, and the names that each reads from its module: as a reader would follow them."""
+    found, waiting = {}, [own(function)]
+    while waiting:
+        plain = waiting.pop()
+        if plain in found:
+            continue
+        names, pairs = words_of(plain)
+        enclosed = zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True)
+        space = {**vars(sys.modules[plain.__module__]), **{name: cell.cell_contents for name, cell in enclosed}}
+        values = {name: space[name] for name in names if name in space and name != plain.__name__}
+        values |= {
+            f"{name}.{word}": getattr(space[name], word)
+            for name, word in pairs
+            if inspect.ismodule(space.get(name)) and space[name].__name__.partition(".")[0] in {package.__name__ for package in PACKAGES}
+        }
+        found[plain] = values
+        waiting += [own(value) for value in values.values() if own(value)]
+    return found
+
+
+def test_every_cached_function_is_kept_under_all_that_it_calls_and_reads_in_every_file():
+    functions = compiled_functions()
+    kept = {name: each for name, each in functions.items() if type(each._cache).__name__ != "NullCache"}
+    assert len(kept) >= 15 and {name.split(".")[0] for name in kept} >= {"toolbox", "controllers"}
+    for name, function in kept.items():
+        assert isinstance(function._cache, MachineCode), f"{name} must be made by `cached`"
+        by_text = called_by_text(function)
+        plain = {own(each) for each in followed(function)}
+        missing = {each.__code__.co_filename for each in by_text} - {each.__code__.co_filename for each in plain}
+        assert not missing, f"{name} is kept without {missing}"
+        assert not set(by_text) - plain, f"{name} is kept without {set(by_text) - plain}"
+        for each, values in by_text.items():
+            seen = {word.partition(".length")[0] for word, _ in read_outside(each)}
+            unseen = {word for word, value in values.items() if not inspect.ismodule(value) and word not in seen}
+            assert not unseen, f"{name} is kept without `{unseen}`, which `{each.__qualname__}` reads"
+
+
+def test_loops_of_several_files_follow_all_of_them():
+    from controllers import condensing
+    from toolbox.lanes import loop as lanes_loop
+
+    def files(function):
+        return {own(each).__module__ for each in followed(function)}
+
+    assert (
+        files(condensing.regulated) >= {"controllers.condensing", "toolbox.prediction.rollout_loop"}
+        and len(files(condensing.regulated)) == 3
+    )
+    assert files(lanes_loop.run) >= {"toolbox.lanes.loop", "toolbox.measuring.measuring_loop"} and len(files(lanes_loop.run)) >= 3
+
+
+def test_without_a_folder_that_can_be_written_and_without_compiling_functions_work():
+    code = (
+        "import numba.core.caching as c\n"
+        "def none(*a): return None\n"
+        "for name in dir(c):\n"
+        "    if 'Locator' in name and hasattr(getattr(c, name), 'from_function'): setattr(getattr(c, name), 'from_function', none)\n"
+        "from toolbox.compilation.numba_cache import cached, known\n"
+        "@cached\n"
+        "def twice(x): return 2 * x\n"
+        "print(known(twice), twice(2.0), known(twice))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "4.0", "True"], done.stderr
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"})
+    assert done.stdout.split() == ["True", "4.0", "True"], done.stderr
+
+
+def test_a_function_is_known_once_it_is_compiled(package):
+    _, called, _ = package
+    module = importlib.import_module("loops_a")
+    assert not known(module.result)
+    called()
+    assert known(sys.modules["loops_a"].result)

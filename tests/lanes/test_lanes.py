@@ -12,12 +12,12 @@ from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
 from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
+from toolbox.compilation.loop_layout import INCONSISTENT, UNDERFLOW
 from toolbox.lanes.lanes import run_lanes
 from toolbox.measuring import measures as tally
 from toolbox.measuring.measure import extent
-from toolbox.simulation.event_loop import INCONSISTENT, UNDERFLOW
-from toolbox.simulation.simulate import checked_run
-from toolbox.simulation.work_arrays import place_start
+from toolbox.modelling.start import place_start
+from toolbox.simulation.request import Request
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -60,7 +60,7 @@ def spread(low, high, count):
 
 def batch(plant, duration, parameters=None, count=1, start=None, *, measures=(), most_events=0, threads=1, width=None, **arguments):
     """Scenarios of a plant in lanes: `parameters` are {name: one number per scenario}."""
-    run = checked_run(plant, duration, start=start, **arguments)
+    run = Request(plant, duration, start=start, **arguments).checked()
     values = np.tile(run.system.values, (count, 1))
     for name, column in (parameters or {}).items():
         values[:, run.system._parameter(name).offset] = column
@@ -291,7 +291,7 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
 def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="Python"):
         batch(RIG, 1.0, controller=lambda t, y: 0.0, sample_time=0.01)
-    run = checked_run(RIG, 1.0)
+    run = Request(RIG, 1.0).checked()
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):

@@ -24,16 +24,17 @@ from toolbox import (
     UnilateralContact,
     Update,
     compose,
-    loop,
     quantity,
     severity_map,
     state,
     sweep,
-    tally,
 )  # fmt: skip
 from toolbox.lanes.lanes import Lanes
+from toolbox.measuring import measures as tally
 from toolbox.onsets.severity_map import STICK_SLIP
-from toolbox.simulation.simulate import carry_out, checked_run
+from toolbox.simulation import noise
+from toolbox.simulation.carry_out import carry_out
+from toolbox.simulation.request import Request
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
 from toolbox.sweeps.sweep import uniform, varied_numbers, varied_run
@@ -288,11 +289,11 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     task = Task(run, varied_numbers(run, variations)[0], ())
     made = Lanes(run)
     keys = made.work.keys[made.work.keys != 0]
-    noise = [loop.normal(keys[0], k) for k in range(400)]
-    np.testing.assert_array_equal(made.noise[0, :400], noise)
-    assert abs(np.mean(noise)) < 0.2 and 0.8 < np.std(noise) < 1.2
+    numbers = [noise.normal(keys[0], k) for k in range(400)]
+    np.testing.assert_array_equal(made.noise[0, :400], numbers)
+    assert abs(np.mean(numbers)) < 0.2 and 0.8 < np.std(numbers) < 1.2
     x, gain = np.zeros(17), variations.points[:, 0]
-    for n in noise:
+    for n in numbers:
         x = x - 0.25 * gain * (x + 0.3 * n)
     found = lanes_of(task)
     np.testing.assert_allclose(found.states[:, 0], x, atol=1e-12)
@@ -306,7 +307,7 @@ def test_a_stuck_sled_is_released_at_the_instant_its_pull_passes_the_bound():
     found = lanes_of(task, most_events=4)
     first = np.floor(1.0 / rise) + 1
     np.testing.assert_array_equal(found.event_times[:, 0], np.where(first * 0.25 + 0.1 <= 3.0, first * 0.25 + 0.1, np.nan))
-    held = checked_run(compose(Sled()), 3.0, inputs={"sled.force": 1.0})
+    held = Request(compose(Sled()), 3.0, inputs={"sled.force": 1.0}).checked()
     assert Lanes(held).run(held.system.values[None], np.zeros((1, 2))).switches[0] == 0
 
 
@@ -367,7 +368,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
 
 def test_what_is_held_from_the_end_on_counts_as_the_last_value():
     # u_k = k arrives two periods late, at the end as well
-    run = checked_run(compose(Tank()), 10.0, controller=Sampled(Counter(), 0.25, delay=0.5), method="explicit")
+    run = Request(compose(Tank()), 10.0, controller=Sampled(Counter(), 0.25, delay=0.5), method="explicit").checked()
     asked = (tally.final("tank.inflow"), tally.maximum("tank.inflow", 5.0), tally.maximum("tank.inflow", 5.0, 9.0))
     task = Task(run, run.system.values[None], asked)
     np.testing.assert_array_equal(lanes_of(task).values, [[38.0, 38.0, 33.0]])
@@ -376,7 +377,7 @@ def test_what_is_held_from_the_end_on_counts_as_the_last_value():
 
 def test_memories_and_held_signals_that_differ_by_run_are_begun_with():
     # one period of 1 s in which the held value alone acts, then u = -gain x
-    run = checked_run(compose(Tank()), 2.0, controller=Sampled(Proportional(gain=0.5), 4.0, delay=1.0), method="explicit")
+    run = Request(compose(Tank()), 2.0, controller=Sampled(Proportional(gain=0.5), 4.0, delay=1.0), method="explicit").checked()
     held = np.linspace(-1.0, 1.0, 20)[:, None]
     start = np.linspace(0.0, 3.0, 20)[:, None]
     made = Lanes(run)

@@ -11,9 +11,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from controllers import SoftTorque, StiffPI
+from controllers import IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import SceneError, compose, measure, simulate
+from toolbox import Sampled, SceneError, compose, measure, simulate
 from toolbox.onsets.checks import Checks, Perturbation
 
 pytest_plugins = "pytester"
@@ -208,3 +208,52 @@ def test_the_severity_of_a_machine_at_rest_is_no_number_and_fails(checks, rig):
     run = simulate(rig, 10.0)
     assert math.isnan(measure.severity(run))
     assert "must be below" in failure(checks.severity_below, run, 0.5, after=1.0)
+
+
+# --- margins and the worst case
+
+
+def test_a_loop_with_too_little_margin_shows_its_table_and_its_nyquist_curve(checks, rig):
+    law = Sampled(SoftTorque(reference=5.0), 0.01, 0.03)
+    assert checks.robust(rig, law, disk_margin=0.25, peak_sensitivity=4.0, gain=(0.5, 2.0), delay=0.1).stable
+    text = failure(checks.robust, rig, law, disk_margin=0.35, delay=1.0)
+    assert "The disk margin must be >= 0.35, but it is 0.293" in text and "1 s more of delay, but it bears 0.319 s" in text
+    assert "SoftTorque, sampled every 10 ms" in text and figure(text).startswith(b"\x89PNG")
+    with pytest.raises(SceneError, match="disk_margin"):
+        checks.robust(rig, law)
+
+
+def test_a_law_that_switches_is_judged_by_what_is_measured(checks, rig):
+    law = IdealSlidingMode(reference=6.0)
+    checks.robust(rig, law, gain=(0.8, 1.2), duration=30.0)
+    text = failure(checks.robust, rig, law, disk_margin=0.1, duration=30.0)
+    assert "There is no linear loop" in text and "but it is nan" in text
+
+
+ROBUST = """
+from controllers import LQG, StiffPI
+from models import BitRock, wells
+from toolbox import Sampled, compose, cycle_phases, simulate
+
+RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
+STUCK = simulate(RIG, 100.0, controller=StiffPI(reference=6.5), sample_time=0.01)
+LAW = Sampled(LQG(reference=6.5, late=3), 0.01, delay=0.03)
+
+def test_margin(stickslip):
+    stickslip.robust(RIG, LAW, disk_margin=0.35)
+
+def test_declared(stickslip):
+    stickslip.survives(RIG, LAW, 100.0, starts=cycle_phases(STUCK, 2))
+
+def test_lighter(stickslip):
+    stickslip.survives(RIG, LAW, 100.0, errors={"chain.inertia.0": 0.8}, starts=cycle_phases(STUCK, 2))
+"""
+
+
+def test_one_line_of_the_fixture_asserts_margin_and_worst_case(pytester):
+    pytester.makepyfile(ROBUST)
+    result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--stickslip-figures", "seen")
+    result.assert_outcomes(passed=1, failed=2)
+    result.stdout.fnmatch_lines(["*The disk margin must be >= 0.35, but it is *", "*2 of 4 runs fail, the worst with chain.inertia.0 -20 %*"])
+    assert sorted(path.name for path in (pytester.path / "seen").iterdir()) == ["test_lighter_survives.png", "test_margin_robust.png"]
+    assert "checks.py" not in result.stdout.str()

@@ -9,7 +9,8 @@ import pytest
 
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, Tabulated, wells
 from toolbox import SceneError, compose, simulate
-from toolbox.prediction.rollout import Rollout, lacking, regularised
+from toolbox.modelling.regularisation import lacking, regularised
+from toolbox.prediction.rollout import Rollout
 
 RIG = compose(wells.JANSEN_2, BitRock())
 TORQUES = np.repeat(np.random.default_rng(1).uniform(0.0, 20_000.0, 40), 10)[:, None]

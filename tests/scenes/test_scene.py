@@ -12,7 +12,8 @@ import pytest
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
 from toolbox import Sampled, SceneError, compose, simulate, sine
-from toolbox.scenes.scene import Case, Scene, Waveform
+from toolbox.scenes.cases import Case, Waveform
+from toolbox.scenes.scene import Scene
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
 

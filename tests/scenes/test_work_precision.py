@@ -9,7 +9,19 @@ import pytest
 from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from studies.benchmarks import tradeoff
 from studies.benchmarks.cases import cases
-from toolbox import Component, Equations, Scene, SceneError, UnilateralContact, compose, quantity, simulate, state, work_precision
+from toolbox import (
+    Component,
+    Equations,
+    Scene,
+    SceneError,
+    Smoothing,
+    UnilateralContact,
+    compose,
+    quantity,
+    simulate,
+    state,
+    work_precision,
+)
 from toolbox.commands.command_line import main
 
 BELT = compose(BlockOnBelt())
@@ -103,15 +115,15 @@ def test_casadi_integrates_the_smoothed_law_of_the_study_to_the_same_motion():
     case = cases()["belt"]
     grid = np.linspace(0.0, 10.0, 101)
     states, _ = tradeoff.cvodes(case, 1e-2, 1e-9)(grid)
-    ours = simulate(case.plant, 10.0, method="smoothed", width=1e-2 * _largest_slip(case), accuracy=1e-9)
+    ours = simulate(case.plant, 10.0, method=Smoothing(1e-2 * _largest_slip(case)), accuracy=1e-9)
     np.testing.assert_allclose(states, ours.at(grid).states, atol=1e-5)
 
 
 def _largest_slip(case):
     from toolbox.simulation.refinement import slips
-    from toolbox.simulation.simulate import checked_run
+    from toolbox.simulation.request import Request
 
-    return slips(checked_run(case.plant, case.duration, **case.arguments))["belt"]
+    return slips(Request(case.plant, case.duration, **case.arguments).checked())["belt"]
 
 
 def test_methods_are_named_or_refused():
@@ -124,12 +136,12 @@ def test_methods_are_named_or_refused():
 def test_the_figure_of_the_command_says_its_title_once_and_within_the_figure(trade, tmp_path, monkeypatch):
     import matplotlib.pyplot as plt
 
-    from toolbox.scenes import verdicts as study
+    from toolbox.commands import figures
 
     drawn = []
     monkeypatch.setattr(plt, "close", drawn.append)
-    study.draw_found(trade, None, tmp_path / "own.png")
-    study.draw_found(trade, "A long title of a scene, as engineers like them, with weight, speed and depth " * 2, tmp_path / "long.png")
+    figures.draw_found(trade, None, tmp_path / "own.png")
+    figures.draw_found(trade, "A long title of a scene, as engineers like them, with weight, speed and depth " * 2, tmp_path / "long.png")
     monkeypatch.undo()
     assert drawn[0].get_suptitle() == ""
     figure = drawn[1]

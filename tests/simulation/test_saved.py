@@ -9,7 +9,7 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
-from toolbox import Budget, BudgetError, SceneError, Trajectory, compose, fit, simulate
+from toolbox import Budget, BudgetError, SceneError, Smoothing, Trajectory, compose, fit, simulate
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 RUNS = {
@@ -17,7 +17,7 @@ RUNS = {
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))), 20.0, {"start": {"block.position": 1.0}}),
     "bounces": (compose(Ball(stiffness=1e4, damping=20.0)), 3.0, {"start": {"ball.height": 1.0}}),
-    "smoothed": (compose(BlockOnBelt()), 10.0, {"method": "smoothed", "width": 1e-2}),
+    "smoothed": (compose(BlockOnBelt()), 10.0, {"method": Smoothing(1e-2)}),
 }
 
 

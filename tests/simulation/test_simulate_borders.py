@@ -10,7 +10,7 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, wells
-from toolbox import Budget, BudgetError, SceneError, SimulationError, ZenoError, compose, ramp, simulate, sine, step, time
+from toolbox import Budget, BudgetError, SceneError, SimulationError, TimeStepping, ZenoError, compose, ramp, simulate, sine, step, time
 from toolbox.modelling.inputs import sweep
 
 pytestmark = pytest.mark.timeout(60)
@@ -346,7 +346,7 @@ def test_a_run_that_uses_up_its_budget_says_how_far_it_came(budget, grid):
 
 
 @pytest.mark.parametrize("grid", [None, np.linspace(0, 60, 301)], ids=["steps", "grid"])
-@pytest.mark.parametrize("method", [{}, {"method": "time-stepping", "step": 0.01}], ids=["event", "time-stepping"])
+@pytest.mark.parametrize("method", [{}, {"method": TimeStepping(0.01)}], ids=["event", "time-stepping"])
 def test_a_run_may_spend_exactly_its_events_and_ends_where_the_next_is_due(method, grid):
     plant = compose(BlockOnBelt())
     whole = simulate(plant, 60.0, output_times=grid, **method)

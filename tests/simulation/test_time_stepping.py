@@ -18,6 +18,7 @@ from toolbox import (
     Relay,
     Sampled,
     SceneError,
+    TimeStepping,
     UnilateralContact,
     compose,
     energy_audit,
@@ -66,7 +67,7 @@ def test_between_switches_the_error_falls_with_the_square_of_the_step():
     plant, duration = compose(Oscillator()), 10.0
     exact = simulate(plant, duration, start={"mass.position": 1.0}, accuracy=1e-12)
     steps = [0.1, 0.05, 0.025, 0.0125]
-    errors = [simulate(plant, duration, start={"mass.position": 1.0}, method="time-stepping", step=h)["mass.position"][-1] for h in steps]
+    errors = [simulate(plant, duration, start={"mass.position": 1.0}, method=TimeStepping(h))["mass.position"][-1] for h in steps]
     assert slope(steps, np.abs(np.array(errors) - exact["mass.position"][-1])) == pytest.approx(2.0, abs=0.05)
 
 
@@ -76,7 +77,7 @@ def test_at_switches_the_error_falls_with_the_step_and_away_from_them_with_its_s
     between = 0.5 * (instants[1:] + instants[:-1])
     at_switches, away = (reference.belt(100.0, rtol=1e-11, output_times=times).states for times in (instants, between))
     steps = [100.0 / n for n in (2_000, 4_100, 8_300, 17_000, 33_000, 67_000, 128_000)]
-    runs = [simulate(BELT, 100.0, method="time-stepping", step=h) for h in steps]
+    runs = [simulate(BELT, 100.0, method=TimeStepping(h)) for h in steps]
     assert slope(steps, [np.abs(run.at(instants).states - at_switches).max() for run in runs]) == pytest.approx(1.0, abs=0.15)
     # the momentum of a step with a switch is right, so that its error is not carried along
     assert slope(steps, [np.abs(run.at(between).states - away).max() for run in runs]) == pytest.approx(2.0, abs=0.3)
@@ -86,17 +87,17 @@ def test_at_switches_the_error_falls_with_the_step_and_away_from_them_with_its_s
 
 
 def test_a_sticking_contact_does_not_creep():
-    run = simulate(BELT, 100.0, method="time-stepping", step=0.01)
+    run = simulate(BELT, 100.0, method=TimeStepping(0.01))
     sticking = run.modes["belt"] == "stick"
     assert sticking.sum() > 1000
     assert (run["block.speed"][sticking] == 0.2).all()  # the speed of the belt, to the last bit
 
 
 def test_a_block_under_a_force_below_its_bound_never_moves_and_above_it_does():
-    still = simulate(BELT, 5.0, inputs={"block.force": 0.0}, parameters={"block.belt_speed": 0.0}, method="time-stepping", step=0.01)
+    still = simulate(BELT, 5.0, inputs={"block.force": 0.0}, parameters={"block.belt_speed": 0.0}, method=TimeStepping(0.01))
     assert (still.states == 0.0).all()
     for force, moves in ((0.999, False), (1.001, True)):
-        run = simulate(BELT, 5.0, inputs={"block.force": force}, parameters={"block.belt_speed": 0.0}, method="time-stepping", step=0.01)
+        run = simulate(BELT, 5.0, inputs={"block.force": force}, parameters={"block.belt_speed": 0.0}, method=TimeStepping(0.01))
         assert (np.abs(run["block.speed"]).max() > 0.0) == moves
 
 
@@ -107,7 +108,7 @@ def test_endlessly_many_bounces_end_at_the_time_of_the_geometric_series(restitut
     duration = 1.5 * rest
     late = []
     for n in (4_000, 64_000):
-        run = simulate(compose(Ball(restitution)), duration, start={"ball.height": 1.0}, method="time-stepping", step=duration / n)
+        run = simulate(compose(Ball(restitution)), duration, start={"ball.height": 1.0}, method=TimeStepping(duration / n))
         assert run.modes["floor"][-1] == "closed"
         assert abs(run["ball.speed"][-1]) == 0.0
         late.append(abs(run.events[-1].time - rest) / (duration / n))
@@ -115,7 +116,7 @@ def test_endlessly_many_bounces_end_at_the_time_of_the_geometric_series(restitut
 
 
 def test_a_ball_that_keeps_its_energy_bounces_to_its_height_again():
-    run = simulate(compose(Ball(1.0)), 2.5, start={"ball.height": 1.0}, method="time-stepping", step=1e-4)
+    run = simulate(compose(Ball(1.0)), 2.5, start={"ball.height": 1.0}, method=TimeStepping(1e-4))
     flight = 2 * math.sqrt(0.2)
     assert len(run.events) == 3
     assert run.at(flight)["ball.height"] == pytest.approx(1.0, abs=2e-3)
@@ -134,7 +135,7 @@ def test_a_wedge_of_friction_at_an_impact_takes_the_coulomb_impulse():
             return Equations(flow={a: u, b: v, u: drag.force, v: floor.force - 10.0}, elements=[floor, drag])
 
     start = {"slider.height": 1.0, "slider.u": 3.0}
-    run = simulate(compose(Slider()), 0.6, start=start, method="time-stepping", step=1e-4)
+    run = simulate(compose(Slider()), 0.6, start=start, method=TimeStepping(1e-4))
     v = math.sqrt(20.0)
     assert run["slider.u"][-1] == pytest.approx(3.0 - 0.3 * 1.5 * v, abs=2e-3)  # u+ = u - mu (1 + e) v
     exact = simulate(compose(Slider()), 0.6, start=start)
@@ -153,7 +154,7 @@ def test_fifty_contacts_in_a_row_stick_and_slip_as_with_located_events():
     errors = []
     steps = [20.0 / k for k in (4_000, 16_000)]
     for h in steps:
-        run = simulate(plant, 20.0, method="time-stepping", step=h, **arguments)
+        run = simulate(plant, 20.0, method=TimeStepping(h), **arguments)
         errors.append(run.difference(exact))
         for i in (0, 25, 49):
             assert run.time_in(f"chain.{i}", "stick") == pytest.approx(exact.time_in(f"chain.{i}", "stick"), abs=60 * h)
@@ -179,7 +180,7 @@ def test_coupled_contacts_agree_with_the_event_method():
     exact = simulate(compose(Stack()), 10.0, accuracy=1e-9)
     assert len(exact.events) > 10
     steps = [10.0 / n for n in (2_000, 8_000, 32_000)]
-    errors = [simulate(compose(Stack()), 10.0, method="time-stepping", step=h).difference(exact) for h in steps]
+    errors = [simulate(compose(Stack()), 10.0, method=TimeStepping(h)).difference(exact) for h in steps]
     assert slope(steps, errors) == pytest.approx(1.0, abs=0.3)
 
 
@@ -201,11 +202,11 @@ class SuperTwist(Component):
 
 
 def test_continuous_super_twisting_slides_on_its_surface():
-    free = simulate(compose(SuperTwist(gain=1e-9, integral=1e-9)), 10.0, start={"twist.s": 1.0}, method="time-stepping", step=1e-3)
+    free = simulate(compose(SuperTwist(gain=1e-9, integral=1e-9)), 10.0, start={"twist.s": 1.0}, method=TimeStepping(1e-3))
     assert np.abs(free["twist.s"][-5000:]).max() > 0.1  # without the law the disturbance drives s about
     errors = []
     for h in (4e-3, 1e-3):
-        run = simulate(compose(SuperTwist()), 10.0, start={"twist.s": 1.0}, method="time-stepping", step=h)
+        run = simulate(compose(SuperTwist()), 10.0, start={"twist.s": 1.0}, method=TimeStepping(h))
         late = run.time > 5.0
         assert np.abs(run["twist.s"][late]).max() < 1e-12
         errors.append(np.abs(run["twist.v"] + np.sin(run.time))[late].max())
@@ -215,7 +216,7 @@ def test_continuous_super_twisting_slides_on_its_surface():
 def test_a_sampled_law_acts_at_the_same_instants_with_the_same_noise():
     controller = Sampled(DRIVE, 0.05, noise={"top.speed": 0.05}, seed=3)
     exact = simulate(RIG, 10.0, controller=controller, accuracy=1e-9)
-    run = simulate(RIG, 10.0, controller=controller, method="time-stepping", step=1e-3)
+    run = simulate(RIG, 10.0, controller=controller, method=TimeStepping(1e-3))
     assert run.difference(exact) < 2e-3
     times = np.arange(0.0, 10.0, 0.05)
     changes = run.time[1:][np.diff(run["top.torque"]) != 0.0]
@@ -230,7 +231,7 @@ def test_a_law_in_python_is_asked_once_per_sample():
         return 4000.0 * (8.0 - y[0])
 
     law.measures, law.drives = ("top.speed",), ("top.torque",)
-    run = simulate(RIG, 2.0, controller=law, sample_time=0.1, method="time-stepping", step=1e-3)
+    run = simulate(RIG, 2.0, controller=law, sample_time=0.1, method=TimeStepping(1e-3))
     np.testing.assert_allclose(asked, np.arange(20) * 0.1, atol=1e-12)
     exact = simulate(RIG, 2.0, controller=law, sample_time=0.1)
     assert run.difference(exact) < 1e-2
@@ -238,15 +239,15 @@ def test_a_law_in_python_is_asked_once_per_sample():
 
 def test_output_times_are_those_asked_for_and_agree_with_the_nodes():
     grid = np.linspace(0.0, 20.0, 77)
-    run = simulate(BELT, 20.0, method="time-stepping", step=0.013, output_times=grid)
+    run = simulate(BELT, 20.0, method=TimeStepping(0.013), output_times=grid)
     assert (run.time == grid).all()
-    whole = simulate(BELT, 20.0, method="time-stepping", step=0.013)
+    whole = simulate(BELT, 20.0, method=TimeStepping(0.013))
     np.testing.assert_allclose(run["block.position"], whole.at(grid)["block.position"], rtol=1e-12, atol=1e-14)
     assert run.events == whole.events
 
 
 def test_a_run_travels():
-    run = simulate(BELT, 20.0, method="time-stepping", step=0.01)
+    run = simulate(BELT, 20.0, method=TimeStepping(0.01))
     twin = pickle.loads(pickle.dumps(run))
     assert type(twin) is type(run)
     assert (twin.at(3.33).states == run.at(3.33).states).all()
@@ -255,7 +256,7 @@ def test_a_run_travels():
 
 
 def test_energy_is_balanced_as_far_as_the_order_goes():
-    missing = [energy_audit(simulate(BELT, 20.0, method="time-stepping", step=h)).relative for h in (2e-2, 5e-3)]
+    missing = [energy_audit(simulate(BELT, 20.0, method=TimeStepping(h))).relative for h in (2e-2, 5e-3)]
     assert missing[1] < 0.5 * missing[0] < 0.05
 
 
@@ -266,7 +267,7 @@ def test_the_dial_meets_what_is_asked_and_reports_the_error_that_was_made(accura
     made = run.difference(exact)
     assert made < accuracy
     assert made / 10 < run.error < 10 * made
-    given = simulate(RIG, 100.0, controller=DRIVE, method="time-stepping", step=run.step)
+    given = simulate(RIG, 100.0, controller=DRIVE, method=TimeStepping(run.step))
     assert made / 10 < given.error < 10 * made
 
 
@@ -278,11 +279,11 @@ def test_an_accuracy_out_of_reach_is_an_error_with_the_best_run():
 
 
 def test_a_step_is_refused_where_it_means_nothing():
-    with pytest.raises(SceneError, match="Argument `step` must come with method='time-stepping', but the method is 'event'"):
+    with pytest.raises(SceneError, match=r"Argument `step` is an option of the method now: give `method=TimeStepping\(step=\.\.\.\)`"):
         simulate(BELT, 1.0, step=0.1)
     for bad in (0.0, -1.0, math.nan, "short", 1e-12):
         with pytest.raises(SceneError, match="Argument `step` must be > 0 s and at least 5e-08 s"):
-            simulate(BELT, 1.0, method="time-stepping", step=bad)
+            simulate(BELT, 1.0, method=TimeStepping(bad))
 
 
 def test_a_run_of_no_duration_shows_the_start():
@@ -291,15 +292,15 @@ def test_a_run_of_no_duration_shows_the_start():
 
 
 def test_a_run_with_a_step_can_be_made_again_with_located_events():
-    from toolbox.simulation.simulate import again
 
-    run = simulate(BELT, 20.0, method="time-stepping", step=1e-5)
-    exact = again(run.run, method="explicit")
+
+    run = simulate(BELT, 20.0, method=TimeStepping(1e-5))
+    exact = run.run.again(method="explicit")
     assert (exact.states == simulate(BELT, 20.0, method="explicit").states).all()
 
 
 def test_a_long_run_of_short_steps_records_some_of_them_and_all_switches():
-    run = simulate(BELT, 20.0, method="time-stepping", step=1e-5)
+    run = simulate(BELT, 20.0, method=TimeStepping(1e-5))
     assert run.steps[0] > 1_900_000 > 500_000 > run.time.size
     nodes = set(run.time.tolist())
     assert all(event.time in nodes for event in run.events)

@@ -26,7 +26,6 @@ from toolbox import (
     FrictionLaw,
     SceneError,
     SimulationError,
-    ZenoError,
     compose,
     quantity,
     sine,
@@ -714,13 +713,23 @@ def test_events_of_a_long_run_keep_their_period():
 # --- events without end, and no modes at all
 
 
+FAST = BlockOnBelt(stiffness=1e20, belt_speed=0.0, load=1e20, friction=Coulomb(static=1e-2, kinetic=1e-2))
+"""A block that turns every pi 1e-10 s, and loses 0.02 m of its amplitude each time."""
+
+
+def test_turning_points_at_the_beginning_of_a_run_are_told_apart_however_long_it_is():
+    run = simulate(compose(FAST), 1e4, start={"block.position": 1.005})
+    # stops at the first turning point within 0.01 m of zero: 1.005 - 0.02 k
+    assert [event.after for event in run.events][-1] == "stick" and run.events[-1].time == pytest.approx(50 * math.pi * 1e-10, rel=1e-6)
+    assert run["block.position"][-1] == pytest.approx(0.005, abs=1e-6)
+
+
 def test_events_closer_than_a_run_resolves_end_in_an_error_that_names_the_element_and_the_time():
-    # turning points every pi 1e-10 s, in a run of 1e4 s of which double precision resolves 1e-12 s
-    plant = compose(BlockOnBelt(stiffness=1e20, belt_speed=0.0, load=1e20, friction=Coulomb(static=1e-4, kinetic=1e-4)))
-    with pytest.raises(ZenoError, match=r"`belt`.* t = \d") as caught:
-        simulate(plant, 1e4, start={"block.position": 1.0})
-    assert len(caught.value.run.events) > 50
-    assert caught.value.run.at(0.0)["block.position"] == 1.0
+    # set off after 1e4 s, where double precision resolves 1e-12 s
+    with pytest.raises(SimulationError, match=r"t = 10000.* s, where times are 1.8e-12 s apart") as caught:
+        simulate(compose(FAST), 2e4, inputs={"block.attachment": ([0.0, 1e4, 1e4, 2e4], [0.0, 0.0, 1e20, 1e20])})
+    assert caught.value.run.end == pytest.approx(1e4)
+    assert caught.value.run.at(0.0)["block.position"] == 0.0
 
 
 RATE = 100.0

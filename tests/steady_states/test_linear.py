@@ -14,7 +14,7 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Relay, SceneError, compose, quantity, simulate, state
-from toolbox.modelling.free_parameter import continuous_loop
+from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.linear import equilibrium, linearise
 
 pytestmark = pytest.mark.timeout(120)

@@ -66,7 +66,7 @@ def test_the_border_of_first_contact_is_a_line_in_the_plane():
 
 
 def test_sampling_the_drive_at_100_hz_moves_neither_border_of_the_string():
-    continuous, sampled = (maps.string_map((4, 3), each) for each in (False, True))
+    continuous, sampled = (maps.string_map((4, 3), each, halvings=8) for each in (False, True))
     np.testing.assert_array_equal(continuous.smooth.verdict, sampled.smooth.verdict)
     np.testing.assert_array_equal(continuous.sticking.verdict, sampled.sticking.verdict)
     assert continuous.regions["bistable"].any() and continuous.regions["free"].any()

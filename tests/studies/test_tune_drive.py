@@ -22,7 +22,7 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox.scenes.scene import Case
+from toolbox.scenes.cases import Case
 
 
 def run_of(scene, law):

@@ -14,7 +14,8 @@ import pytest
 from controllers import LQG, PI, ActiveDamping, StiffPI
 from models import BitRock, Block, TorsionalChain, wells
 from toolbox import Controller, Equations, Sampled, SceneError, SimulationError, compose, linearise, measure, quantity, state, tune
-from toolbox.scenes.scene import Case, Scene
+from toolbox.scenes.cases import Case
+from toolbox.scenes.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import mapping, whole
+from toolbox.arguments import is_finite_number, mapping, whole
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.residuals import Loop, Simulated, residuals
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
-from toolbox.simulation.simulate import checked_run
-from toolbox.simulation.work_arrays import place_start
+from toolbox.modelling.start import place_start
+from toolbox.simulation.request import Request
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -172,9 +171,9 @@ class Fit:
 
     def plot(self) -> Any:
         """Measured against model: traces, what is left of them, and the loop of friction; returns the axes."""
-        from toolbox.onsets.figures import fitted
+        from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self)
+        return fitted(self.misfit, self.values)
 
 
 def fit(
@@ -235,11 +234,11 @@ def fit(
             plant._parameter(name)
         misfit = Loop(plant, Recording.of(data, plant, columns), names, contact, given, still)
     else:
-        closed = checked_run(plant, 0.0, controller=law).system  # what drives an input of the plant in closed loop is an output of the loop
+        closed = Request(plant, 0.0, controller=law).checked().system  # what drives an input of the plant in closed loop is an output of the loop
         recording = Recording.of(data, closed, columns)
         driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in closed.inputs}
         arguments = {"inputs": {**given, **driving}, "start": begin, "parameters": {}, "controller": law, "accuracy": accuracy}
-        checked_run(plant, float(recording.time[-1]), **arguments)
+        Request(plant, float(recording.time[-1]), **arguments).checked()
         misfit = Simulated(plant, recording, names, arguments)
         if not misfit.outputs:
             raise SceneError(
@@ -254,7 +253,8 @@ def _machine(
     machine: Any, controller: Any, inputs: Mapping[str, Any] | None, start: Mapping[str, Any] | None, parameters: Mapping[str, Any] | None
 ) -> tuple[HybridSystem, Any, dict[str, Any], dict[str, Any]]:
     """(plant, law, inputs, start) of a plant or a scene."""
-    from toolbox.scenes.scene import Case, Scene
+    from toolbox.scenes.cases import Case
+    from toolbox.scenes.scene import Scene
 
     if isinstance(machine, Scene):
         case = machine.case(controller) if isinstance(controller, str) else Case("given", controller)

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import finite_array, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables as table
 from toolbox.files.units import parse
-from toolbox.modelling.elements import finite_array
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.saved_run import SavedRun
 from toolbox.simulation.trajectory import Trajectory

@@ -22,10 +22,10 @@ from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
 from toolbox.modelling.elements import DryFriction
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.start import place_start
 from toolbox.orbits.sensitivity import sensitivity
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.simulation.work_arrays import place_start
 
 HORIZONS = (0.25, 0.5)
 """Parts of the data that a simulation is fitted to before all of them."""

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import complaint, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
@@ -50,7 +51,6 @@ def run(given: argparse.Namespace) -> int:
     """Fit parameters to measured signals. Returns the exit code."""
     from toolbox.calibration.fit import fit
     from toolbox.errors import SimulationError
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
@@ -89,7 +89,7 @@ def run(given: argparse.Namespace) -> int:
         if folder is not None:
             (folder / "fit.txt").write_text(text, encoding="utf-8")
             found.save(folder / "fit.csv")
-            study.draw_found(found, scene.title, folder / "fit.png")
+            figures.draw_found(found, scene.title, folder / "fit.png")
             dataclasses.replace(scene, parts=found.plant.parts, parameters={}).save(folder / "scene.toml")
     print(text, end="")
     if given.out:

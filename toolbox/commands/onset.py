@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
@@ -20,8 +21,8 @@ def add(commands: Any) -> None:
         "onset",
         help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
-        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and one table (csv) "
-        "per controller: all of it, or nothing.",
+        "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and two tables (csv) "
+        "per controller, runs and borders: all of it, or nothing.",
         epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
     )
     border.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
@@ -42,10 +43,11 @@ def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import Knob, continuous_loop
+    from toolbox.modelling.free_parameter import Knob
     from toolbox.onsets.onset import onset
     from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
+    from toolbox.simulation.request import continuous_loop
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -72,7 +74,7 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     onsets, failures = {}, {}
     stems = file_stems(labels)
-    names = [*ONSET_FILES, *(f"{stem}_onset.csv" for stem in stems)]
+    names = [*ONSET_FILES, *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
     with whole_folder(given.out, names, _earlier_onset) if given.out else nullcontext() as folder:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
@@ -96,10 +98,10 @@ def run(given: argparse.Namespace) -> int:
             for label, stem in zip(labels, stems, strict=True):
                 if label in onsets:
                     onsets[label].save(folder / f"{stem}_onset.csv")
+                    onsets[label].save_borders(folder / f"{stem}_borders.csv")
             if onsets:
-                from toolbox.scenes import verdicts as study
 
-                study.draw_onsets(scene, onsets, folder / "onset.png")
+                figures.draw_onsets(scene, onsets, folder / "onset.png")
     print(text, end="")
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
@@ -113,4 +115,5 @@ def _earlier_onset(path: Path) -> set[str]:
             return set()
     except (OSError, ValueError):
         return set()
-    return {file.name for file in [*path.glob("[0-9][0-9]_*_onset.csv"), *(path / name for name in ONSET_FILES)] if file.is_file()}
+    tables = [file for table in ("onset", "borders") for file in path.glob(f"[0-9][0-9]_*_{table}.csv")]
+    return {file.name for file in [*tables, *(path / name for name in ONSET_FILES)] if file.is_file()}

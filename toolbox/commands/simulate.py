@@ -9,10 +9,11 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, progress
 from toolbox.errors import SimulationError
 from toolbox.files.atomic import whole_folder
-from toolbox.simulation.simulate import METHODS
+from toolbox.simulation.methods import METHODS
 
 REPORT = "simulate.txt"
 RUN_FILES = (".npz", ".csv", ".png")
@@ -43,7 +44,6 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Simulate cases of a scene. Returns the exit code."""
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
     from toolbox.simulation.simulate import simulate
 
@@ -78,7 +78,7 @@ def run(given: argparse.Namespace) -> int:
                     reached(i + 0.5, f"{label}: figure")
                     found.save(folder / f"{stem}.npz")
                     found.to_csv(folder / f"{stem}.csv")
-                    study.draw_found(found, label, folder / f"{stem}.png")
+                    figures.draw_found(found, label, folder / f"{stem}.png")
                     parts.append(f"  files {stem}: npz, csv, png")
                 texts.append("\n".join(parts))
         text = "\n\n".join(texts) + "\n"

@@ -8,6 +8,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, progress
 from toolbox.files.atomic import whole_folder
 
@@ -39,7 +40,7 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Study a scene. Returns the exit code."""
-    from toolbox.scenes import verdicts as study
+    from toolbox.scenes import verdicts
     from toolbox.scenes.scene import Scene
 
     scene = Scene.load(given.scene)
@@ -49,19 +50,19 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = study.judged(scene, label, stem)
+                row, run = verdicts.judged(scene, label, stem)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     run.save(folder / f"{stem}.npz")
-                    study.draw(scene, label, run, folder / f"{stem}.png", folder / f"{stem}_phase.png")
+                    figures.draw(scene, label, run, folder / f"{stem}.png", folder / f"{stem}_phase.png")
                     runs[label] = run
             if runs:
                 reached(len(scene.cases) - 0.1, "comparison")
-                study.draw_comparison(scene, runs, folder / "comparison.png")
-        study.write_table(rows, folder / "table.csv")
+                figures.draw_comparison(scene, runs, folder / "comparison.png")
+        verdicts.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
-    print(study.table(scene, rows))
+    print(verdicts.table(scene, rows))
     if warning := scene.needs().warning:
         print(f"\n{warning}")
     print(f"\nFigures, trajectories, table and scene are in {given.out}")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
 
@@ -163,7 +164,6 @@ def _rows(path: Path, scene: Any, label: str) -> Variations:
 def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
     from toolbox.sweeps.store import folder_of
 
@@ -204,7 +204,7 @@ def run_map(given: argparse.Namespace) -> int:
             folder_of(folder)
             found.save(folder / "map.npz")
         (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-        study.draw_found(found, found.title, folder / "map.png")
+        figures.draw_found(found, found.title, folder / "map.png")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")
@@ -213,9 +213,9 @@ def run_map(given: argparse.Namespace) -> int:
 
 
 def _closed(scene: Any, label: str) -> HybridSystem:
-    from toolbox.simulation.simulate import checked_run
+    from toolbox.simulation.request import Request
 
-    return checked_run(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).system
+    return Request(scene.plant(), scene.duration, **scene.arguments(scene.case(label))).checked().system
 
 
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:

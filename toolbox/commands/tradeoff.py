@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import complaint
 from toolbox.files.atomic import whole_folder
 
@@ -34,7 +35,6 @@ def add(commands: Any) -> None:
 def run(given: argparse.Namespace) -> int:
     """Measure error against time. Returns the exit code."""
     from toolbox.errors import SimulationError
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
     from toolbox.scenes.work_precision import work_precision
 
@@ -48,7 +48,7 @@ def run(given: argparse.Namespace) -> int:
             return complaint(str(error), 1)
         if folder is not None:
             found.save(folder / "tradeoff.csv")
-            study.draw_found(found, None, folder / "tradeoff.png")
+            figures.draw_found(found, None, folder / "tradeoff.png")
     print(found)
     if given.out:
         print(f"\nFigure and table are in {given.out}")

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from toolbox.commands import figures
 from toolbox.commands.terminal import INTERRUPTED, complaint, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
@@ -61,7 +62,6 @@ def run(given: argparse.Namespace) -> int:
     """Tune a law. Returns the exit code."""
     import statistics
 
-    from toolbox.scenes import verdicts as study
     from toolbox.scenes.scene import Scene
     from toolbox.tuning.tune import tune
 
@@ -89,7 +89,7 @@ def run(given: argparse.Namespace) -> int:
             (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
             found.save(folder / "trials.csv")
             if found.front:
-                study.draw_found(found, found.title, folder / "tune.png")
+                figures.draw_found(found, found.title, folder / "tune.png")
                 for path, scene in scenes.items():
                     found.applied(scene, given.law).save(folder / names[path])
     except KeyboardInterrupt:

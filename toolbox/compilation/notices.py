@@ -14,11 +14,15 @@ LONG = 100_000
 def announced(name: str, *functions: Any) -> bool:
     """Say that `name` is being compiled, unless this machine has the machine code of all these functions; returns whether it was said.
 
-    functions: made by `numba.njit(cache=True)`. Asked once per process, because one that is loaded is there.
+    functions: made by `toolbox.compilation.numba_cache.cached`. Asked once per process, because one that is loaded is there.
     """
     fresh = [function for function in functions if function not in _SAID]
     _SAID.update(fresh)
-    if all(map(_known, fresh)):
+    if not fresh:
+        return False
+    from toolbox.compilation.numba_cache import known
+
+    if all(map(known, fresh)):
         return False
     print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
     return True
@@ -29,13 +33,3 @@ def announced_code(instructions: int) -> bool:
     if instructions > LONG:
         print(f"stickslip: writing the equations as {instructions:,} machine instructions ...", file=sys.stderr, flush=True)
     return instructions > LONG
-
-
-def _known(function: Any) -> bool:
-    try:
-        if function.signatures:
-            return True
-        target = function.targetctx.codegen().magic_tuple()
-        return any(target in key for key in function._cache._cache_file._load_index())
-    except AttributeError:  # numba is told not to compile, or another version of it keeps its index elsewhere
-        return True

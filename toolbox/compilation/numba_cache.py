@@ -1,31 +1,234 @@
-"""What numba keeps on disk of the compiled loops, and when it is made anew.
+"""Compiled loops, and what is kept of them on disk, which can never be the machine code of an earlier text.
 
-Numba's cache sees edits of the file of a function, not of those whose functions it calls. A loop that calls functions of another file is made by a
-function of the `checksum` of that file, which so enters the key of its cache; its own small functions are not cached by themselves.
+The cache of numba knows the file of a function, not those whose functions it calls, whose constants it uses and whose tuples it takes. `cached` keeps
+the machine code under a number of everything that enters it: the byte code of the function and of all that it calls, however deep and in whatever file;
+the values of the constants that these read; the fields of the named tuples that it is given; the options of compiling; the versions of numba, llvmlite,
+LLVM and numpy. Nothing has to be declared, so that nothing can be forgotten, and an edited comment compiles nothing anew. A file of the cache carries
+its checksum and its name carries that number, so that a damaged file, or one that another process is just writing, is no more than a file that is not there.
 
-Nor are they given what Python would call them through: for a function of fifty arrays that takes longer to compile than the function. Without it the
-event loop compiles in two thirds of the time.
+Small functions for compiled loops alone are `inlined`: they are a part of each loop and not cached by themselves. Nor are they given what Python would
+call them through: for a function of fifty arrays that takes longer to compile than the function. Without it the event loop compiles in two thirds of
+the time.
 """
 
 from __future__ import annotations
 
-import zlib
+import contextlib
+import dis
+import hashlib
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
+
+import llvmlite
+import llvmlite.binding
+import numba
+import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+from toolbox.errors import SceneError
+from toolbox.files.atomic import replaced
+
+VERSIONED = {"numba", "llvmlite", "numpy"}
+"""Packages whose code enters the number of a function by their version alone, as that of Python does."""
+
+OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "CPU_NAME", "CPU_FEATURES")
+"""Settings of numba, of the environment, that change machine code."""
 
 
 def inlined(function: Any) -> Any:
     """A function for compiled loops alone, which becomes a part of each of them."""
-    from numba import njit
-
-    return njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return numba.njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
-def checksum(*modules: ModuleType) -> int:
-    """A number >= 0 of the texts of the files of some modules."""
-    found = 0
-    for module in modules:
-        assert module.__file__ is not None
-        found = zlib.crc32(Path(module.__file__).read_bytes(), found)
-    return found & 0x7FFFFFFF
+def cached(function: Any = None, **options: Any) -> Any:
+    """A function that numba compiles once per machine, and anew when anything changes that it calls or reads.
+
+    options: of `numba.njit`; without them it runs without the interpreter's lock, and a division by zero gives infinity.
+    """
+    if function is None:
+        return lambda given: cached(given, **options)
+    made = numba.njit(**{"nogil": True, "error_model": "numpy", **options})(function)
+    if isinstance(made, FunctionType):  # numba is told not to compile
+        return made
+    with contextlib.suppress(RuntimeError):  # there is no folder that can be written: then it is compiled in every process
+        made._cache = MachineCode(made)
+    return made
+
+
+class MachineCode(FunctionCache):
+    """What is kept on disk of one cached function: a file for every signature, in the folder that numba's own cache would take."""
+
+    def __init__(self, dispatcher: Any):
+        super().__init__(dispatcher.py_func)
+        self._dispatcher = dispatcher
+        self._base = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}".replace("<", "").replace(">", "")
+
+    def known(self) -> bool:
+        """Whether this machine has machine code of the function as it is, for some signature."""
+        return any(True for _ in Path(self.cache_path).glob(f"{self._name_now()}.*.code"))
+
+    def _name_now(self) -> str:
+        return f"{self._base}.{sys.implementation.cache_tag}.{stamp(self._dispatcher)[:16]}"
+
+    def _path(self, signature: Any, codegen: Any) -> Path:
+        fields = [(kind.instance_class.__qualname__, kind.instance_class._fields) for kind in signature if hasattr(kind, "instance_class")]
+        key = hashlib.sha256(repr((signature, fields, codegen.magic_tuple())).encode()).hexdigest()
+        return Path(self.cache_path) / f"{self._name_now()}.{key[:16]}.code"
+
+    def _load_overload(self, signature: Any, target_context: Any) -> Any:
+        import pickle
+
+        if not self._enabled:
+            return None
+        try:
+            content = self._path(signature, target_context.codegen()).read_bytes()
+        except OSError:
+            return None
+        if hashlib.sha256(content[32:]).digest() != content[:32]:
+            return None
+        return self._impl.rebuild(target_context, pickle.loads(content[32:]))
+
+    def _save_overload(self, signature: Any, result: Any) -> None:
+        if not self._enabled or not self._impl.check_cachable(result):
+            return
+        path = self._path(signature, result.codegen)
+        content = dumps(self._impl.reduce(result))
+        with contextlib.suppress(OSError, SceneError):  # a cache that cannot be written only costs time
+            with replaced(path) as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            for left in path.parent.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
+                if not left.name.startswith(self._name_now()):
+                    left.unlink(missing_ok=True)
+
+    def flush(self) -> None:
+        """Forget what is kept."""
+        for path in Path(self.cache_path).glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
+            path.unlink(missing_ok=True)
+
+
+def known(function: Any) -> bool:
+    """Whether a cached function needs no compiling here."""
+    if getattr(function, "signatures", True):
+        return True
+    kept = function._cache
+    return isinstance(kept, MachineCode) and kept.known()
+
+
+def stamp(function: Any) -> str:
+    """A number, in hexadecimal digits, of everything that enters the machine code of a function of numba."""
+    found = hashlib.sha256(repr(_versions()).encode())
+    for text in sorted(f"{name} {digest}" for name, digest in ((_name(each), _digest(each)) for each in followed(function))):
+        found.update(text.encode() + b"\n")
+    return found.hexdigest()
+
+
+def followed(function: Any) -> list[Any]:
+    """The function itself and all that it calls, however deep: Python functions, functions of numba, and its intrinsics."""
+    found: dict[int, Any] = {}
+    waiting = [function]
+    while waiting:
+        each = waiting.pop()
+        if id(each) not in found:
+            found[id(each)] = each
+            waiting += [value for _, value in read_outside(_plain(each)) if _plain(value) is not None]
+    return list(found.values())
+
+
+def _versions() -> tuple[Any, ...]:
+    settings = [str(getattr(numba.config, name, None)) for name in OPTIONS]
+    return sys.version, numba.__version__, llvmlite.__version__, llvmlite.binding.llvm_version_info, np.__version__, settings
+
+
+def _plain(thing: Any) -> FunctionType | None:
+    """The Python function behind a function of numba, an intrinsic or itself; None for anything else, and for what stands in a versioned package."""
+    found = getattr(thing, "py_func", None) or getattr(thing, "_defn", None) or thing
+    return found if isinstance(found, FunctionType) and not _versioned(found.__module__) else None
+
+
+def _versioned(module: str | None) -> bool:
+    top = (module or "builtins").partition(".")[0]
+    return top in VERSIONED or top in sys.stdlib_module_names
+
+
+def _name(thing: Any) -> str:
+    plain = _plain(thing)
+    assert plain is not None
+    return f"{plain.__module__}.{plain.__qualname__}"
+
+
+def _digest(thing: Any) -> str:
+    """A number of one function: its code, what its constants are and which functions it calls, but not of those."""
+    plain = _plain(thing)
+    assert plain is not None
+    found = hashlib.sha256(repr(sorted(getattr(thing, "targetoptions", {}).items())).encode())
+    _add_code(found.update, plain.__code__, plain.__doc__)
+    for name, value in read_outside(plain):
+        found.update(f"{name} = {_text(value, name, plain)}\n".encode())
+    return found.hexdigest()
+
+
+def _add_code(update: Callable[[bytes], None], code: CodeType, words: str | None = None) -> None:
+    """Add the byte code of a function and of those inside it, without file, line numbers and the words that describe it."""
+    update(code.co_code + getattr(code, "co_exceptiontable", b""))
+    update(repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount, code.co_kwonlyargcount, code.co_flags)).encode())
+    constants = code.co_consts[1:] if words is not None and code.co_consts[:1] == (words,) else code.co_consts
+    for constant in constants:
+        if isinstance(constant, CodeType):
+            _add_code(update, constant)
+        else:
+            update(f"{repr(sorted(constant, key=repr)) if isinstance(constant, frozenset) else repr(constant)};".encode())
+
+
+def read_outside(plain: FunctionType | None) -> Iterator[tuple[str, Any]]:
+    """(name, value) of whatever a function reads from outside: globals, also of modules that it names, what it encloses, defaults; containers opened."""
+    if plain is None:
+        return
+    names = _names(plain.__code__)
+    waiting = [(name, plain.__globals__[name]) for name in names if name in plain.__globals__]
+    waiting += [(name, sys.modules[name]) for name in names if name in sys.modules and _imports(plain.__code__, name)]
+    waiting += [(name, cell.cell_contents) for name, cell in zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True)]
+    waiting += [(f"default {k}", value) for k, value in enumerate(plain.__defaults__ or ())]
+    waiting += [(f"default {name}", value) for name, value in sorted((plain.__kwdefaults__ or {}).items())]
+    while waiting:
+        name, value = waiting.pop(0)
+        if isinstance(value, ModuleType):
+            if not _versioned(value.__name__):
+                waiting += [(f"{name}.{word}", vars(value)[word]) for word in names if word in vars(value)]
+        elif isinstance(value, (tuple, list)):
+            yield f"{name}.length", len(value)
+            waiting += [(f"{name}.{k}", entry) for k, entry in enumerate(value)]
+        else:
+            yield name, value
+
+
+def _names(code: CodeType) -> list[str]:
+    """Names that a function and those inside it use, of globals and attributes."""
+    inner = [name for constant in code.co_consts if isinstance(constant, CodeType) for name in _names(constant)]
+    return sorted({*code.co_names, *inner})
+
+
+def _imports(code: CodeType, module: str) -> bool:
+    """Whether a function or one inside it imports a module."""
+    here = any(each.opname == "IMPORT_NAME" and each.argval == module for each in dis.get_instructions(code))
+    return here or any(_imports(constant, module) for constant in code.co_consts if isinstance(constant, CodeType))
+
+
+def _text(value: Any, name: str, user: FunctionType) -> str:
+    """A value as text that another value does not have."""
+    if _plain(value) is not None:
+        return f"function {_name(value)}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}"
+    if isinstance(value, type):
+        return f"class {value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
+    if isinstance(value, (int, float, complex, str, bytes, type(None), np.generic)):
+        return f"{type(value).__name__} {value!r}"
+    if type(value).__module__.partition(".")[0] in VERSIONED:  # types and functions of numba; their text may hold an address
+        return f"{type(value).__qualname__} {getattr(value, '__name__', '') or getattr(value, 'name', '')}"
+    if callable(value) and _versioned(getattr(value, "__module__", None)):  # functions of Python itself
+        return f"function {value.__module__}.{value.__qualname__}"
+    raise TypeError(f"Function `{user.__qualname__}` must read constants and functions only, but `{name}` holds a {type(value).__name__}.")

@@ -24,8 +24,8 @@ class Program:
 
     layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
     signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
-    `varying` those whose bound
-    is not constant, and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
+    `varying` those whose bound is not constant, `bounded` those of them whose bound is a guard, since nothing else keeps it from becoming negative,
+    and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
     next memory, outputs) of every sampled law in terms of t, x, p and the modes.
     """
 
@@ -43,6 +43,7 @@ class Program:
     attached: np.ndarray
     loader: np.ndarray
     varying: list[int]
+    bounded: list[int]
     forced: bool
     groups: np.ndarray
     group_count: int
@@ -58,8 +59,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     found = system.kernels.get(key)
     if found is not None:
         return found
+    from toolbox.compilation import loop_layout
     from toolbox.compilation.kernel import machine
-    from toolbox.simulation import event_loop as loop
 
     given = dict(kinds)
     coefficients: list[ca.SX] = []
@@ -100,7 +101,11 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
             setattr(twin, kind, closed(getattr(element, kind)))
         elements.append(twin)
     flow = closed(system.flow)
-    form = switching(system.t, system.x, flow, elements)
+    changing = ca.vertcat(system.t, system.x, system.held, *tables)
+    varying = [i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, changing)]
+    own = ca.vertcat(system.m, *[e.multiplier for e in elements])
+    bounded = [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
+    form = switching(system.t, system.x, flow, elements, bounded)
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
@@ -118,11 +123,12 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         machine=machine(system.t, x, p, elements, form, pair, updates, flow),
         excited=np.array(excited, np.int64),
-        kind=np.array([loop.RIGID if e.unilateral else loop.FRICTION if e.holds else loop.SWITCH for e in elements], np.int64),
+        kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
         loader=np.array(form.loader, np.int64),
-        varying=[i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, ca.vertcat(system.t, x, system.held, *tables))],
+        varying=varying,
+        bounded=bounded,
         forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,

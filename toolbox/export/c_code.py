@@ -15,10 +15,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
 from toolbox.modelling.components import check_fields
-from toolbox.modelling.elements import State, is_finite_number, time
+from toolbox.modelling.elements import State, time
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled, designed, names
 from toolbox.modelling.observers import Observer

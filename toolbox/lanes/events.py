@@ -9,12 +9,12 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.emitter import inline
+from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.loop import EVENT
 from toolbox.lanes.vectors import Rows, Value, largest, smallest
-from toolbox.simulation.event_loop import RIGID, SWITCH
 
 
 def carries_events(program: Program) -> bool:
@@ -52,6 +52,9 @@ def settling(
         rate, value = was["side"][j] * was["g"][ng + j], was["side"][j] * was["g"][j]
         descends = rate <= 0.0 if j < 2 * ne else rate < 0.0
         fired.append((descends & (value <= 1e-9 * was["guard_scale"][j])) | ~was["located"].differs(float(j)))
+    unbroken = zero <= 0.0
+    for j in range(ng - len(program.bounded), ng):  # a bound at zero is left to the scalar loop
+        unbroken &= ~fired[j]
     side = [*was["side"][: 2 * ne], *(fired[j].choose(-was["side"][j], was["side"][j]) for j in range(2 * ne, ng))]
     caught, modes = [], []
     zeros: list[Any] = []
@@ -87,7 +90,7 @@ def settling(
         return wrong
 
     first = call(probe, t, x, was["p"], modes)
-    wrong, count, sound = inconsistent(modes, first), zero, zero <= 0.0
+    wrong, count, sound = inconsistent(modes, first), zero, unbroken
     chosen = list(modes)
     for i in range(ne):
         if wrong[i] is not None:
@@ -117,6 +120,9 @@ def settling(
             size = changed.choose(was["other_scale"][j], size)
         guard_scale.append(largest(abs(g[j]), size))
         armed.append((side[j] * g[j] > 1e-13 * guard_scale[j]).choose(1.0, 0.0))
+    for i in range(ne):  # a switch that a new mode throws past its threshold is left to the scalar loop
+        if program.kind[i] == SWITCH:
+            settled &= ~(g[2 * i] < -2e-9 * largest(guard_scale[2 * i], other_scale[2 * i]))
     nudged = [value * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5))) for i, value in enumerate(x)]
     nudged_p = [value * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7))) for i, value in enumerate(was["p"])]
     moved = call(field, t * (1.0 + 1e-7), nudged, nudged_p, chosen)[:n]
@@ -146,6 +152,9 @@ def settling(
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))
     h = largest(smallest(100.0 * h0, h1), 1e-9 * end)
     h = ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)
+    spread = call(field, t, [a + b * h for a, b in zip(x, noise, strict=True)], was["p"], chosen)[:n]
+    reached = [abs(b - c) for b, c in zip(spread, k, strict=True)]
+    noise = [((size > 0.0) & (size <= 1e6 * more * h)).choose(a + more, a) for a, more, size in zip(noise, reached, scale, strict=True)]
 
     results = {"x": x, "k": k, "m": chosen, "g": g, "side": side, "armed": armed, "guard_scale": guard_scale, "other_scale": other_scale,
                "scale": scale, "group_scale": group_scale, "noise": noise}  # fmt: skip

@@ -24,7 +24,7 @@ from toolbox.lanes.loop import ALONE, EVENT, GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.quintics import measure_quintics
 from toolbox.lanes.samples import POINTERS, sampling
 from toolbox.lanes.vectors import Row, Rows, Truth, Value, changed_where, largest, smallest, where_any
-from toolbox.measuring.measures import observed, with_derivatives
+from toolbox.measuring.quintics import signals_and_bounds, with_derivatives
 
 SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "whole", "low", "high", "fraction", "tries",
            "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
@@ -86,7 +86,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     field = ca.Function("field", arguments, [ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))])
     projected = ca.Function("projected", arguments, [ca.densify(form.projected[:own])])
 
-    observe = ca.Function("observe", arguments, [ca.densify(observed(program, signals, program.varying)) if windows else ca.SX(0, 1)])
+    observe = ca.Function("observe", arguments, [ca.densify(signals_and_bounds(program, signals, program.varying)) if windows else ca.SX(0, 1)])
     count = observe.numel_out(0)
     groups = program.group_count
     rows: dict[str, int] = {}
@@ -344,7 +344,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
 
 
 def _error(program: Program, was: Rows, h: Value, x_new: list[Value], estimates: list[list[Value]]) -> Value:
-    """Scaled error of a step: see `toolbox.simulation.event_loop._error`."""
+    """Scaled error of a step: see `toolbox.simulation.step_control.scaled_error`."""
     hidden = program.excited.size
     n = len(x_new)
     own, two = n - hidden, bool(estimates[1])
@@ -376,7 +376,7 @@ def _error(program: Program, was: Rows, h: Value, x_new: list[Value], estimates:
 
 
 def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
-    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.simulation.event_loop._lowest`."""
+    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.simulation.crossings.lowest`."""
     body = a.body
     c2 = 3.0 * (b - a) - 2.0 * da - db
     c3 = 2.0 * (a - b) + da + db

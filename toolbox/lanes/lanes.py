@@ -13,11 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
 from toolbox.measuring.measures import Layout, Measure, Readings
-from toolbox.simulation.simulate import Run, compiled_loop, pair_of
+from toolbox.simulation.carry_out import compiled_loop, formulas_of
+from toolbox.simulation.methods import Explicit
+from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
 
 CHUNK = 512
@@ -53,7 +56,7 @@ class Batch:
 
 
 class Lanes:
-    """A checked run (`toolbox.simulation.simulate.checked_run`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
+    """A checked run (`toolbox.simulation.request.Request`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
 
     measures: of `toolbox.measuring.measures`, as accurate as the run;  width: number of lanes, a power of two. The method is explicit, whatever the run says.
     Raises SceneError for laws in Python and for measures of what is not there.
@@ -64,23 +67,22 @@ class Lanes:
         from toolbox.lanes import loop as lanes_loop
         from toolbox.lanes.kernel import block
         from toolbox.lanes.samples import noise_table
-        from toolbox.simulation import event_loop as loop
 
         system = run.system
         if run.laws:
             raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
         for measure in measures:
             measure.check(system, run.duration)
-        self.loops, self.loop, self.states, self.values = lanes_loop, loop, system.x.numel(), system.values.size
-        explicit = dataclasses.replace(run, method="explicit", output_times=None)
-        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else pair_of(explicit))
+        self.loops, self.states, self.values = lanes_loop, system.x.numel(), system.values.size
+        explicit = dataclasses.replace(run, method=Explicit(), output_times=None)
+        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else formulas_of(explicit))
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(explicit, self.program)
-        self.work = work_arrays(loop, explicit, self.program)
+        self.work = work_arrays(explicit, self.program)
         width = width or host_width(self.program.machine.states)
         late = tuple(delay > 0.0 for _, delay in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
-        self.noise = noise_table(loop, self.work, run.duration)
+        self.noise = noise_table(self.work, run.duration)
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
         self.rows = np.array([self.block.rows[name] for name in lanes_loop.ITEMS], np.int64)
         self.scalar = lanes_loop.scalar_address(self.work)
@@ -134,7 +136,7 @@ class Lanes:
             shift = (-raw.ctypes.data % 64) // 8
             lanes = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
             own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
-            own_work.ints[self.loop.NODES] = 0
+            own_work.ints[loop_layout.NODES] = 0
             waiting, due = (lanes[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
             clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)

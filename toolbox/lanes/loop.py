@@ -10,18 +10,13 @@ What numba keeps of it on disk is made anew after an edit of `toolbox/simulation
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from toolbox.compilation.numba_cache import checksum, inlined
-from toolbox.measuring import measuring_loop as tally_loop
-from toolbox.measuring.measuring_loop import note_end
-from toolbox.simulation import event_loop as loop
-from toolbox.simulation.event_loop import (
+from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.loop_layout import (
     ACCEPTED,
     APPLIED,
     BUDGET,
@@ -33,8 +28,6 @@ from toolbox.simulation.event_loop import (
     EVENTS,
     FIRST_HELD,
     FIRST_OUTPUT,
-    FRICTION,
-    INCONSISTENT,
     JUMP,
     LAST_EVENT,
     LOCATED,
@@ -55,16 +48,12 @@ from toolbox.simulation.event_loop import (
     TAKEN,
     TIME,
     N,
-    _borrowed_all,
-    _call,
-    _fire,
-    _first_step,
-    _flies,
-    _mark,
-    _project,
-    _round_off,
-    advance,
-)  # fmt: skip
+)
+from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.measuring.measuring_loop import note_end
+from toolbox.simulation.event_loop import advance
+from toolbox.simulation.events import after_event, project_event
+from toolbox.simulation.step_control import measure_round_off, spread_round_off
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
 """Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar; a sample."""
@@ -296,10 +285,10 @@ def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, val
         counts = counts or block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]
     for part in range(65 if counts else 0):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
-        _call(w.ints[STEP], t, h * part / 64.0, x_old, k_old, w.p, m_old, w.y)
+        call(w.ints[STEP], t, h * part / 64.0, x_old, k_old, w.p, m_old, w.y)
         for i in range(x_old.size):
             w.s[i] = w.y[i]
-        _call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values[part % 3])
+        call(observe, t + h * part / 64.0, 0.0, w.s, k_old, w.p, m_old, values[part % 3])
         for q in range(values.shape[1]):
             value, middle, before = values[part % 3, q], values[(part + 2) % 3, q], values[(part + 1) % 3, q]
             low, high = value, value
@@ -317,25 +306,9 @@ def _observe(block, rows, lane, windows, observe, w, t, x_old, k_old, m_old, val
 @inlined
 def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
-    ne = w.ints[NE]
-    _mark(w, False)
-    for i in range(ne):
-        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not _flies(w, i):
-            w.m[i] = 0.0
-    _project(w, t)
-    for i in range(ne):
-        w.m[i] = w.before[i]
-    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), w.reals[END]):
-        w.ints[CLOSE] += 1
-        if w.ints[CLOSE] > 50 + 20 * ne:
-            return ENDLESS
-    else:
-        w.ints[CLOSE] = 0
-    w.reals[LAST_EVENT] = t
-    if not _fire(w, t):
-        return INCONSISTENT
-    _first_step(w)
-    return PAUSED
+    project_event(w, t, False)
+    status = after_event(w, t)
+    return PAUSED if status == DONE else status
 
 
 @inlined
@@ -366,197 +339,192 @@ def _alone(scalar, w, steps):
     return _call_scalar(scalar, w)
 
 
-def _made(stamp: int) -> Any:
-    """The compiled loop; `stamp` enters the key of its cache."""
+# fmt: off
+@cached
+def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, noise, queue, rows, w, parameters, starts, memories, held, first,
+        last, windows, asked, x_end, m_end, statuses, counts, lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
+    # fmt: on
+    """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
-    # fmt: off
-    @njit(cache=True, nogil=True, error_model="numpy")
-    def run(address, settle, observe, sample, scalar, block, waiting, due, clocks, noise, queue, rows, w, parameters, starts, memories, held, first,
-            last, windows, asked, x_end, m_end, statuses, counts, lowest, highest, integral, ends, doubt, spent, number, latest, switches, ev_t, ev_i, ev_m):
-        # fmt: on
-        """Run the scenarios `first` to `last` - 1 in the lanes of one block.
-
-        address, settle, observe, sample, scalar: of the pass, the settling of events (0 for none), the signals, the samples (0 for none) and the scalar
-        loop;  waiting, due: the rows of these names as integers;  clocks, noise, queue: see `toolbox.lanes.lanes.samples`;  parameters, starts,
-        memories, held: one row per scenario, the last two of sampled laws;
-        windows: (begin, end) of each, whose inner edges the steps end on;  asked: rows (element, mode, begin, end of the window);  x_end, m_end, statuses:
-        what each ends with;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the arrays of a
-        `toolbox.measuring.measures.Readings`;  doubt: whether extrema are doubtful (see `toolbox.lanes.lanes.extrema`);  ev_*: the first switches of
-        every scenario, as many as there is room for.
-        """
-        w = _borrowed_all(w)
-        width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
-        scenario = np.full(width, -1, np.int64)
-        p = np.zeros((width, w.p.size))
-        modes = np.zeros((width, ne))
-        few = max(width // 5, 2)
-        last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
-        since = np.zeros((width, ne))
-        happened = np.zeros(width, np.bool_)
-        x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
-        p_old, p_new = np.zeros(w.p.size), np.zeros(w.p.size)
-        signals, views = lowest.shape[1], lowest.shape[2]
-        values = np.zeros((3, signals))
-        cuts = windows.ravel() if stamp >= 0 else np.zeros(0)  # the number has to be used
-        end = w.reals[END]
-        rest = w.p.copy()
-        block[:] = 0.0
-        block[STOP_ROW, :] = np.inf
-        block[LONGEST_ROW, :] = w.reals[LONGEST]
-        block[END_ROW, :] = end
-        block[RTOL_ROW, :] = w.reals[RTOL]
-        block[FLAG_ROW, :] = STOP
-        waiting[0] = 1
-        following, running = first, 0
-        while True:
-            settled = False
-            if settle != 0 and waiting[0] != 0:
-                events = 0
-                for lane in range(width):
-                    if block[FLAG_ROW, lane] == EVENT and scenario[lane] >= 0:
-                        happened[lane] = True
-                        events += 1
-                settled = events >= few or events == running
-                if settled:
-                    call_block(settle, block)
-            for lane in range(width if waiting[0] != 0 else 0):
-                flag = np.int64(block[FLAG_ROW, lane])
-                s = scenario[lane]
-                if s >= 0 and settled and flag == GOES_ON and happened[lane]:
-                    happened[lane] = False
-                    t = block[TIME_ROW, lane]
-                    changed = False
-                    for i in range(ne):
-                        mode = block[rows[M] + i, lane]
-                        if mode == modes[lane, i]:
-                            continue
-                        changed = True
-                        note_end(i, modes[lane, i], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
+    address, settle, observe, sample, scalar: of the pass, the settling of events (0 for none), the signals, the samples (0 for none) and the scalar
+    loop;  waiting, due: the rows of these names as integers;  clocks, noise, queue: see `toolbox.lanes.lanes.samples`;  parameters, starts,
+    memories, held: one row per scenario, the last two of sampled laws;
+    windows: (begin, end) of each, whose inner edges the steps end on;  asked: rows (element, mode, begin, end of the window);  x_end, m_end, statuses:
+    what each ends with;  counts: steps, refused steps, switches, merged events, and steps that the scalar loop took;  lowest to switches: the arrays of a
+    `toolbox.measuring.measures.Readings`;  doubt: whether extrema are doubtful (see `toolbox.lanes.lanes.extrema`);  ev_*: the first switches of
+    every scenario, as many as there is room for.
+    """
+    w = borrowed_all(w)
+    width, n, ne = block.shape[1], w.ints[N], w.ints[NE]
+    scenario = np.full(width, -1, np.int64)
+    p = np.zeros((width, w.p.size))
+    modes = np.zeros((width, ne))
+    few = max(width // 5, 2)
+    last_event, close, jump = np.zeros(width), np.zeros(width, np.int64), np.zeros(width, np.int64)
+    since = np.zeros((width, ne))
+    happened = np.zeros(width, np.bool_)
+    x_old, k_old, m_old = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1))
+    p_old, p_new = np.zeros(w.p.size), np.zeros(w.p.size)
+    signals, views = lowest.shape[1], lowest.shape[2]
+    values = np.zeros((3, signals))
+    cuts = windows.ravel()
+    end = w.reals[END]
+    rest = w.p.copy()
+    block[:] = 0.0
+    block[STOP_ROW, :] = np.inf
+    block[LONGEST_ROW, :] = w.reals[LONGEST]
+    block[END_ROW, :] = end
+    block[RTOL_ROW, :] = w.reals[RTOL]
+    block[FLAG_ROW, :] = STOP
+    waiting[0] = 1
+    following, running = first, 0
+    while True:
+        settled = False
+        if settle != 0 and waiting[0] != 0:
+            events = 0
+            for lane in range(width):
+                if block[FLAG_ROW, lane] == EVENT and scenario[lane] >= 0:
+                    happened[lane] = True
+                    events += 1
+            settled = events >= few or events == running
+            if settled:
+                call_block(settle, block)
+        for lane in range(width if waiting[0] != 0 else 0):
+            flag = np.int64(block[FLAG_ROW, lane])
+            s = scenario[lane]
+            if s >= 0 and settled and flag == GOES_ON and happened[lane]:
+                happened[lane] = False
+                t = block[TIME_ROW, lane]
+                changed = False
+                for i in range(ne):
+                    mode = block[rows[M] + i, lane]
+                    if mode == modes[lane, i]:
+                        continue
+                    changed = True
+                    note_end(i, modes[lane, i], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
+                    if counts[s, 2] < ev_t.shape[1]:
+                        ev_t[s, counts[s, 2]] = t
+                        ev_i[s, counts[s, 2]] = i
+                        ev_m[s, counts[s, 2]] = np.int8(mode)
+                    counts[s, 2] += 1
+                    modes[lane, i] = mode
+                counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
+                close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), min(end, 1.0)) else 0
+                last_event[lane] = t
+                if close[lane] <= 50 + 20 * ne:
+                    continue
+                _gather_point(block, rows, lane, w, p)
+                flag = ENDLESS_FLAG
+            if flag == GOES_ON or (s < 0 and following >= last):
+                continue
+            if flag == EVENT and settle != 0 and s >= 0:
+                if not settled:
+                    continue  # until a few lanes wait together
+                happened[lane] = False
+            status = DONE
+            w.ints[EVENTS], w.ints[MERGED] = 0, 0
+            if flag == ENDLESS_FLAG:
+                status = ENDLESS
+            elif s >= 0:
+                t = block[TIME_ROW, lane]
+                _gather_point(block, rows, lane, w, p)
+                if sample != 0:
+                    _gather_samples(block, rows, lane, w, queue)
+                if flag == ROUND_OFF:
+                    measure_round_off(w)
+                    for i in range(n):
+                        w.scale[i] = block[rows[SCALE] + i, lane]
+                    spread_round_off(w, block[WANTED_ROW, lane])
+                    for i in range(n):
+                        block[rows[NOISE] + i, lane] = w.noise[i]
+                    block[FLAG_ROW, lane] = GOES_ON
+                    if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                        continue
+                    status = PAUSED
+                elif flag != STOP or t < end or sample != 0:
+                    _gather_history(block, rows, lane, w)
+                    w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
+                    if flag == EVENT:
+                        w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
+                        status = _event(w, t)
+                    else:
+                        counts[s, 4] += flag == ALONE
+                        for i in range(n):
+                            x_old[i], k_old[i] = w.x[i], w.k[i]
+                        for i in range(ne):
+                            m_old[i] = w.m[i]
+                        for i in range(w.p.size):
+                            p_old[i] = w.p[i]
+                        for cut in cuts:
+                            if flag == ALONE and t < cut * (1.0 - SLACK) < t + w.reals[STEP_SIZE]:
+                                w.reals[STEP_SIZE] = cut - t
+                        status = _alone(scalar, w, 1 if flag == ALONE else 0)
+                        if signals > 0 and w.reals[TIME] > t:
+                            p_new[:] = w.p  # which may have jumped at the end of the step
+                            w.p[:] = p_old
+                            _observe(block, rows, lane, views, observe, w, t, x_old, k_old, m_old, values)
+                            w.p[:] = p_new
+                        _put_parameters(block, rows, lane, w, p)
+            while True:  # ends with a lane that goes on, or with none left to begin
+                if s >= 0:
+                    for e in range(w.ints[EVENTS]):
+                        i, t = w.ev_i[e], w.ev_t[e]
+                        note_end(i, w.ev_m[e, 0], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
                         if counts[s, 2] < ev_t.shape[1]:
                             ev_t[s, counts[s, 2]] = t
                             ev_i[s, counts[s, 2]] = i
-                            ev_m[s, counts[s, 2]] = np.int8(mode)
+                            ev_m[s, counts[s, 2]] = w.ev_m[e, 1]
                         counts[s, 2] += 1
-                        modes[lane, i] = mode
-                    counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
-                    close[lane] = close[lane] + 1 if t - last_event[lane] <= 1e-13 * max(abs(t), end) else 0
-                    last_event[lane] = t
-                    if close[lane] <= 50 + 20 * ne:
-                        continue
-                    _gather_point(block, rows, lane, w, p)
-                    flag = ENDLESS_FLAG
-                if flag == GOES_ON or (s < 0 and following >= last):
-                    continue
-                if flag == EVENT and settle != 0 and s >= 0:
-                    if not settled:
-                        continue  # until a few lanes wait together
-                    happened[lane] = False
-                status = DONE
-                w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                if flag == ENDLESS_FLAG:
-                    status = ENDLESS
-                elif s >= 0:
-                    t = block[TIME_ROW, lane]
-                    _gather_point(block, rows, lane, w, p)
-                    if sample != 0:
-                        _gather_samples(block, rows, lane, w, queue)
-                    if flag == ROUND_OFF:
-                        _round_off(w)
-                        for i in range(n):
-                            block[rows[NOISE] + i, lane] = w.noise[i]
-                        block[FLAG_ROW, lane] = GOES_ON
-                        if w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                            continue
-                        status = PAUSED
-                    elif flag != STOP or t < end or sample != 0:
-                        _gather_history(block, rows, lane, w)
-                        w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = last_event[lane], close[lane], jump[lane]
-                        if flag == EVENT:
-                            w.ints[LOCATED] = np.int64(block[LOCATED_ROW, lane])
-                            status = _event(w, t)
-                        else:
-                            counts[s, 4] += flag == ALONE
-                            for i in range(n):
-                                x_old[i], k_old[i] = w.x[i], w.k[i]
-                            for i in range(ne):
-                                m_old[i] = w.m[i]
-                            for i in range(w.p.size):
-                                p_old[i] = w.p[i]
-                            for cut in cuts:
-                                if flag == ALONE and t < cut * (1.0 - SLACK) < t + w.reals[STEP_SIZE]:
-                                    w.reals[STEP_SIZE] = cut - t
-                            status = _alone(scalar, w, 1 if flag == ALONE else 0)
-                            if signals > 0 and w.reals[TIME] > t:
-                                p_new[:] = w.p  # which may have jumped at the end of the step
-                                w.p[:] = p_old
-                                _observe(block, rows, lane, views, observe, w, t, x_old, k_old, m_old, values)
-                                w.p[:] = p_new
-                            _put_parameters(block, rows, lane, w, p)
-                while True:  # ends with a lane that goes on, or with none left to begin
-                    if s >= 0:
-                        for e in range(w.ints[EVENTS]):
-                            i, t = w.ev_i[e], w.ev_t[e]
-                            note_end(i, w.ev_m[e, 0], t, True, since[lane], asked, spent[s], number[s], latest[s], switches[s])
-                            if counts[s, 2] < ev_t.shape[1]:
-                                ev_t[s, counts[s, 2]] = t
-                                ev_i[s, counts[s, 2]] = i
-                                ev_m[s, counts[s, 2]] = w.ev_m[e, 1]
-                            counts[s, 2] += 1
-                        counts[s, 3] += w.ints[MERGED]
-                        if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
-                            _scatter(block, rows, lane, w, _next_stop(w, cuts))
-                            if sample != 0:
-                                _scatter_samples(block, rows, lane, w, queue)
-                            for i in range(ne):
-                                modes[lane, i] = w.m[i]
-                            last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
-                            break
+                    counts[s, 3] += w.ints[MERGED]
+                    if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                        _scatter(block, rows, lane, w, _next_stop(w, cuts))
+                        if sample != 0:
+                            _scatter_samples(block, rows, lane, w, queue)
                         for i in range(ne):
-                            note_end(i, w.m[i], w.reals[TIME], False, since[lane], asked, spent[s], number[s], latest[s], switches[s])
-                            m_end[s, i] = w.m[i]
-                        for i in range(x_end.shape[1]):
-                            x_end[s, i] = w.x[i]
-                        if signals > 0:
-                            _call(observe, w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
-                            doubt[s] = block[rows[DOUBT], lane] != 0.0
-                        for q in range(signals):
-                            ends[s, q] = values[0, q]
-                            for v in range(views):
-                                place = rows[MEASURED] + 3 * (q * views + v)
-                                lowest[s, q, v], highest[s, q, v], integral[s, q, v] = block[place, lane], block[place + 1, lane], block[place + 2, lane]
-                                if windows[v, 1] >= w.reals[TIME]:  # the far side of a jump there
-                                    lowest[s, q, v], highest[s, q, v] = min(lowest[s, q, v], values[0, q]), max(highest[s, q, v], values[0, q])
-                        statuses[s] = status
-                        counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
-                        running -= 1
-                    if following >= last:
-                        scenario[lane] = -1
-                        block[:, lane] = 0.0
-                        block[STOP_ROW, lane] = np.inf
+                            modes[lane, i] = w.m[i]
+                        last_event[lane], close[lane], jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
                         break
-                    s = following
-                    following += 1
-                    running += 1
-                    scenario[lane] = s
-                    w.ints[EVENTS], w.ints[MERGED] = 0, 0
-                    status = _begin(scalar, w, rest, parameters[s], starts[s], memories[s], held[s], 0)
-                    _put_parameters(block, rows, lane, w, p)
                     for i in range(ne):
-                        since[lane, i] = 0.0
-                    block[rows[DOUBT], lane] = 0.0
-                    for v in range(views):
-                        for i in range(2):
-                            block[rows[EDGES] + 2 * v + i, lane] = windows[v, i] * (1.0 - SLACK)
-                        for q in range(signals):
+                        note_end(i, w.m[i], w.reals[TIME], False, since[lane], asked, spent[s], number[s], latest[s], switches[s])
+                        m_end[s, i] = w.m[i]
+                    for i in range(x_end.shape[1]):
+                        x_end[s, i] = w.x[i]
+                    if signals > 0:
+                        call(observe, w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
+                        doubt[s] = block[rows[DOUBT], lane] != 0.0
+                    for q in range(signals):
+                        ends[s, q] = values[0, q]
+                        for v in range(views):
                             place = rows[MEASURED] + 3 * (q * views + v)
-                            block[place, lane], block[place + 1, lane], block[place + 2, lane] = np.inf, -np.inf, 0.0
-            if running == 0:
-                return
-            call_block(address, block)
-            while due[0] != 0:
-                call_sample(sample, block, clocks, noise, queue)
-
-    return run
-
-
-run = _made(checksum(loop, tally_loop))
+                            lowest[s, q, v], highest[s, q, v], integral[s, q, v] = block[place, lane], block[place + 1, lane], block[place + 2, lane]
+                            if windows[v, 1] >= w.reals[TIME]:  # the far side of a jump there
+                                lowest[s, q, v], highest[s, q, v] = min(lowest[s, q, v], values[0, q]), max(highest[s, q, v], values[0, q])
+                    statuses[s] = status
+                    counts[s, 0], counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
+                    running -= 1
+                if following >= last:
+                    scenario[lane] = -1
+                    block[:, lane] = 0.0
+                    block[STOP_ROW, lane] = np.inf
+                    break
+                s = following
+                following += 1
+                running += 1
+                scenario[lane] = s
+                w.ints[EVENTS], w.ints[MERGED] = 0, 0
+                status = _begin(scalar, w, rest, parameters[s], starts[s], memories[s], held[s], 0)
+                _put_parameters(block, rows, lane, w, p)
+                for i in range(ne):
+                    since[lane, i] = 0.0
+                block[rows[DOUBT], lane] = 0.0
+                for v in range(views):
+                    for i in range(2):
+                        block[rows[EDGES] + 2 * v + i, lane] = windows[v, i] * (1.0 - SLACK)
+                    for q in range(signals):
+                        place = rows[MEASURED] + 3 * (q * views + v)
+                        block[place, lane], block[place + 1, lane], block[place + 2, lane] = np.inf, -np.inf, 0.0
+        if running == 0:
+            return
+        call_block(address, block)
+        while due[0] != 0:
+            call_sample(sample, block, clocks, noise, queue)

@@ -16,12 +16,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation import loop_layout
 from toolbox.compilation.emitter import inline
+from toolbox.compilation.loop_layout import FRICTION, RIGID
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.loop import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.vectors import Truth, Value, largest, smallest
-from toolbox.simulation.event_loop import FRICTION, RIGID
 
 POINTERS = ("clocks", "noise", "queue")
 """Arrays that a sample reads beside the block: see `clock_numbers`, `noise_table`, and the outputs of late laws on their way, (law, slot, output, lane)."""
@@ -33,14 +34,14 @@ def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> n
     return np.array([*clocks.ravel(), 1.0 / max(depth, 1), depth, noise.shape[1]], float)
 
 
-def noise_table(loop: Any, work: Any, duration: float) -> np.ndarray:
+def noise_table(work: Any, duration: float) -> np.ndarray:
     """The standard normal numbers of all samples of a run, shape (places in the memory of laws, samples); rows that hold no noise are zero."""
-    counts = [int(duration / period) + 2 if row[loop.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)]
+    counts = [int(duration / period) + 2 if row[loop_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)]
     most = max(counts, default=0)
     table = np.zeros((work.memory.size if most else 0, most))
     for row, count in zip(work.samplers, counts, strict=True):
-        first = row[loop.FIRST_STATE] + row[loop.STATES]
-        for place in range(first, first + row[loop.NOISES]):
+        first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
+        for place in range(first, first + row[loop_layout.NOISES]):
             table[place, :count] = _channel(work.keys[place], count)
     return table
 
@@ -48,7 +49,7 @@ def noise_table(loop: Any, work: Any, duration: float) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _channel(key: np.uint64, count: int) -> np.ndarray:
     """The first numbers of a channel of noise."""
-    from toolbox.simulation.event_loop import normal
+    from toolbox.simulation.noise import normal
 
     return np.array([normal(key, k) for k in range(count)])
 
@@ -153,9 +154,10 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
         if program.kind[i] == RIGID:
             wrong |= sticks & (force[i] > 1e-9 * static[i])
         elif program.kind[i] == FRICTION:
-            slips = (abs(slip[i]) > 1e-9 * others[2 * i]) & slip[i].differs(0.0)
-            wrong |= sticks & (slips | ~(abs(force[i]) <= static[i] * (1.0 + 1e-9)))
+            wrong |= sticks & ~(abs(force[i]) <= static[i] * (1.0 + 1e-9))
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
+        else:
+            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), sizes[2 * i]), others[2 * i])
     done = acts & ~(changed & wrong)
     renewed = done & changed
 

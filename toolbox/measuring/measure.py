@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import UnilateralContact, is_finite_number
-from toolbox.simulation.trajectory import Samples, Trajectory, output_function
+from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
+from toolbox.modelling.elements import UnilateralContact
+from toolbox.simulation.samples import Samples, check_run, output_function, scalar, window
+from toolbox.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from toolbox.measuring.measures import Steps
+    from toolbox.measuring.quintics import Steps
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)
 POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
@@ -84,16 +87,6 @@ def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | Non
     ]
 
 
-# ------------------------------------------------------------------------------------------------------------------- extrema, mean and severity
-@dataclass(frozen=True)
-class Extent:
-    """Smallest and largest value of a signal, when it takes them [s], and its mean over time; values in the unit of the signal."""
-
-    minimum: float
-    maximum: float
-    mean: float
-    time_of_minimum: float
-    time_of_maximum: float
 
 
 def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None = None) -> Extent:
@@ -157,21 +150,8 @@ def severity(
     return severity_of(extent(run, signal, after, until), definition, reference)
 
 
-def severity_of(found: Extent, definition: str = "half-range", reference: float | None = None) -> float:
-    """The severity that an extent amounts to, by the definitions of `severity`."""
-    swing, divisor = SEVERITIES[definition](found, abs(reference or 0.0))
-    if divisor <= 1e-14 * swing:  # zero, or the round-off of a mean that is
-        return math.inf if swing else math.nan
-    return swing / divisor
 
 
-SEVERITIES: Mapping[str, Callable[[Extent, float], tuple[float, float]]] = {
-    "half-range": lambda e, reference: (e.maximum - e.minimum, 2.0 * abs(e.mean)),
-    "range": lambda e, reference: (e.maximum - e.minimum, abs(e.mean)),
-    "peak": lambda e, reference: (max(abs(e.maximum), abs(e.minimum)) - abs(e.mean), abs(e.mean)),
-    "reference": lambda e, reference: (e.maximum - e.minimum, 2.0 * reference),
-}
-"""Definitions of severity by name: (extent, set-point) -> (swing, what it is divided by)."""
 
 
 # ------------------------------------------------------------------------------------------------------------------------ step-response measures
@@ -350,7 +330,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     whose physics and equations disagree, or a part that exchanges power without saying so. Integrals are Gauss-Legendre with 8 points on every
     step (order 16, so that the quadrature adds nothing to the error of the run), with the modes and held signals of that step.
     """
-    _check_run(run)
+    check_run(run)
     nodes = run.nodes
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
@@ -389,25 +369,8 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
 
 
-# ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
-def window(run: Trajectory, after: float, until: float | None) -> tuple[float, float]:
-    """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
-    _check_run(run)
-    last = float(run.nodes.time[-1])
-    if last == 0.0:
-        raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
-    if not is_finite_number(after) or not 0 <= after < last:
-        raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
-    if until is None:
-        return float(after), last
-    if not is_finite_number(until) or not after < until <= last:
-        raise SceneError(f"Argument `until` must be after {after:g} s and at most {last:g} s, but it is {until!r}.")
-    return float(after), float(until)
 
 
-def _check_run(run: Any) -> None:
-    if not isinstance(run, Trajectory):
-        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
 
 
 def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
@@ -427,7 +390,7 @@ def gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarra
 
 def _steps(run: Trajectory, signal: str, begin: float, end: float) -> Steps:
     """What a scalar signal does in every step; raises SceneError for an unknown name or a vector."""
-    from toolbox.measuring.measures import steps_of
+    from toolbox.measuring.quintics import steps_of
 
     scalar(run.nodes.at(np.array([begin])), signal)
     return steps_of(run.nodes, signal, begin, end)
@@ -453,12 +416,6 @@ def _rows(nodes: Trajectory, chosen: np.ndarray) -> Samples:
     return Samples(nodes.program, nodes.time[chosen], nodes.states[chosen], nodes.mode[chosen], nodes.held[chosen], nodes.parameters, False)
 
 
-def scalar(samples: Samples, signal: str) -> np.ndarray:
-    """Values of a signal, shape (nt,); raises SceneError for an unknown name or a vector."""
-    values = np.asarray(samples[signal])
-    if values.ndim != 1:
-        raise SceneError(f"Argument `signal` must be a scalar, but `{signal}` has {values.shape[1]} entries: name one, e.g. `{signal}.0`.")
-    return values
 
 
 def _evaluated(function: ca.Function, samples: Samples) -> np.ndarray:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from toolbox.simulation.event_loop import _call
+from toolbox.compilation.calls import call
+from toolbox.compilation.numba_cache import cached
 
 DEPTH = 12
 """A step is halved at most so often, so that it has at most 4096 pieces, whatever the signal."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def _state_at(step, project, t, h, n, ne, x, k, p, m, y, new):
     """Leave the state at t + h in `y`, by one step from x with slope k."""
-    _call(step, t, h, x, k, p, m, y)
+    call(step, t, h, x, k, p, m, y)
     for i in range(ne):
         if m[i] == 0.0:
             for j in range(n):
                 new[j] = y[j]
-            _call(project, t + h, 0.0, new, k, p, m, y)
+            call(project, t + h, 0.0, new, k, p, m, y)
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def _fits(a, b, h, count, size, tolerance):
     """Whether the cubic through both ends of a piece is near enough to the quintic."""
     for s in range(count):
@@ -35,7 +35,7 @@ def _fits(a, b, h, count, size, tolerance):
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def _depth(a, b, count):
     """How often the step about a piece may be halved: seldom where slopes are not finite at both ends, as those of a root that stays at zero."""
     for s in range(count, 3 * count):
@@ -44,7 +44,7 @@ def _depth(a, b, count):
     return DEPTH
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def _highest(f0, d0, c0, f1, d1, c1, best):
     """Largest of `best` and the quintic on [0, 1] with these values, slopes and curvatures at its ends (Bernstein form), and where; -1 for `best`."""
     where = -1.0
@@ -90,7 +90,7 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
     return best, where
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def _read_piece(
     addresses, n, ne, count, origin, begin, end, x, k, p, m, following, tolerance, size, y, new, left, stack_t, stack,
     lowest, highest, when_lowest, when_highest, integral,
@@ -101,10 +101,10 @@ def _read_piece(
     """
     step, project, signals = addresses[1], addresses[2], addresses[3]
     if begin == origin:
-        _call(signals, begin, 0.0, x, k, p, m, left)
+        call(signals, begin, 0.0, x, k, p, m, left)
     else:
         _state_at(step, project, origin, begin - origin, n, ne, x, k, p, m, y, new)
-        _call(signals, begin, 0.0, y, k, p, m, left)
+        call(signals, begin, 0.0, y, k, p, m, left)
     if following.size:
         for i in range(following.size):
             y[i] = following[i]
@@ -112,7 +112,7 @@ def _read_piece(
             y[i] = 0.0
     else:
         _state_at(step, project, origin, end - origin, n, ne, x, k, p, m, y, new)
-    _call(signals, end, 0.0, y, k, p, m, stack[0])
+    call(signals, end, 0.0, y, k, p, m, stack[0])
     at, top = begin, 0
     stack_t[0] = end
     while top >= 0:
@@ -124,7 +124,7 @@ def _read_piece(
                 top += 1
                 stack_t[top] = middle
                 _state_at(step, project, origin, middle - origin, n, ne, x, k, p, m, y, new)
-                _call(signals, middle, 0.0, y, k, p, m, stack[top])
+                call(signals, middle, 0.0, y, k, p, m, stack[top])
                 continue
             for s in range(count):  # slopes that are not finite, as of a root at zero: the piece is straight
                 if not np.isfinite(left[count + s] + right[count + s] + left[2 * count + s] + right[2 * count + s]):
@@ -149,7 +149,7 @@ def _read_piece(
         top -= 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def read_nodes(
     addresses, n, ne, ng, count, time, state, mode, held, records, p, first_held, windows, tolerance, size, lowest, highest, integral, ends
 ):
@@ -178,7 +178,7 @@ def read_nodes(
         for i in range(held.shape[1]):
             p[first_held + i] = held[r, i]
         if last:
-            _call(signals, time[r], 0.0, x, k, p, m, stack[0])
+            call(signals, time[r], 0.0, x, k, p, m, stack[0])
             for s in range(count):
                 ends[s] = stack[0, s]
                 for w in range(windows.shape[0]):
@@ -194,7 +194,7 @@ def read_nodes(
             if begin >= end:
                 continue
             if not known:
-                _call(field, time[r], 0.0, x, k, p, m, y)
+                call(field, time[r], 0.0, x, k, p, m, y)
                 for i in range(n):
                     k[i] = y[n + i]
                 known = True
@@ -205,7 +205,7 @@ def read_nodes(
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def read_steps(
     addresses,
     n,
@@ -243,7 +243,7 @@ def read_steps(
             m[i] = mode[r, i]
         for i in range(held.shape[1]):
             p[first_held + i] = held[r, i]
-        _call(addresses[0], time[r], 0.0, x, k, p, m, y)
+        call(addresses[0], time[r], 0.0, x, k, p, m, y)
         for i in range(n):
             k[i] = y[n + i]
         following = state[r + 1] if last == time[r + 1] else state[r, :0]
@@ -253,7 +253,7 @@ def read_steps(
         )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@cached(forceinline=True)
 def note_end(i, was, t, switched, since, asked, spent, number, latest, switches):
     """Add a stay of element i in mode `was`, which ends at t, by a switch or with the run."""
     for q in range(asked.shape[0]):
@@ -270,7 +270,7 @@ def note_end(i, was, t, switched, since, asked, spent, number, latest, switches)
     since[i] = t
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def read_events(time, index, modes, count, finished, end, m, since, asked, spent, number, latest, switches):
     """Stays and switches from `count` recorded events, added to what the arrays hold; when `finished`, the last stays end at `end` in the modes m.
 

@@ -11,8 +11,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, FrictionLaw, State, is_finite_number, rows_as_tuples
+from toolbox.modelling.elements import Element, FrictionLaw, State, rows_as_tuples
 
 
 @dataclass

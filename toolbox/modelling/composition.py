@@ -8,6 +8,7 @@ of parameter values. A plant with other numbers therefore costs microseconds and
 from __future__ import annotations
 
 import copy
+import copyreg
 import math
 import traceback
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import (
     Component,
@@ -29,7 +31,7 @@ from toolbox.modelling.components import (
     structure_of,
     symbolic_copy,
 )
-from toolbox.modelling.elements import Element, State, UnilateralContact, is_finite_number, time
+from toolbox.modelling.elements import Element, State, UnilateralContact, time
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.laws import designed
 from toolbox.modelling.switching import check_rates
@@ -480,3 +482,14 @@ def _check_gain(system: HybridSystem) -> None:
         raise SceneError(
             f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force."
         )
+
+
+def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
+    """A plant from the parts and values as which it travels."""
+    system = assembled(parts)
+    system.values = values
+    return system
+
+
+# here and not in the class, which does not know how it is composed
+copyreg.pickle(HybridSystem, lambda system: (_restored, (system.parts, system.values)))

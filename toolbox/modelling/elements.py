@@ -8,7 +8,6 @@ Here a contact carries one integer mode, and force alone decides when it leaves 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -294,23 +293,5 @@ class _Break(Hysteresis):
         return {}
 
 
-def is_finite_number(value: Any) -> bool:
-    """True for a finite real number that is not a bool."""
-    if isinstance(value, (bool, np.bool_, str, bytes)):
-        return False
-    try:
-        return math.isfinite(value)
-    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
-        return False
 
 
-def finite_array(value: Any) -> np.ndarray | None:
-    """Numbers as a float array, or None where they are not finite real numbers."""
-    try:
-        raw = np.asarray(value)
-        if raw.dtype.kind not in "iuf":
-            return None
-        array = np.array(raw, float)
-    except (TypeError, ValueError, OverflowError, NotImplementedError, RuntimeError):
-        return None
-    return array if np.isfinite(array).all() else None

@@ -152,10 +152,6 @@ class HybridSystem:
         """The plant as a casadi semi-explicit description: x, u, p (with m appended), t and ode, for other casadi tools."""
         return {"t": self.t, "x": self.x, "u": self.u, "p": ca.vertcat(self.p, self.m), "ode": self.switching.field}
 
-    def __reduce__(self) -> Any:
-        """A plant travels as its parts and values."""
-        return _restored, (self.parts, self.values)
-
     def __copy__(self) -> HybridSystem:
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
@@ -312,12 +308,3 @@ def checked_plant(given: Any, argument: str = "plant") -> HybridSystem:
         hint = ", which runs its cases itself: `scene.run(label)`" if hasattr(given, "cases") else hint
         raise SceneError(f"Argument `{argument}` must be {wanted}, but it is a {kind}{hint}.")
     return given
-
-
-def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
-    """A plant from what `HybridSystem.__reduce__` gives."""
-    from toolbox.modelling.composition import assembled
-
-    system = assembled(parts)
-    system.values = values
-    return system

@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import finite_array, is_finite_number
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, Hysteresis, is_finite_number
+from toolbox.modelling.elements import Element, Hysteresis
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
-from toolbox.prediction.rollout import missing_peak
 
 STICKING = 3.0
 """Slip speed in widths below which a smoothed contact is shown as sticking."""
@@ -166,3 +166,52 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
         results = [side * law, side * ca.exp(-v * side / (2 * w)), ca.SX(element.law.breakaway())]
         function = template.kernels[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
+
+
+Regularisation = Callable[[Element], ca.SX]
+"""The force of a contact as a smooth expression of its slip."""
+
+
+def regularised(width: float, matched: bool = True) -> Regularisation:
+    """Smooth friction of the given width [unit of the slip], with the peak of the set-valued law, or with the lower one that tanh leaves."""
+
+    def force(element: Element) -> ca.SX:
+        law = element.law
+        if law is None or law.breaks():
+            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks.")
+        v = element.slip
+        smooth = ca.tanh(v / width)
+        speed = v * smooth
+        near = ca.exp(-speed / (2 * width))
+        missing = lacking(law, width) if matched else 0.0
+        return -element.load * smooth * (law.sliding(speed) + missing * near)
+
+    return force
+
+
+def lacking(law: Any, width: float) -> Any:
+    """b of the module's equation for a law whose fields are numbers; raises SceneError where they are symbols."""
+    v = ca.SX.sym("v")
+    smooth = ca.tanh(v / width)
+    try:
+        base = ca.Function(
+            "base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
+        )
+    except RuntimeError:
+        raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
+    return missing_peak(base, width)
+
+
+def missing_peak(base: Callable[[np.ndarray], Any], width: float) -> float:
+    """b such that the peak of plain + b extra is the bound; base: speeds -> (plain, extra, bound)."""
+    grid = np.linspace(1e-3, 30.0, 30_000) * width
+    plain, extra, bound = (np.array(value).ravel() for value in base(grid))
+    if not plain.max() < bound[0]:
+        return 0.0
+    low, high = 0.0, abs(float(bound[0])) or 1.0
+    while (plain + high * extra).max() < bound[0]:
+        high *= 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (plain + middle * extra).max() < bound[0] else (low, middle)
+    return 0.5 * (low + high)

@@ -33,7 +33,8 @@ class Switching:
     """Expressions of a system with modes as numeric input; every field is a casadi SX column.
 
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
-    modes (and the sides of the kinks) hold;  guard_rates: their total time derivatives;  projected: the state with the slip of sticking
+    modes (and the sides of the kinks) hold, then the bounds that must not become negative;  guard_rates: their total time derivatives;  projected:
+    the state with the slip of sticking
     elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel;
     sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
     a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
@@ -60,9 +61,10 @@ class Switching:
     balance: ca.SX
 
 
-def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> Switching:
+def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = ()) -> Switching:
     """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
 
+    bounded: numbers of the elements whose bounds are watched, so that none becomes negative.
     Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
     """
     force, mode, slip, load, sliding, static = (
@@ -116,7 +118,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> S
         guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
     watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
-    guards = ca.vertcat(guards, *kinks)
+    guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
     burden = ca.fabs(gain_of_force) @ ca.fabs(solved)

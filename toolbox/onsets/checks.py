@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measure
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.onset import onset
 from toolbox.onsets.report import Onset
+from toolbox.robustness.margins import Margins, margins
+from toolbox.robustness.worst_case import WorstCase, worst_case
 from toolbox.simulation.trajectory import Trajectory
 
 
@@ -123,7 +125,7 @@ class Checks:
         return audit.relative
 
     def onset_below(self, machine: Any, parameter: str, limit: float, between: tuple[float, float], **arguments: Any) -> Onset:
-        """From `limit` to the end of the range the machine is free: both borders, that of smooth running and that of existing stick-slip, lie below.
+        """From `limit` to the end of the range the machine is free: the borders of smooth running, of existing stick-slip and of standstill lie below.
 
         machine, parameter, between, arguments: as in `toolbox.onset`. The borders count with their tolerance. Returns the onset.
         """
@@ -133,8 +135,7 @@ class Checks:
         found = onset(machine, parameter, between, **{"at": limit, **arguments})
         late = [
             (name, border)
-            for name, borders in (("smooth running is lost", found.losses), ("existing stick-slip ends", found.ends))
-            for border in borders
+            for name, border in found.borders
             if border.value + border.tolerance > limit
         ]
         lasting = [
@@ -148,6 +149,59 @@ class Checks:
                 f"Stick-slip over `{parameter}` must end below {limit:g} {found.unit}, but {', and '.join(words)}.\n{found}",
                 found.plot,
             )
+        return found
+
+    def robust(
+        self,
+        plant: HybridSystem,
+        controller: Any,
+        *,
+        disk_margin: float | None = None,
+        peak_sensitivity: float | None = None,
+        gain: tuple[float, float] | None = None,
+        delay: float | None = None,
+        **arguments: Any,
+    ) -> Margins:
+        """The loop at steady running bears at least what is asked, with sampling, hold and delay as they are; returns its margins.
+
+        - disk_margin [1]: at least so much, of all commands together;
+        - peak_sensitivity [1]: at most so much;
+        - gain: (low, high), factors of each command that it bears;
+        - delay [s]: more, that it bears;
+        - plant, controller, arguments: as in `toolbox.margins`.
+
+        A law without a linear loop is judged by what is measured on the machine: it has a gain and a delay, but neither a disk margin nor a sensitivity.
+        """
+        __tracebackhide__ = True
+        if disk_margin is None and peak_sensitivity is None and gain is None and delay is None:
+            raise SceneError("Something must be asked of the loop: `disk_margin`, `peak_sensitivity`, `gain` or `delay`.")
+        found = margins(plant, controller, **arguments)
+        rows: Sequence[Any] = found.loops if found.loop is not None or found.measured is None else [found.measured]
+        borne = found.delay_margin if found.loop is not None or found.measured is None else found.measured.delay
+        low, high = max(row.lowest_gain for row in rows), min(row.highest_gain for row in rows)
+        wrong = []
+        if disk_margin is not None and not found.disk_margin >= disk_margin:
+            wrong.append(f"the disk margin must be >= {disk_margin:g}, but it is {found.disk_margin:.3g}")
+        if peak_sensitivity is not None and not found.peak_sensitivity <= peak_sensitivity:
+            wrong.append(f"the peak sensitivity must be <= {peak_sensitivity:g}, but it is {found.peak_sensitivity:.3g}")
+        if gain is not None and not (low <= gain[0] and high >= gain[1]):
+            wrong.append(f"the loop must bear gains from {gain[0]:g} to {gain[1]:g}, but it bears {low:.3g} to {high:.3g}")
+        if delay is not None and not borne >= delay:
+            wrong.append(f"the loop must bear {delay:g} s more of delay, but it bears {borne:.3g} s")
+        if wrong:
+            text = "; ".join(wrong)
+            self._fail("robust", f"{text[0].upper()}{text[1:]}.\n{found}", found.plot)
+        return found
+
+    def survives(self, plant: HybridSystem, controller: Any, duration: float, **arguments: Any) -> WorstCase:
+        """With every model error, from every start and with every seed the law ends free, at its speed and calm; returns the worst case.
+
+        plant, controller, duration, arguments: as in `toolbox.worst_case`.
+        """
+        __tracebackhide__ = True
+        found = worst_case(plant, controller, duration, **arguments)
+        if not found.survives:
+            self._fail("survives", f"Every run must end free, at its speed and calm, but not all do.\n{found}", found.plot)
         return found
 
     def beats(

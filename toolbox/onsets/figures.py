@@ -5,6 +5,7 @@ Every function draws into `ax` or makes a figure of its own, and returns the axe
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -15,10 +16,8 @@ from toolbox.errors import SceneError
 from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
 
 if TYPE_CHECKING:
-    from toolbox.calibration.fit import Fit
     from toolbox.onsets.report import Onset
     from toolbox.onsets.severity_map import SeverityMap
-    from toolbox.tuning.results import Tuned
 
 
 def onset_diagram(found: Onset, ax: Any = None) -> Any:
@@ -33,6 +32,11 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
             ax.axvline(point.value, color="0.2", linewidth=1.0, linestyle=(0, (4, 2)), label="Hopf point", zorder=1)
         for border in found.ends:
             ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (1.2, 1.2)), label="stick-slip ends", zorder=1)
+        for border in found.stalls:
+            ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (5, 1.5, 1, 1.5)), label="stick-slip stalls", zorder=1)
+        for border in found.breakaways:
+            ax.axvline(border.value, color="0.45", linewidth=1.6, label="break-away", zorder=1)
+        _standstill(found, ax)
         if found.values[0] <= found.at <= found.values[-1]:
             ax.plot([found.at], [0.0], marker="^", color="black", markersize=7, linestyle="none", clip_on=False, zorder=4, label="working point",
                     transform=ax.get_xaxis_transform())  # fmt: skip
@@ -54,6 +58,14 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
         once = dict(zip(labels, handles, strict=True))
         ax.legend(once.values(), once.keys(), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, borderaxespad=0.2)
     return ax
+
+
+def _standstill(found: Onset, ax: Any) -> None:
+    """A hatched strip along the axis where standstill lasts."""
+    edges = sorted({float(found.values[0]), float(found.values[-1]), *(border.value for border in found.breakaways)})
+    for low, high in itertools.pairwise(edges):
+        if "standstill" in found.regimes((low + high) / 2):
+            ax.axvspan(low, high, ymax=0.05, facecolor="none", edgecolor="0.45", hatch="////", linewidth=0, zorder=2, label="standstill")
 
 
 def onset_panels(onsets: Mapping[str, Onset]) -> Any:
@@ -152,105 +164,5 @@ def chained(segments: np.ndarray) -> list[np.ndarray]:
     return lines
 
 
-def tuning_diagram(found: Tuned, ax: Any = None) -> Any:
-    """The first two objectives of every trial, with the front, the given law and the tuned one; of one objective the best so far over the trials."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(0.75 * WIDTH, 3.4), layout="constrained")
-        values = np.array([found.counted(trial) for trial in found.trials])
-        values[~np.isfinite(values)] = np.nan
-        names = [name if unit in ("", "1") else f"{name} [{unit}]" for name, unit in zip(found.objectives, found.units, strict=True)]
-        if len(names) == 1:
-            count = np.arange(1, len(values) + 1)
-            ax.plot(count, values[:, 0], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried")
-            ax.step(count, np.fmin.accumulate(values[:, 0]), where="post", label="best so far", **LINES[0])
-            ax.set_xlabel("points tried [1]")
-            ax.set_ylabel(names[0])
-            ax.set_xlim(0, len(values) + 1)
-        else:
-            front = np.array([found.counted(trial) for trial in found.front]).reshape(-1, len(names))
-            ax.plot(values[:, 0], values[:, 1], marker=".", markersize=3.5, color="0.7", linestyle="none", label="tried", zorder=1)
-            if len(names) == 2:
-                ax.step(front[:, 0], front[:, 1], where="post", zorder=2, **LINES[0])
-            ax.plot(
-                front[:, 0], front[:, 1], marker="o", markersize=4.0, color=LINES[0]["color"], linestyle="none", label="front", zorder=3
-            )
-            given = found.counted(found.before)
-            if np.isfinite(given).all():
-                ax.plot(
-                    *given[:2],
-                    marker="s",
-                    markersize=6.5,
-                    markerfacecolor="white",
-                    color=LINES[1]["color"],
-                    linestyle="none",
-                    label="as given",
-                    zorder=4,
-                )
-            if len(front):
-                best = found.counted(found.best)
-                ax.plot(
-                    *best[:2], marker="*", markersize=11, markerfacecolor="white", color="black", linestyle="none", label="tuned", zorder=5
-                )
-                # what is tried far from the front says little about it
-                seen = np.vstack([front, [given] if np.isfinite(given).all() else front[:1]])[:, :2]
-                low, high = seen.min(axis=0), seen.max(axis=0)
-                room = np.where(high > low, 0.15 * (high - low), 0.1 * np.maximum(np.abs(high), 1e-3))
-                ax.set_xlim(low[0] - room[0], high[0] + room[0])
-                ax.set_ylim(low[1] - room[1], high[1] + room[1])
-            ax.set_xlabel(names[0])
-            ax.set_ylabel(names[1])
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, borderaxespad=0.2)
-    return ax
 
 
-def fitted(found: Fit) -> Any:
-    """Measured against model: one panel per signal, or the loop of friction over slip, and below each what is left. Returns the axes, (2, signals)."""
-    from toolbox.calibration.residuals import Loop
-
-    misfit = found.misfit
-    model = misfit.model(found.values)
-    loop = isinstance(misfit, Loop)
-    dots = {"marker": ".", "linestyle": "none", "color": "0.6", "markersize": 2.5, "rasterized": True}
-    with plt.rc_context(PAPER):
-        figure, axes = plt.subplots(2, len(misfit.outputs), squeeze=False, sharex="col", figsize=(WIDTH, 3.8), height_ratios=(2.2, 1.0),
-                                    layout="constrained")  # fmt: skip
-        for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
-            unit = misfit.plant.unit(name)
-            time, measured = misfit.time[name], misfit.measured[name]
-            if loop:
-                element = misfit.plant.elements[misfit.place]
-                x, slides = misfit.slip[misfit.rows], ~misfit.released
-                resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)
-                top.plot(
-                    misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest"
-                )
-                top.plot(x[slides], measured[slides], **dots, label="measured, slipping")
-                top.plot(
-                    x[slides],
-                    model[name][slides],
-                    **{**dots, "color": LINES[0]["color"], "markersize": 1.8},
-                    label="law, at the measured load",
-                )
-                if misfit.released.any():
-                    top.plot(
-                        x[misfit.released],
-                        measured[misfit.released],
-                        marker="^",
-                        linestyle="none",
-                        color=LINES[1]["color"],
-                        label="break-away",
-                    )
-                bottom.set_xlabel(f"slip of {element.name} [{element.slip_unit}]")
-            else:
-                x = time
-                top.plot(x, measured, **dots, label="measured")
-                top.plot(x, model[name], label="model", **{**LINES[0], "linewidth": 1.1})
-                bottom.set_xlabel("time [s]")
-            bottom.plot(x, measured - model[name], **dots)
-            bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            top.set_ylabel(f"{in_words(name)} [{unit}]")
-            bottom.set_ylabel(f"left [{unit}]")
-            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
-        figure.align_ylabels(axes)
-    return axes

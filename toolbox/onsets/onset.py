@@ -1,11 +1,15 @@
-"""Onset of stick-slip: where smooth running is lost, where stick-slip that has begun ends, and how far a working point is from both.
+"""Onset of stick-slip: where smooth running is lost, where stick-slip that has begun ends, where standstill does, and how far a working point is from each.
 
 Two borders belong to every machine that sticks and slips, because it remembers. From smooth running, a small disturbance grows only beyond the Hopf
 point. From inside stick-slip, the cycle lives on until it can no longer reach zero slip, and that is often far away: on a two-inertia drill
 string under a stiff drive at three times the speed. Between the two, the machine runs smoothly until something disturbs it, and then sticks and slips for
 ever. A margin to the Hopf point alone therefore understates the danger, and `onset` never reports one border without the other.
 
-How runs find both borders is told in `toolbox.onsets.search`.
+A third regime is none of the two: a machine that stands for good. Under a torque that does not yield it lasts up to the break-away torque, which has
+nothing to do with where stick-slip ends; towards low torques stick-slip itself may turn into it. Every border has its own name: smooth running is lost,
+stick-slip ends (the machine turns on) or stalls (it stands), standstill breaks away.
+
+How runs find the borders is told in `toolbox.onsets.search` and `inside`, how cycles that are followed make them exact in `cycles`.
 """
 
 from __future__ import annotations
@@ -13,18 +17,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.arguments import checked_range, is_finite_number
+from toolbox.errors import SceneError
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import is_finite_number
-from toolbox.modelling.free_parameter import Knob, checked_range, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
-from toolbox.onsets.report import PERIODS, STICKING, Onset
+from toolbox.onsets.cycles import exact
+from toolbox.onsets.inside import Inside
+from toolbox.onsets.report import PERIODS, Onset
 from toolbox.onsets.search import Search, swing_period
-from toolbox.simulation.simulate import checked_run
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.request import Request, continuous_loop
 from toolbox.steady_states.equilibria import Followed, state_values
 from toolbox.steady_states.hopf import hopf_points
 from toolbox.steady_states.linear import input_values
@@ -53,7 +59,7 @@ def onset(
     perturbation: float = 1e-3,
     accuracy: float | None = None,
 ) -> Onset:
-    """Where stick-slip begins and where it ends over one parameter or input: both branches, the Hopf points and the margin at a working point.
+    """Where smooth running, stick-slip and standstill begin and end over one parameter or input, with the Hopf points and the margin at a working point.
 
     machine: a plant, or a scene whose controller is named by `controller` (its first one without).  parameter, between: what is varied and its range
     in SI; any input, any parameter of the plant or the law.  controller, sample_time, parameters: as in `simulate`; a sampled law also needs its
@@ -64,7 +70,9 @@ def onset(
     without, 100 periods of the least damped motion.  perturbation: of smooth running, in parts of the steady slip.
 
     A law keeps its design on the declared plant while a parameter of the plant varies. Stick-slip means at least three stick phases longer
-    than can be resolved in the second half of a run that keep coming until its end. Raises SceneError for unknown names, a range that is none,
+    than can be resolved in the second half of a run that keep coming until its end; standstill one that never ends. Neither the range asked nor one start
+    decides: stick-slip is looked for beyond both edges, too, and its cycle followed to where it stops being stable; of a sampled law, which has no
+    cycle, and where none is found, the borders are those of runs led from inside in small steps. Raises SceneError for unknown names, a range that is none,
     inputs that vary in time, and laws without a continuous form.
     """
     from toolbox.scenes.scene import Scene
@@ -108,10 +116,10 @@ def onset(
         grid = np.sort(np.append(grid, at))
     laws = law if isinstance(law, (list, tuple)) or law is None else [law]
     search = Search(
-        base=checked_run(
+        base=Request(
             plant, 0.0, inputs={**(inputs or {}), **({parameter: low} if knob.is_input else {})}, parameters=parameters, controller=laws,
             accuracy=1e-6 if accuracy is None else accuracy,
-        ),
+        ).checked(),
         knob=knob,
         followed=Followed(closed, knob, inputs or {}, mode, guess),
         element=contact,
@@ -138,13 +146,12 @@ def onset(
     numbers = [float(value) for value in grid]
     smooth = [search.smooth(value) for value in numbers]
     losses = search.borders(numbers, [judged.verdict == "smooth" for judged in smooth], search.is_smooth, tolerance)
-    for _ in numbers:
-        for value in [v for v, judged in search.found.items() if judged.verdict not in STICKING and search.inside.get(v)]:
-            del search.found[value]
-        sticking = search.sweep(numbers)
-        ends = search.borders(numbers, [judged.verdict not in STICKING for judged in sticking], search.is_free, tolerance)
-        if all(judged.verdict in STICKING for value, judged in zip(numbers, sticking, strict=True) if search.inside.get(value)):
-            break  # else the search for a border arrived in stick-slip where a larger step of the sweep had lost it
+    inside = Inside.of(search)
+    for edge, sign in ((low, -1.0), (high, 1.0)):
+        inside.outside(edge, sign, high - low)
+    cycles = [exact(border, inside, high - low) for border in inside.ends(numbers, tolerance)]
+    sticking = [inside.found[value] for value in numbers]
+    breakaways = inside.breakaways(numbers, tolerance)
     if laws and any(isinstance(each, Sampled) for each in laws):
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
     if search.silence:
@@ -160,7 +167,11 @@ def onset(
         sticking=tuple(sticking),
         hopf=tuple(hopf),
         losses=tuple(losses),
-        ends=tuple(ends),
+        ends=tuple(border for border in cycles if border.beyond != "stuck"),
+        stalls=tuple(border for border in cycles if border.beyond == "stuck"),
+        breakaways=tuple(breakaways),
+        cycling=np.array([value in inside.cycling for value in numbers]),
+        standing=np.array([value in inside.standing for value in numbers]),
         at=at,
         period=search.period,
         duration=search.duration,
@@ -171,18 +182,5 @@ def onset(
     )
 
 
-def judged_contact(closed: HybridSystem, element: str | None) -> str:
-    """The contact whose sticking is judged: the one named, else the first. Raises SceneError where there is none."""
-    contacts = [each.name for each in closed.elements if each.law is not None]
-    if not contacts:
-        raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
-    if element is not None and element not in contacts:
-        raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, contacts)}")
-    return element or contacts[0]
 
 
-def judged_speed(closed: HybridSystem, contact: str) -> str:
-    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
-
-    speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
-    return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import is_finite_number
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")
@@ -42,16 +42,20 @@ class Judged:
 
 @dataclass(frozen=True)
 class Border:
-    """A border between two verdicts: `value` +- `tolerance`; safe: "above" or "below", the side without stick-slip or with stable running.
+    """A border between two verdicts: `value` +- `tolerance`; safe: "above" or "below", the side with stable running, without stick-slip, or without standstill.
 
-    tolerance: one and a half of the last interval, because each step of the parameter shakes the machine by as much again.
-    confirmed: whether runs of five times the duration, and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
+    tolerance: of a border by runs one and a half of the last interval, because each step of the parameter shakes the machine by as much again.
+    confirmed: whether the followed cycle, or runs of five times the duration and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
+    beyond: of a border of stick-slip, the verdict of the run that left it.  followed: how the cycle or steady state that was followed ends there ("fold",
+    "period doubling", ..., "break-away"); empty for a border by runs alone.
     """
 
     value: float
     tolerance: float
     safe: str
     confirmed: bool
+    beyond: str = ""
+    followed: str = ""
 
     def margin(self, at: float) -> float:
         """Distance of a working point to the border in parts of the border, positive on the safe side."""
@@ -63,10 +67,11 @@ class Border:
 class Onset:
     """Both branches of a machine over one parameter: `print(onset)` for the report, `onset.plot()` for the picture.
 
-    values: of the parameter, shape (n,), in `unit`;  smooth, sticking: verdicts from the disturbed steady state, and from inside stick-slip;  hopf: Hopf
-    points of the linear system, exact;  losses: borders of smooth running, by simulation;  ends: borders of existing stick-slip;  at: the
-    working point, `at_smooth` and `at_sticking` its verdicts (None outside of the range);  period: of the least damped motion [s];  duration: of a run
-    [s];  runs: how many;  notes: what was not done, or not confirmed.
+    values: of the parameter, shape (n,), in `unit`;  smooth, sticking: verdicts from the disturbed steady state, and from inside stick-slip or standstill;
+    hopf: Hopf points of the linear system, exact;  losses: borders of smooth running, by simulation;  ends: borders of existing stick-slip beyond which the
+    machine keeps turning;  stalls: those beyond which it stands for good;  breakaways: borders of standstill;  cycling, standing: whether stick-slip lasts,
+    and whether standstill does, at each value;  at: the working point;  period: of the least damped motion [s];  duration: of a run [s];  runs: how many;
+    notes: what was not done, or not confirmed.
     """
 
     title: str
@@ -80,6 +85,10 @@ class Onset:
     hopf: tuple[HopfPoint, ...]
     losses: tuple[Border, ...]
     ends: tuple[Border, ...]
+    stalls: tuple[Border, ...]
+    breakaways: tuple[Border, ...]
+    cycling: np.ndarray
+    standing: np.ndarray
     at: float
     period: float
     duration: float
@@ -95,8 +104,30 @@ class Onset:
 
     @property
     def end(self) -> float:
-        """Border of existing stick-slip: that nearest to the working point; nan where there is none in the range."""
+        """Border of existing stick-slip beyond which the machine turns on: that nearest to the working point; nan where there is none in the range."""
         return self._nearest(self.ends)
+
+    @property
+    def stall(self) -> float:
+        """Border of existing stick-slip beyond which the machine stands for good: that nearest to the working point; nan where there is none."""
+        return self._nearest(self.stalls)
+
+    @property
+    def breakaway(self) -> float:
+        """Border of standstill: that nearest to the working point; nan where there is none in the range."""
+        return self._nearest(self.breakaways)
+
+    @property
+    def borders(self) -> list[tuple[str, Border]]:
+        """All borders with their names, as the report lists them."""
+        return [(name, border) for name, borders in self._named for border in borders]
+
+    @property
+    def _named(self) -> tuple[tuple[str, tuple[Border, ...]], ...]:
+        rows = [("smooth running is lost", self.losses), ("existing stick-slip ends", self.ends)]
+        rows += [("existing stick-slip stalls", self.stalls)] if self.stalls else []
+        rows += [("standstill breaks away", self.breakaways)] if self.breakaways else []
+        return tuple(rows)
 
     def _nearest(self, borders: Sequence[Border]) -> float:
         return min((border.value for border in borders), key=lambda value: abs(value - self.at), default=math.nan)
@@ -104,20 +135,35 @@ class Onset:
     @property
     def bistable(self) -> list[tuple[float, float]]:
         """(low, high) of the bands in which smooth running is stable and stick-slip, once begun, stays."""
-        edges = sorted({float(self.values[0]), float(self.values[-1]), *(border.value for border in (*self.losses, *self.ends))})
+        cuts = {border.value for _, border in self.borders}
+        edges = sorted({float(self.values[0]), float(self.values[-1]), *cuts})
         bands: list[tuple[float, float]] = []
         for low, high in itertools.pairwise(edges):
-            inside = [i for i, value in enumerate(self.values) if low < value < high] or [
-                int(np.argmin(np.abs(self.values - (low + high) / 2)))
-            ]
-            middle = inside[len(inside) // 2]
-            safe = self._side(self.losses, (low + high) / 2, self.smooth[middle].verdict == "smooth")
-            sticks = not self._side(self.ends, (low + high) / 2, self.sticking[middle].verdict not in STICKING)
-            if safe and sticks:
+            if {"smooth", "stick-slip"} <= set(self.regimes((low + high) / 2)):
                 if bands and bands[-1][1] == low:
                     low = bands.pop()[0]
                 bands.append((low, high))
         return bands
+
+    def regimes(self, value: float) -> tuple[str, ...]:
+        """Which of "smooth", "stick-slip" and "standstill" last at a value of the parameter, once begun. Raises SceneError outside of the range."""
+        near = self._near(value)
+        lasting = {
+            "smooth": self._side(self.losses, value, self.smooth[near].verdict == "smooth"),
+            "stick-slip": not self._side((*self.ends, *self.stalls), value, not self.cycling[near]),
+            "standstill": not self._side(self.breakaways, value, not self.standing[near]),
+        }
+        return tuple(name for name, there in lasting.items() if there)
+
+    def _near(self, value: float) -> int:
+        """The nearest value that was simulated with the fewest borders between."""
+        if not is_finite_number(value) or not self.values[0] <= value <= self.values[-1]:
+            raise SceneError(
+                f"Argument `value` must be between {self.values[0]:g} and {self.values[-1]:g} {self.unit}, but it is {value!r}."
+            )
+        cuts = [border.value for _, border in self.borders]
+        apart = [sum(min(v, value) < cut <= max(v, value) for cut in cuts) for v in self.values]
+        return min(range(self.values.size), key=lambda i: (apart[i], abs(self.values[i] - value)))
 
     @staticmethod
     def _side(borders: Sequence[Border], value: float, otherwise: bool) -> bool:
@@ -128,22 +174,16 @@ class Onset:
         return (value > nearest.value) == (nearest.safe == "above")
 
     def verdict(self, value: float) -> str:
-        """What the machine does at a value of the parameter within the range: "free", "bistable", "swing", "stick-slip" or "stuck".
+        """What the machine does at a value of the parameter within the range.
 
-        By the nearest value that was simulated on the same side of all borders. Raises SceneError outside of the range.
+        "free": smooth whatever was before;  "bistable": smooth until disturbed, then stick-slip;  "smooth or stuck": smooth until it is stopped for good;
+        "stick-slip" and "stuck": what the least disturbance of smooth running leads to, or what is left without any;  "swing": it grows without stick.
+        Raises SceneError outside of the range.
         """
-        if not is_finite_number(value) or not self.values[0] <= value <= self.values[-1]:
-            raise SceneError(
-                f"Argument `value` must be between {self.values[0]:g} and {self.values[-1]:g} {self.unit}, but it is {value!r}."
-            )
-        cuts = [border.value for border in (*self.losses, *self.ends)]
-        apart = [sum(min(v, value) < cut <= max(v, value) for cut in cuts) for v in self.values]
-        near = min(range(self.values.size), key=lambda i: (apart[i], abs(self.values[i] - value)))
-        smooth = self._side(self.losses, value, self.smooth[near].verdict == "smooth")
-        sticks = not self._side(self.ends, value, self.sticking[near].verdict not in STICKING)
-        if sticks:
-            return "bistable" if smooth else self.sticking[near].verdict if self.sticking[near].verdict in STICKING else "stick-slip"
-        return "free" if smooth else self.smooth[near].verdict
+        lasting, near = self.regimes(value), self._near(value)
+        if "smooth" in lasting:
+            return "bistable" if "stick-slip" in lasting else "smooth or stuck" if "standstill" in lasting else "free"
+        return "stick-slip" if "stick-slip" in lasting else "stuck" if "standstill" in lasting else self.smooth[near].verdict
 
     @property
     def advice(self) -> str:
@@ -153,19 +193,22 @@ class Onset:
             return f"The working point {shown} is outside of the range."
         words = {
             "free": "is free: a disturbance dies, and stick-slip that has begun ends.",
-            "bistable": "is bistable: smooth until something disturbs it, and stick-slip or standstill that has begun never ends by itself.",
+            "bistable": "is bistable: smooth until something disturbs it, and stick-slip that has begun never ends by itself.",
+            "smooth or stuck": "is smooth until it is stopped, and standstill never ends by itself; stick-slip that has begun ends.",
             "stick-slip": "sticks and slips: the least disturbance grows into it.",
             "swing": "swings without stick: the least disturbance grows, and stick-slip that has begun turns into it.",
             "stuck": "comes to rest for good, and does not break away.",
         }
         verdict = self.verdict(self.at)
         margins = []
-        for name, borders in (("loss of smooth running", self.losses), ("end of stick-slip", self.ends)):
+        names = ("loss of smooth running", "end of stick-slip", "stall of stick-slip", "break-away")
+        for name, borders in zip(names, (self.losses, self.ends, self.stalls, self.breakaways), strict=True):
             if borders:
                 border = min(borders, key=lambda border: abs(border.value - self.at))
                 margins.append(f"{100 * border.margin(self.at):+.1f} % to the {name}")
-        return f"The working point {shown} {words.get(verdict, f'has no steady running ({verdict}).')}" + (
-            f" Margin {' and '.join(margins)}." if margins else ""
+        also = " Standstill lasts as well, once the machine is stopped." if verdict == "bistable" and "standstill" in self.regimes(self.at) else ""
+        return f"The working point {shown} {words.get(verdict, f'has no steady running ({verdict}).')}{also}" + (
+            f" Margin {', '.join(margins[:-1])}{' and ' if margins[1:] else ''}{margins[-1]}." if margins else ""
         )
 
     def __str__(self) -> str:
@@ -179,46 +222,42 @@ class Onset:
             (f"Hopf point, {p.kind} loss", f"{p.value:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
             for p in self.hopf
         ]
-        for name, borders in (("smooth running is lost", self.losses), ("existing stick-slip ends", self.ends)):
-            rows += [
-                (
-                    name,
-                    f"{b.value:.6g}",
-                    f"+- {b.tolerance:.2g}, safe {b.safe}" + ("" if b.confirmed else ", NOT confirmed by longer and finer runs"),
-                )
-                for b in borders
-            ]
+        for name, borders in self._named:
+            rows += [(name, f"{b.value:.6g}", f"+- {b.tolerance:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
             if not borders:
                 rows.append((name, "-", self._nowhere(name)))
         rows += [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
         widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
         lines += [f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows]
         lines += ["", self.advice, ""]
-        head = (f"{self.parameter}", "from smooth running", "severity", "from stick-slip", "severity", "longest stick")
+        head = (f"{self.parameter}", "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
         cells = [head]
-        for value, a, b in zip(self.values, self.smooth, self.sticking, strict=True):
-            cells.append(
-                (f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), f"{b.longest:.3g} s" if b.longest else "-")
-            )
-        widths = [max(len(row[i]) for row in cells) for i in range(6)]
+        for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
+            longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
+            cells.append((f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
+        widths = [max(len(row[i]) for row in cells) for i in range(7)]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
         checked = (
             f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
-            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy."
+            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy; "
+            "cycles and standstill followed to their ends where they can be."
         )
         return "\n".join([*lines, "", checked, *(f"Note: {note}" for note in self.notes)])
 
+    @staticmethod
+    def _how(border: Border) -> str:
+        """How a border is known, for the report."""
+        if border.followed:
+            return f", followed to its {border.followed}"
+        return "" if border.confirmed else ", NOT confirmed by longer and finer runs"
+
     def _nowhere(self, name: str) -> str:
-        branch, calm = (self.smooth, "smooth") if name.startswith("smooth") else (self.sticking, "stick-slip")
-        same = {judged.verdict in (STICKING if calm == "stick-slip" else (calm,)) for judged in branch}
-        everywhere = same == {True}
-        if calm == "smooth":
-            return (
-                "nowhere in the range: smooth running is stable in all of it"
-                if everywhere
-                else "smooth running is stable nowhere in the range"
-            )
-        return "nowhere in the range: stick-slip lasts in all of it" if everywhere else "no stick-slip was found in the range"
+        if name.startswith("smooth"):
+            everywhere = {judged.verdict for judged in self.smooth} == {"smooth"}
+            return "nowhere in the range: smooth running is stable in all of it" if everywhere else "smooth running is stable nowhere in the range"
+        if self.stalls:
+            return "nowhere in the range"
+        return "nowhere in the range: stick-slip lasts in all of it" if self.cycling.all() else "no stick-slip was found in the range"
 
     def plot(self, ax: Any = None) -> Any:
         """Severity over the parameter, both branches and the borders; see `toolbox.onsets.figures.onset_diagram`."""
@@ -227,16 +266,33 @@ class Onset:
         return onset_diagram(self, ax=ax)
 
     def save(self, path: str | Path) -> Path:
-        """Write one row per value as csv, whole or not at all: value, verdict, severity and sticks of both branches."""
+        """Write one row per value as csv, whole or not at all: value, verdict, severity and sticks of both branches, and whether standstill lasts."""
 
         from toolbox.files.atomic import replaced
 
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
-        table.writerow([f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS)])
-        for value, *branches in zip(self.values, self.smooth, self.sticking, strict=True):
+        table.writerow([f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS), "standstill"])
+        for value, stands, *branches in zip(self.values, self.standing, self.smooth, self.sticking, strict=True):
             cells = [getattr(judged, name) for judged in branches for name in COLUMNS]
-            table.writerow([float(value), *("" if cell != cell else cell for cell in cells)])
+            table.writerow([float(value), *("" if cell != cell else cell for cell in cells), "lasts" if stands else ""])
+        with replaced(Path(path)) as file:
+            file.write(text.getvalue().encode())
+        return Path(path)
+
+    def save_borders(self, path: str | Path) -> Path:
+        """Write one row per border as csv, whole or not at all: Hopf points, and all borders with tolerance, safe side, what is beyond, and how it is known."""
+
+        from toolbox.files.atomic import replaced
+
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["border", f"{self.parameter} [{self.unit}]", "tolerance", "safe", "beyond", "followed", "confirmed"])
+        for point in self.hopf:
+            table.writerow(["Hopf point", point.value, 0.0, point.stable, "", "exact", "yes"])
+        for name, border in self.borders:
+            row = [name, border.value, border.tolerance, border.safe, border.beyond, border.followed, "yes" if border.confirmed else "no"]
+            table.writerow(row)
         with replaced(Path(path)) as file:
             file.write(text.getvalue().encode())
         return Path(path)
@@ -264,27 +320,28 @@ class Comparison:
 
     @cached_property
     def rows(self) -> list[tuple[str, ...]]:
-        """One line per controller as text: name, Hopf point, loss, end, bistable band, verdict at the working point and margin."""
-        lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "bistable", "at", "there", "margin")]
+        """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
+        lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
         for label, found in self.onsets.items():
             inside = found.values[0] <= found.at <= found.values[-1]
-            borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends) if row]
+            borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row]
             lines.append(
                 (
                     label,
                     shown(min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
                     shown(found.loss),
                     shown(found.end),
+                    shown(found.breakaway),
                     ", ".join(f"{low:.3g} .. {high:.3g}" for low, high in found.bistable) or "-",
                     f"{found.at:.4g}",
                     found.verdict(found.at) if inside else "outside",
                     f"{100 * min(borders):+.0f} %" if borders else "-",
                 )
             )
-        return lines + [(label, "failed", *[""] * 6) for label in self.failures]
+        return lines + [(label, "failed", *[""] * 7) for label in self.failures]
 
     def __str__(self) -> str:
-        widths = [max(len(row[i]) for row in self.rows) for i in range(8)]
+        widths = [max(len(row[i]) for row in self.rows) for i in range(9)]
         lines = [
             "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))).rstrip()
             for row in self.rows

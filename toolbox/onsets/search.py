@@ -1,8 +1,8 @@
 """The runs behind an onset.
 
-At every value of the parameter one run starts from the steady state, disturbed a little along its least damped motion; and in sweeps
-up and down each run continues from the end of the run before it while that one still stuck and slipped. Where the verdict changes between
-neighbours the border is halved down to the tolerance, then both sides are judged again by a longer and by a more accurate run.
+At every value of the parameter one run starts from the steady state, disturbed a little along its least damped motion; how stick-slip and standstill are found
+and carried on is told in `toolbox.onsets.inside`. Where a verdict changes between neighbours the border is halved down to the tolerance, each run beginning
+where the one before it ended; then both sides are judged again by a longer and by a more accurate run.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ import numpy as np
 from toolbox.errors import SimulationError
 from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
-from toolbox.simulation.simulate import Run, again
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
-from toolbox.steady_states.linear import Equilibrium, function_of, state_labels
+from toolbox.steady_states.linear import state_labels
 from toolbox.steady_states.poles import critical_pole
 
 
@@ -40,7 +41,8 @@ class End:
 class Search:
     """Runs of one closed loop with one knob, judged and counted.
 
-    silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows.
+    silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows;  led: {value:
+    (verdict, end)} of smooth running that was lost into stick-slip or standstill.
     """
 
     base: Run
@@ -54,24 +56,19 @@ class Search:
     duration: float = 0.0
     runs: int = 0
     notes: list[str] = field(default_factory=list)
-    inside: dict[float, dict[str, End]] = field(default_factory=dict)
-    found: dict[float, Judged] = field(default_factory=dict)
+    led: dict[float, tuple[str, End]] = field(default_factory=dict)
 
     def run(
-        self, value: float, begin: End, numbers: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
+        self, value: float, begin: End, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
     ) -> tuple[Judged, End | None]:
         """One run at a value of the knob, and with other numbers, and where it ended."""
         changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
-        if self.knob.is_input:
-            changes["inputs"] = {**self.base.inputs, self.knob.name: value}
-            changes["system"] = self.base.system.with_parameters(numbers or {})
-        else:
-            changes["system"] = self.base.system.with_parameters({self.knob.name: value, **(numbers or {})})
-        duration = longer * self.duration
+        changes |= self.numbers(value, others)
+        duration = whole(self.base, longer * self.duration)
         self.runs += 1
         for _ in range(3):
             try:
-                run = again(self.base, duration=duration, longest_step=duration / 256, **changes)
+                run = self.base.again(duration=duration, longest_step=duration / 256, **changes)
             except SimulationError:
                 return Judged("failed"), None
             judged = self.judged(run, value)
@@ -80,7 +77,21 @@ class Search:
             duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
         else:
             judged = dataclasses.replace(judged, verdict="stuck")
-        return judged, End(state_values(run.program.system, run.states[-1]), _held(run))
+        return judged, End(state_values(run.program.system, run.states[-1]), held_of(run))
+
+    def plain(self, value: float, begin: End, duration: float) -> Trajectory | None:
+        """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
+        changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": min(self.base.accuracy, 1e-9)}
+        try:
+            return self.base.again(duration=duration, longest_step=duration / 256, **changes, **self.numbers(value))
+        except SimulationError:
+            return None
+
+    def numbers(self, value: float, others: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """What of a run changes with the knob, and with other numbers of the plant."""
+        if self.knob.is_input:
+            return {"inputs": {**self.base.inputs, self.knob.name: value}, "system": self.base.system.with_parameters(others or {})}
+        return {"system": self.base.system.with_parameters({self.knob.name: value, **(others or {})})}
 
     def walked(self, begin: End, origin: float, value: float) -> End:
         """Where the machine is after the knob went from one value to another in small steps: a jump at once would shake it out of its cycle."""
@@ -88,16 +99,12 @@ class Search:
             return begin
         for k in range(1, STEPS):
             middle = origin + (value - origin) * k / STEPS
-            changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume}
-            if self.knob.is_input:
-                changes["inputs"] = {**self.base.inputs, self.knob.name: middle}
-            else:
-                changes["system"] = self.base.system.with_parameters({self.knob.name: middle})
+            changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, **self.numbers(middle)}
             try:
-                run = again(self.base, duration=2.3 * self.period, longest_step=self.period / 256, **changes)
+                run = self.base.again(duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
             except SimulationError:
                 return begin
-            begin = End(state_values(run.program.system, run.states[-1]), _held(run))
+            begin = End(state_values(run.program.system, run.states[-1]), held_of(run))
         return begin
 
     def judged(self, run: Trajectory, value: float) -> Judged:
@@ -137,7 +144,7 @@ class Search:
             return Judged("none")
         judged, end = self.run(value, self.disturbed(rest), self.silence, **changes)
         if judged.verdict in STICKING and end is not None:
-            self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
+            self.led.setdefault(value, (judged.verdict, end))
         return judged
 
     def is_smooth(self, value: float, origin: float, **changes: float) -> bool:
@@ -150,8 +157,8 @@ class Search:
         _, vector = critical_pole(rest)
         index = [element.name for element in plant.elements].index(self.element)
         slope = np.array(function_of(plant, ("slip_slope", self.element), lambda: [_slip_slope(plant, index)])(
-            0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()  # fmt: skip
-        slip = float(np.array(plant.slips(0.0, rest.states, rest.inputs, plant.values, _modes(rest))).ravel()[index])
+            0.0, rest.states, rest.inputs, plant.values, mode_codes(rest))).ravel()  # fmt: skip
+        slip = float(np.array(plant.slips(0.0, rest.states, rest.inputs, plant.values, mode_codes(rest))).ravel()[index])
         phase = slope @ vector
         if abs(phase) <= 1e-12 * np.linalg.norm(slope) * np.linalg.norm(vector):  # this motion does not move the contact
             motion = np.real(vector)
@@ -178,51 +185,6 @@ class Search:
             for i, name in enumerate(update.names):
                 held[update.first_held + i] = rest[name]
         return End(start, (np.array(memory, float), held))
-
-    # ---------------------------------------------------------------------------------------------------------------- from inside stick-slip
-    def sweep(self, values: Sequence[float]) -> list[Judged]:
-        """Verdicts from inside stick-slip: sweeps up and down, each run from the end of the one before while that stuck and slipped."""
-        found = self.found
-        for row in (values, values[::-1]):
-            before: dict[str, End] = {}
-            last = row[0]
-            for value in row:
-                own = self.inside.setdefault(value, {})
-                first = value not in found
-                # standstill and stick-slip may both last: each is continued, the others are tried until stick-slip is found
-                begins = [self.walked(begin, last, value) for verdict, begin in before.items() if verdict not in own]
-                for begin in [*begins, *((*own.values(), *self.stuck(value)) if first else ())]:
-                    judged, end = self.run(value, begin)
-                    if value not in found or _worse(judged, found[value]):
-                        found[value] = judged
-                    if judged.verdict in STICKING and end is not None:
-                        own[judged.verdict] = end
-                    if judged.verdict == "stick-slip" and not any(begin is one for one in begins[:-1]):  # all of the neighbour's are tried
-                        break
-                found.setdefault(value, Judged("none"))
-                before, last = dict(own), value
-        return [found[value] for value in values]
-
-    def stuck(self, value: float) -> list[End]:
-        """Beginnings from which stick-slip may start: the steady state with the contact stuck, and the whole machine at rest."""
-        rest = self.followed(value)
-        begins = []
-        if rest is not None:
-            plant, m = rest.plant, _modes(rest)
-            m[[element.name for element in plant.elements].index(self.element)] = 0.0
-            project = function_of(plant, ("project",), lambda: [plant.switching.projected])
-            begins.append(self.begin(rest, np.array(project(0.0, rest.states, rest.inputs, plant.values, m)).ravel()))
-        return [*begins, End(dict(self.base.start), None)]
-
-    def is_free(self, value: float, origin: float, **changes: float) -> bool:
-        """Whether stick-slip, continued from where it was found, ends at a value."""
-        free = True
-        for begin in list(self.inside[origin].values()):
-            judged, end = self.run(value, self.walked(begin, origin, value), **changes)
-            if judged.verdict in STICKING and end is not None:
-                self.inside.setdefault(value, {}).setdefault(judged.verdict, end)
-                free = False
-        return free
 
     # ---------------------------------------------------------------------------------------------------------------------------------- borders
     def borders(self, values: Sequence[float], safe: Sequence[bool], test: Callable[..., bool], tolerance: float) -> list[Border]:
@@ -270,20 +232,22 @@ ROUNDS = 6
 """How often the search for a border is taken up again, with runs five times as long."""
 
 
-def _worse(judged: Judged, other: Judged) -> bool:
-    """Whether a verdict is more of a stick-slip than another."""
-    rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
-    return rank.index(judged.verdict) > rank.index(other.verdict)
+def whole(run: Run, duration: float) -> float:
+    """A duration rounded to whole sample times of the slowest law, so that the next run takes its samples where they are due."""
+    slowest = max((sample_time for sample_time, _ in run.clocks), default=0.0)
+    return max(round(duration / slowest), 1) * slowest if slowest else duration
 
 
-def _held(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+def held_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+    """What sampled laws remember at the end of a run, and the signals that they hold; None without any."""
     if not run.program.system.updates or run.memory is None:
         return None
     first = run.program.held_slot - run.program.first_held
     return run.memory, run.held[-1][first : first + run.program.system.held.numel()].copy()
 
 
-def _modes(rest: Equilibrium) -> np.ndarray:
+def mode_codes(rest: Equilibrium) -> np.ndarray:
+    """The modes of a steady state as numbers."""
     codes = [{word: float(code) for code, word in element.legend.items()} for element in rest.plant.elements]
     return np.array([code[rest.modes[element.name]] for code, element in zip(codes, rest.plant.elements, strict=True)])
 

@@ -1,9 +1,10 @@
 """Maps of stick-slip over two numbers: how severe it is, from smooth running and from inside stick-slip, with the borders between.
 
-At every point of a grid two runs begin at the steady state: one with the judged contact slowed by a hundredth, one with it stopped at once, as by a stuck
-bit. The first asks whether smooth running survives a disturbance, the second whether stick-slip that has begun goes on. Where the answer changes between
-neighbours, the edge between them is halved until the border is known to a part of a cell. The third border, that of the linearised
-machine, is where the largest real part of its poles changes sign.
+At every point of a grid two runs begin at the steady state: one with the judged contact slowed a little, one with it stopped at once, as by a stuck
+bit. The first asks how large the disturbance of smooth running grows; whether it grows is told by the poles of the linearised machine, of which the largest
+real part changes its sign on the border. The second asks whether stick-slip that has begun goes on; where that start dies beside points where it does not, the
+cycle of those points is led on to it (`toolbox.onsets.front`), and where that ends the edge between neighbours is halved until the border is known to
+a part of a cell. A sampled law grows otherwise than its continuous form: there the run tells, and both borders of smooth running are given.
 
 Why both branches: a machine in the band between their borders runs smoothly until something disturbs it, and then sticks and slips for ever.
 """
@@ -23,42 +24,15 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
-from toolbox.measuring import measures as tally
-from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import is_finite_number
-from toolbox.modelling.free_parameter import Knob, continuous_loop
-from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.laws import Sampled
-from toolbox.onsets.borders import Edges, edges_of
-from toolbox.onsets.onset import judged_contact, judged_speed
-from toolbox.simulation.simulate import Run
-from toolbox.steady_states.linear import (
-    closed_signal,
-    equilibrium,
-    function_of,
-    holding_elements,
-    input_values,
-    mode_numbers,
-    residual_functions,
-    state_labels,
-)
-from toolbox.sweeps.batch import Task
-from toolbox.sweeps.designs import Variations, grid
-from toolbox.sweeps.executors import evaluated
-from toolbox.sweeps.results import Sweep
-from toolbox.sweeps.store import Store, folder_of
-from toolbox.sweeps.variants import run_fingerprint, varied_numbers, varied_run
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.onsets.borders import edges_of
+from toolbox.onsets.front import Front, Point
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
+from toolbox.sweeps.designs import grid
+from toolbox.sweeps.store import folder_of
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
-
-SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
-VERDICTS = {SMOOTH: "smooth", SWING: "swing", STICK_SLIP: "stick-slip", STUCK: "stuck", NONE: "none"}
-"""Verdicts of a run: the disturbance dies; it grows or lasts without stick; stick phases come back until the end; rest for good; no steady state, or
-failed."""
-
-SLOWED = 0.01
-"""Part of its slip that the judged contact loses at once on the smooth branch."""
 
 LINEAR_HALVINGS = 40
 
@@ -102,12 +76,14 @@ class SeverityMap:
 
     @property
     def regions(self) -> dict[str, np.ndarray]:
-        """{"free", "bistable", "stick-slip", "swing", "none": where, a boolean array}: what the machine does, both branches taken together."""
-        sticks = np.isin(self.sticking.verdict, (STICK_SLIP, STUCK))
+        """{"free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck", "none": where, a boolean array}: what the machine does on both branches."""
+        sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
+        sticks = sticks | (self.smooth.verdict == STICK_SLIP)
+        stands = ~sticks & (stands | (self.smooth.verdict == STUCK))
         return {
-            "free": calm & ~sticks & ~none, "bistable": calm & sticks, "stick-slip": ~calm & (sticks | (self.smooth.verdict >= STICK_SLIP)) & ~none,
-            "swing": (self.smooth.verdict == SWING) & ~sticks & ~none, "none": none,
+            "free": calm & ~sticks & ~stands & ~none, "bistable": calm & sticks & ~none, "smooth or stuck": calm & stands & ~none,
+            "stick-slip": ~calm & sticks & ~none, "swing": ~calm & ~sticks & ~stands & ~none, "stuck": ~calm & stands & ~none, "none": none,
         }  # fmt: skip
 
     def __str__(self) -> str:
@@ -125,12 +101,14 @@ class SeverityMap:
         words = {
             "free": "a disturbance dies, and stick-slip that has begun ends",
             "bistable": "smooth until disturbed, then stick-slip for ever",
+            "smooth or stuck": "smooth until it is stopped, then at rest for good",
+            "stuck": "the least disturbance brings it to rest for good",
             "stick-slip": "the least disturbance grows into it",
             "swing": "the least disturbance grows, without stick",
             "none": "no steady running, or a run that failed",
         }
         lines += [
-            f"    {name:<11}{100 * where.sum() / size:5.1f} %   {words[name]}"
+            f"    {name:<16}{100 * where.sum() / size:5.1f} %   {words[name]}"
             for name, where in self.regions.items()
             if where.any() or name == "free"
         ]
@@ -255,7 +233,7 @@ def severity_map(
     steady running in the middle of the map.
     """
     began = clock.perf_counter()
-    loop = _Loop.of(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
+    loop = MapLoop.of(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
@@ -278,26 +256,33 @@ def severity_map(
     both = np.repeat([False, True], len(points))
     columns = judged(np.vstack([points, points]), both)
     first = failures
-    branches = [Branch(*(column[part].reshape(shape) for column in columns)) for part in (slice(0, len(points)), slice(len(points), None))]
-    growth = loop.growth(points).reshape(shape)
+    growth = loop.growth(points)
+    front = Front(loop, points, shape)
+    smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
+    verdicts = inside[2].copy()
+    _changed(inside, front.spread(verdicts))
+    inside[2] = verdicts
+    with np.errstate(invalid="ignore"):
+        grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
+    _changed(smooth, front.settled(np.flatnonzero(grows)))
+    branches = [Branch(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
+    growth = growth.reshape(shape)
     names = ("smooth", "sticking")
-    bad = [branches[0].verdict != SMOOTH, np.isin(branches[1].verdict, (STICK_SLIP, STUCK))]
+    bad = [branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP]
     edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
 
-    def decide(points: np.ndarray, owner: np.ndarray) -> np.ndarray:
-        """Whether smooth running is lost (owner 0), or stick-slip lasts (owner 1)."""
-        _, _, verdict = judged(points, owner == 1)
-        return np.where(owner == 1, np.isin(verdict, (STICK_SLIP, STUCK)), verdict != SMOOTH)
+    def lost(points: np.ndarray, _: np.ndarray) -> np.ndarray:
+        """Whether smooth running is lost."""
+        return loop.growth(points) > 0 if not loop.sampled else judged(points, np.zeros(len(points), bool))[2] != SMOOTH
 
-    together = Edges.joined(edges)
-    places = together.halved(decide, halvings)
-    at = np.cumsum([0, *(len(each.low) for each in edges)])
-    borders = {name: edges[k].segments(places[at[k] : at[k + 1]]) for k, name in enumerate(names)}
+    places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
+    borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
     borders = {"linear": linear.segments(linear.halved(lambda points, _: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
     found = SeverityMap(
         title=loop.title, names=loop.names, units=loop.units, axes=axes, element=loop.element, signal=loop.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
-        growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings, runs=count,
+        growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings,
+        runs=count + front.runs,
         seconds=clock.perf_counter() - began, notes=tuple(loop.notes),
         errors={(names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))): text for i, text in first.items()},  # type: ignore[misc]
     )  # fmt: skip
@@ -306,203 +291,8 @@ def severity_map(
     return found
 
 
-# --------------------------------------------------------------------------------------------------------------------------------------- the runs
-@dataclass
-class _Loop:
-    """The closed loop of a map: as it runs, and in its continuous form with its steady states."""
-
-    title: str
-    names: tuple[str, str]
-    units: tuple[str, str]
-    run: Run
-    closed: HybridSystem
-    element: str
-    signal: str
-    after: float
-    inputs: dict[str, float]
-    modes: np.ndarray
-    middle: np.ndarray
-    rest: np.ndarray
-    notes: list[str]
-
-    @staticmethod
-    def of(
-        machine: Any, over: Any, duration: Any, after: Any, controller: Any, sample_time: Any, inputs: Any, parameters: Any, mode: Any, guess: Any,
-        element: Any, signal: Any, accuracy: Any,
-    ) -> _Loop:  # fmt: skip
-        from toolbox.scenes.scene import Scene
-
-        title = ""
-        if isinstance(machine, Scene):
-            scene = machine
-            case = scene.case(controller) if controller is not None else scene.cases[0]
-            given = scene.arguments(case)
-            inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
-            plant, law, title = scene.plant(), case.controller, case.label
-            element, signal = element or scene.element, signal or scene.signal
-            duration = scene.duration if duration is None else duration
-            after = scene.after if after is None and scene.after < duration else after
-            accuracy = scene.accuracy if accuracy is None else accuracy
-        else:
-            plant, law = checked_plant(machine, "machine"), controller
-        duration = 120.0 if duration is None else duration
-        if not is_finite_number(duration) or not duration > 0:
-            raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
-        after = duration / 2 if after is None else after
-        if not is_finite_number(after) or not 0 < after < duration:
-            raise SceneError(f"Argument `after` must be > 0 s and before the end at {duration:g} s, but it is {after!r}.")
-        if not isinstance(over, Mapping) or len(over) != 2:
-            raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
-        for name, ends in over.items():
-            if not (isinstance(ends, (tuple, list)) and len(ends) == 2 and all(map(is_finite_number, ends)) and ends[0] < ends[1]):
-                raise SceneError(f"Argument `{name}` must be a range (low, high) with low < high, but it is {ends!r}.")
-        names: tuple[str, str] = tuple(over)
-        fixed = {name: value for name, value in (inputs or {}).items() if name not in names}
-        moving = next((name for name, value in fixed.items() if not is_finite_number(value)), None)
-        if moving is not None:
-            raise SceneError(f"Argument `{moving}` must be a number for a steady state to exist, but it varies in time.")
-        own = {name: value for name, value in (parameters or {}).items() if name not in names}
-        middle = np.array([(low + high) / 2 for low, high in over.values()])
-        run = varied_run(
-            plant, Variations(names, middle[None, :], (1,)), float(duration), inputs=fixed, parameters=own, controller=law, sample_time=sample_time,
-            accuracy=1e-6 if accuracy is None else accuracy,
-        )  # fmt: skip
-        laws = law if isinstance(law, (list, tuple)) or law is None else [law]
-        closed = continuous_loop(plant, laws, inputs=fixed, parameters=own)
-        knobs = [Knob.of(closed, name) for name in names]
-        here = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if k.is_input}
-        there = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if not k.is_input}
-        rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=mode, start=guess)
-        contact = judged_contact(closed, element)
-        m = mode_numbers(closed, rest.modes)
-        if m[[e.name for e in closed.elements].index(contact)] == 0.0:
-            raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
-        speed = signal or judged_speed(closed, contact)
-        closed.signal_unit(speed)  # an unknown signal is refused here
-        notes = []
-        if sample_time is not None or any(isinstance(each, Sampled) for each in laws or []):
-            notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
-        return _Loop(
-            title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
-            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=speed, after=float(after),
-            inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
-        )  # fmt: skip
-
-    def _numbers(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters and inputs of the continuous form at all points, one column each."""
-        values = np.repeat(self.closed.values[:, None], len(points), axis=1)
-        knobs = [Knob.of(self.closed, name) for name in self.names]
-        for knob, column in zip(knobs, points.T, strict=True):
-            if not knob.is_input:
-                values[self.closed._parameter(knob.name).offset] = column
-        u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
-        names = list(self.closed.inputs)
-        if self.inputs:
-            input_values(self.closed, self.inputs)  # raises for unknown names
-        for name, value in self.inputs.items():
-            u[names.index(name)] = value
-        for knob, column in zip(knobs, points.T, strict=True):
-            if knob.is_input:
-                u[names.index(knob.name)] = column
-        return values, u
-
-    def steady(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States of steady running at all points, shape (n, points), and where it was found: Newton's method, for all points at once.
-
-        From the middle of the map to each point in steps; contacts must slide the way they do in the middle.
-        """
-        residual, slopes = residual_functions(self.closed)
-        size, n = len(points), self.rest.size
-        sticking = (self.modes == 0.0) & holding_elements(self.closed)
-        m = np.repeat(self.modes[:, None], size, axis=1)
-        x = np.repeat(self.rest[:, None], size, axis=1)
-        step = np.zeros_like(x)
-        for part in (0.2, 0.4, 0.6, 0.8, 1.0):
-            values, u = self._numbers(self.middle + part * (points - self.middle))
-            for _ in range(12 if part == 1.0 else 4):
-                flow, slip = (np.array(v) for v in residual(0.0, x, u, values, m))
-                of_flow, of_slip = (np.array(v).reshape(-1, size, n).transpose(1, 0, 2) for v in slopes(0.0, x, u, values, m))
-                rows = np.concatenate([flow, slip[sticking]]).T[:, :, None]
-                matrix = np.concatenate([of_flow, of_slip[:, sticking]], axis=1)
-                good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(rows).all(axis=(1, 2))
-                step = np.full_like(x, np.nan)
-                step[:, good] = -(np.linalg.pinv(matrix[good], rcond=1e-13) @ rows[good])[:, :, 0].T
-                x = x + step
-                if not (np.abs(step).max(axis=0) > 1e-13 * np.abs(x).max(axis=0)).any():  # nan where there is none
-                    break
-        scale = np.abs(x).max(axis=0) + 1e-300
-        slips = np.array(residual(0.0, x, u, values, m)[1])
-        sliding = np.array([e.law is not None for e in self.closed.elements]) & (self.modes != 0.0)
-        found = np.isfinite(x).all(axis=0) & (np.abs(step).max(axis=0) <= 1e-8 * scale) & (slips[sliding] * m[sliding] > 0).all(axis=0)
-        return np.where(found, x, self.rest[:, None]), found
-
-    def growth(self, points: np.ndarray) -> np.ndarray:
-        """Largest real part of the poles of steady running at all points [1/s], but for those at zero; nan without steady running."""
-        x, found = self.steady(points)
-        values, u = self._numbers(points)
-        _, slopes = residual_functions(self.closed)
-        a = np.array(slopes(0.0, x, u, values, np.repeat(self.modes[:, None], len(points), axis=1))[0])
-        poles = np.linalg.eigvals(a.reshape(x.shape[0], len(points), x.shape[0]).transpose(1, 0, 2))
-        size = np.abs(poles).max(axis=1, keepdims=True)
-        real = np.where(np.abs(poles) > 1e-9 * size, poles.real, -np.inf).max(axis=1)
-        return np.where(found, real, np.nan)
-
-    def judged(
-        self, points: np.ndarray, stopped: np.ndarray, executor: Any, path: Path | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[int, str]]:
-        """(severity, part of the time in stick, verdict) of a run from every point, and failures; stopped: on which branch each is."""
-        end = self.run.duration
-        early = end / 8
-        measures = {
-            "severity": tally.severity(self.signal, self.after), "stuck_ratio": tally.stuck_ratio(self.element, self.after),
-            "last_stick": tally.last_stay(self.element), "early_minimum": tally.minimum(self.signal, 0.0, early),
-            "early_maximum": tally.maximum(self.signal, 0.0, early), "minimum": tally.minimum(self.signal, self.after),
-            "maximum": tally.maximum(self.signal, self.after),
-        }  # fmt: skip
-        variations = Variations(self.names, points, (len(points),))
-        numbers, broken = varied_numbers(self.run, variations)
-        x, found = self.steady(points)
-        values, u = self._numbers(points)
-        broken = {**broken, **{int(i): "There is no steady running." for i in np.flatnonzero(~found)}}
-        task = Task(self.run, numbers, tuple(measures.values()), *self._begins(x, u, values, stopped))
-        store = None
-        if path is not None:
-            sheet = Sweep(
-                self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit(self.run.system) for name, each in
-                measures.items()}, duration=end, accuracy=self.run.accuracy,
-            )  # fmt: skip
-            store = Store(path, sheet, run_fingerprint(task, variations, tuple(measures)))
-        result, errors, _ = evaluated(task, broken, executor, store, label="map")
-        severity, ratio, last, low0, high0, low, high = result.T
-        with np.errstate(invalid="ignore"):
-            sticks = (last > end - 0.25 * (end - self.after)) & (ratio > max(10 * self.run.accuracy, 1e-9))
-            grows = (high - low > high0 - low0) & (high - low > 10 * self.run.accuracy * np.maximum(np.abs(high), np.abs(low)))
-        verdict = np.where(sticks, np.where(ratio > 1 - 1e-9, STUCK, STICK_SLIP), np.where(grows, SWING, SMOOTH))
-        return severity, ratio, np.where(np.isfinite(low), verdict, NONE), errors
-
-    def _begins(self, x: np.ndarray, u: np.ndarray, values: np.ndarray, stopped: np.ndarray) -> tuple[Any, Any, Any]:
-        """(starts, memories, held signals) of runs from steady states with the judged contact slowed or stopped."""
-        closed, system, size = self.closed, self.run.system, x.shape[1]
-        m = np.repeat(self.modes[:, None], size, axis=1)
-        stuck = m.copy()
-        stuck[[e.name for e in closed.elements].index(self.element)] = 0.0
-        halt = closed.function("projected", closed.switching.projected, "stopped")
-        at_rest = np.array(halt(0.0, x, u, values, stuck)).reshape(x.shape)
-        begin = x + np.where(stopped, 1.0, SLOWED) * (at_rest - x)
-        labels = [name for name, _ in state_labels(closed)]
-        starts = np.stack([begin[labels.index(name)] for name, _ in state_labels(system)], axis=1)
-        if not system.updates:
-            return starts, None, None
-        memories, held = [], np.zeros((size, system.held.numel()))
-        for update in system.updates:
-            for i in range(update.memory.numel()):
-                name = update.memory[i].name()
-                if name not in labels:
-                    note = f"the memory {name} of a sampled law is no state of its continuous form, and begins at zero"
-                    self.notes += [note] if note not in self.notes else []
-                memories.append(x[labels.index(name)] if name in labels else np.zeros(size))
-            memories += [np.zeros(size)] * len(update.channels)
-            for i, name in enumerate(update.names):
-                function = function_of(closed, ("signal", name), lambda name=name: [closed_signal(closed, name)])  # type: ignore[misc]
-                held[:, update.first_held + i] = np.array(function(0.0, x, u, values, m)).ravel()
-        return starts, np.stack(memories, axis=1) if memories else np.zeros((size, 0)), held
+def _changed(columns: list[np.ndarray], points: Mapping[int, Point]) -> None:
+    """Put what longer runs found into the columns (severity, part of the time in stick, verdict) of a branch."""
+    for k, point in points.items():
+        for column, value in zip(columns, (point.severity, point.ratio, point.verdict), strict=True):
+            column[k] = value

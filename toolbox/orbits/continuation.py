@@ -25,9 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import number, whole
+from toolbox.arguments import is_finite_number, number, whole
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import is_finite_number
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.limit_cycle import Cycle, signature_of

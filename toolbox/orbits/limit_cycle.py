@@ -23,13 +23,15 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
-from toolbox.simulation.simulate import Run, again, simulate
+from toolbox.simulation.methods import Explicit
+from toolbox.simulation.run import Run
+from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.simulation.work_arrays import begun
 
@@ -249,13 +251,13 @@ class Orbit:
                     f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table"
                     + (": give its `period`." if period is None else f" that does not repeat itself after {period:g} s.")
                 )
-        arguments = dataclasses.replace(run.run, accuracy=accuracy, method="explicit", output_times=None, duration=0.0)
+        arguments = dataclasses.replace(run.run, accuracy=accuracy, method=Explicit(), output_times=None, duration=0.0)
         columns = tuple(parameter_column(run, name) for name in names)
         for name, column in zip(names, columns, strict=True):
             if column is None:
                 raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
         # a coarse run, or a stiff one, has another program
-        variation = variation_of(again(arguments).program, columns)  # type: ignore[arg-type]
+        variation = variation_of(arguments.again().program, columns)  # type: ignore[arg-type]
         returning = np.flatnonzero(~variation.drifting)
         size = [np.abs(run.states).max(axis=0)]
         read = np.empty(0, int)
@@ -333,14 +335,14 @@ class Orbit:
         system, n = self.run.system, self.variation.plant
         start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
         if not self.clocked:
-            run = again(self.run, start=start, duration=float(period), longest_step=period / 64)
+            run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
             tangent = self.variation.along(run, np.eye(x.size))
             self.approach = tangent.approach
             return run, tangent.end
         laws, every = self.variation.laws, np.eye(x.size)
         behind, held = n + laws.memory, self.held.copy()
         held[self.read] = x[behind:]
-        run = again(self.run, start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
+        run = self.run.again(start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
         first = np.zeros((held.size, x.size))
         first[self.read] = every[behind:]
         tangent = self.variation.along(run, every[:n], memory=every[n:behind], held_first=first)
@@ -360,7 +362,7 @@ class Orbit:
 
     def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:
         """A start whose sticking elements have no slip at all."""
-        from toolbox.simulation.event_loop import SWITCH
+        from toolbox.compilation.loop_layout import SWITCH
 
         mode, n = like.mode[0].astype(float), self.variation.plant
         if not ((like.program.kind != SWITCH) & (mode == 0)).any():

@@ -68,7 +68,7 @@ class Walk:
     """Sampled laws on their way along a run, from derivatives (memory, k) of their memory: `due` holds the nodes at which they act, `act(k, ...)` lets them."""
 
     def __init__(self, laws: Remembered, nodes: Trajectory, memory: np.ndarray, own: int):
-        from toolbox.simulation.event_loop import channel_key
+        from toolbox.simulation.noise import channel_key
         from toolbox.simulation.work_arrays import begun
 
         self.laws, self.nodes, self.own = laws, nodes, own
@@ -148,7 +148,7 @@ class Walk:
 
     def act(self, k: int, p: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         """Everything that is due at node k, given the derivatives (n + held, directions) of states and held signals; returns them as they are after it."""
-        from toolbox.simulation.event_loop import normal
+        from toolbox.simulation.noise import normal
 
         laws, nodes = self.laws, self.nodes
         first = laws.program.first_held

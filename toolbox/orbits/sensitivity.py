@@ -18,10 +18,11 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import names
+from toolbox.modelling.start import place_start
 from toolbox.orbits.sampled_memory import check_laws, sample_times
-from toolbox.simulation.simulate import Run, again
+from toolbox.simulation.methods import Explicit, Implicit
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.simulation.work_arrays import place_start
 
 COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
 """Words by which the numbers of a shape are named: `block.load.amplitude`."""
@@ -122,7 +123,8 @@ class Sensitivity:
 
     def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
         """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
-        from toolbox.measuring.measure import gauss, window
+        from toolbox.measuring.measure import gauss
+        from toolbox.simulation.samples import window
 
         nodes = self.run.nodes
         begin, end = window(self.run, after, None)
@@ -183,8 +185,8 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     check_laws(run)
     from toolbox.orbits.variational import variation_of
 
-    if run.run.method == "stiff":  # derivatives follow explicit steps, stage by stage
-        run = again(run.run, method="explicit")
+    if isinstance(run.run.method, Implicit):  # derivatives follow explicit steps, stage by stage
+        run = run.run.again(method=Explicit())
     wanted = names(to)
     if not wanted:
         raise SceneError("Argument `to` must name at least one start state, parameter or input, but it is empty.")

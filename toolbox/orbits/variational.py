@@ -17,16 +17,18 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numba import njit
 
+from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.kernel import plain_body
+from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
+from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
 from toolbox.orbits.sampled_memory import Remembered, Walk, stand_in_slopes
-from toolbox.simulation.event_loop import FRICTION, RIGID, SWITCH, _call
-from toolbox.simulation.trajectory import Samples, Trajectory
+from toolbox.simulation.samples import Samples
+from toolbox.simulation.trajectory import Trajectory
 
 GRAZING = 1e-7
 """A guard that approaches zero slower than this part of its mean rate since the last event has no usable derivative of its time."""
@@ -48,7 +50,7 @@ class Tangent:
     approach: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@cached
 def transport(address, a, b, c, rows, columns, first_parameter, time, state, mode, held, p, first_held, tangent, first, last, kept):
     """Carry `tangent` (n, k) in place over the recorded steps from node `first` to `last`; kept: (nodes, n, k) to fill, or empty.
 
@@ -79,7 +81,7 @@ def transport(address, a, b, c, rows, columns, first_parameter, time, state, mod
                         x[i] += factor * slopes[q, i]
                         for d in range(directions):
                             s[i, d] += factor * turns[q, i, d]
-            _call(address, time[k] + c[stage] * h, h, x, x, p, m, y)
+            call(address, time[k] + c[stage] * h, h, x, x, p, m, y)
             for i in range(n):
                 slopes[stage, i] = y[i]
                 for d in range(directions):

@@ -18,7 +18,7 @@ that does not come. `regularised` adds what is missing, within a few widths of r
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -28,55 +28,8 @@ from toolbox.compilation.emitter import Body, compiled, function_text, inline
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import DryFriction, Element
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.regularisation import Regularisation
 from toolbox.modelling.switching import switching
-
-Regularisation = Callable[[Element], ca.SX]
-"""The force of a contact as a smooth expression of its slip."""
-
-
-def regularised(width: float, matched: bool = True) -> Regularisation:
-    """Smooth friction of the given width [unit of the slip], with the peak of the set-valued law, or with the lower one that tanh leaves."""
-
-    def force(element: Element) -> ca.SX:
-        law = element.law
-        if law is None or law.breaks():
-            raise SceneError(f"`{element.name}` cannot be regularised: that takes a contact whose law has no breaks.")
-        v = element.slip
-        smooth = ca.tanh(v / width)
-        speed = v * smooth
-        near = ca.exp(-speed / (2 * width))
-        missing = lacking(law, width) if matched else 0.0
-        return -element.load * smooth * (law.sliding(speed) + missing * near)
-
-    return force
-
-
-def lacking(law: Any, width: float) -> Any:
-    """b of the module's equation for a law whose fields are numbers; raises SceneError where they are symbols."""
-    v = ca.SX.sym("v")
-    smooth = ca.tanh(v / width)
-    try:
-        base = ca.Function(
-            "base", [v], [smooth * law.sliding(v * smooth), smooth * ca.exp(-v * smooth / (2 * width)), ca.SX(law.breakaway())]
-        )
-    except RuntimeError:
-        raise SceneError("The peak of a law is matched for numbers: give the law of the declared plant.") from None
-    return missing_peak(base, width)
-
-
-def missing_peak(base: Callable[[np.ndarray], Any], width: float) -> float:
-    """b such that the peak of plain + b extra is the bound; base: speeds -> (plain, extra, bound)."""
-    grid = np.linspace(1e-3, 30.0, 30_000) * width
-    plain, extra, bound = (np.array(value).ravel() for value in base(grid))
-    if not plain.max() < bound[0]:
-        return 0.0
-    low, high = 0.0, abs(float(bound[0])) or 1.0
-    while (plain + high * extra).max() < bound[0]:
-        high *= 2.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if (plain + middle * extra).max() < bound[0] else (low, middle)
-    return 0.5 * (low + high)
 
 
 class Rollout:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from toolbox.simulation.event_loop import _call
+from toolbox.compilation.calls import call
+from toolbox.compilation.numba_cache import cached
 
 MOST_SWITCHES = 50
 """Switches in one interval after which the rest of it is taken without looking at guards."""
@@ -14,7 +14,7 @@ MOST_STEPS = 500
 """Steps beyond the planned ones that an interval may take; one of a bit that chatters takes some two for each of its switches."""
 
 
-@njit(cache=True, nogil=True)
+@cached(error_model="python")
 def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # pragma: no cover - compiled
     """Fill X, A, B and M (see `Rollout.advance`), whose first rows of X and M are given; no derivatives where A is empty.
 
@@ -41,7 +41,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                 J[i, i] = 1.0
         # a contact at rest that its bound cannot hold moves at once
         if ne:
-            _call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+            call(addresses[2], 0.0, 0.0, x, k, p, m, z)
             for i in range(ne):
                 if m[i] == 0.0:
                     if z[n + 2 * i] < 0.0:
@@ -52,7 +52,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
         while left > 1e-12 * interval:
             h = min(interval / steps, left)
             taken += 1
-            _call(function, 0.0, h, x, k, p, m, y)
+            call(function, 0.0, h, x, k, p, m, y)
             while h > 1e-6 * interval:  # friction looked at far beyond zero slip may overflow
                 total = 0.0
                 for i in range(n + 2 * ne):
@@ -60,7 +60,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                 if np.isfinite(total):
                     break
                 h *= 0.5
-                _call(function, 0.0, h, x, k, p, m, y)
+                call(function, 0.0, h, x, k, p, m, y)
             if (h <= 1e-6 * interval and h < left) or taken > steps + MOST_STEPS:  # nothing finite comes of it, or not in time
                 X[j + 1 :], M[j + 1 :] = np.nan, 0.0
                 A[j:], B[j:] = np.nan, np.nan
@@ -74,12 +74,12 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                 # the step to the first crossing: regula falsi on the guard that is most negative, restarted where another one is negative there
                 for _ in range(2 * ne):
                     low, high, g_high = 0.0, h, y[n + guard]
-                    _call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+                    call(addresses[2], 0.0, 0.0, x, k, p, m, z)
                     g_low = max(z[n + guard], 0.0)
                     tiny = 1e-12 * (abs(g_high) + abs(g_low))
                     for _ in range(60):
                         h = low + (high - low) * min(max(g_low / (g_low - g_high), 0.02), 0.98)
-                        _call(addresses[0], 0.0, h, x, k, p, m, y)
+                        call(addresses[0], 0.0, h, x, k, p, m, y)
                         g = y[n + guard]
                         if g >= 0.0:
                             low, g_low = h, g
@@ -95,7 +95,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                         break
                     guard = other
                 if derivatives:
-                    _call(function, 0.0, h, x, k, p, m, y)
+                    call(function, 0.0, h, x, k, p, m, y)
             if derivatives:
                 first = n + 2 * ne
                 for a in range(n):
@@ -113,7 +113,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
             switches += 1
             e = guard // 2
             before = m[e]
-            _call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+            call(addresses[2], 0.0, 0.0, x, k, p, m, z)
             crossing = 0.0
             for i in range(n):
                 f[i] = z[i]
@@ -127,7 +127,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                 m[e] = -1.0 if guard % 2 == 0 else 1.0
             else:
                 m[e] = 0.0
-                _call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+                call(addresses[2], 0.0, 0.0, x, k, p, m, z)
                 last = n + 2 * ne + 2 * ne * (n + nu)
                 for i in range(n):
                     x[i] = z[last + i]
@@ -136,7 +136,7 @@ def advance(addresses, interval, steps, inputs, columns, p, U, X, A, B, M):  # p
                 elif z[n + 2 * e + 1] < 0.0:
                     m[e] = 1.0
             if derivatives and crossing != 0.0:
-                _call(addresses[2], 0.0, 0.0, x, k, p, m, z)
+                call(addresses[2], 0.0, 0.0, x, k, p, m, z)
                 for a in range(n):
                     for c in range(n + nu):
                         J[a, c] += (z[a] - f[a]) * row[c] / crossing

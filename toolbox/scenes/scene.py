@@ -9,85 +9,33 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling import inputs as shapes
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.simulation.simulate import checked_run, simulate
+from toolbox.modelling.start import place_start
+from toolbox.scenes import scene_file
+from toolbox.scenes.cases import Case, Number, Waveform, _reference
+from toolbox.scenes.judged import judged_effort, judged_signal
+from toolbox.simulation.request import Request
+from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.simulation.work_arrays import place_start
 
 if TYPE_CHECKING:
     from toolbox.modelling.dependencies import Needs
 
-Number = float | tuple[float, ...]
 
 
-def judged_signal(plant: HybridSystem, element: str) -> str:
-    """The signal whose severity is judged where nobody names one: the speed of what rubs, else its slip."""
-    return f"{element}.speed" if f"{element}.speed" in plant.signals else f"{element}.slip"
 
 
-def _reference(law: Controller | None, unit: str) -> float | None:
-    """The set-point that a law declares in this unit; None without one."""
-    declared = {each.name: each.metadata.get("unit") for each in fields(law)} if law is not None else {}
-    return getattr(law, "reference", None) if declared.get("reference") == unit else None
 
 
-def judged_effort(plant: HybridSystem, signal: str) -> str:
-    """The input whose peak is reported where nobody names one: the torque of a top drive, else the first input, else the judged signal."""
-    return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
 
 
-@dataclass(frozen=True)
-class Waveform:
-    """An input in time as data: a shape of `toolbox.inputs` or "table", and its numbers by name in SI."""
-
-    shape: str
-    numbers: Mapping[str, Number]
-
-    def build(self) -> Any:
-        """What `simulate` takes as this input."""
-        if self.shape == "table":
-            return self.numbers["times"], self.numbers["values"]
-        return getattr(shapes, self.shape)(**self.numbers)
 
 
-@dataclass(frozen=True)
-class Case:
-    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s.
-
-    noise, resolution: {measured signal: standard deviation, step} of a sampled law, and the seed of the noise, as in `Sampled`.
-    """
-
-    label: str
-    law: Controller | None = None
-    sample_time: float | None = None
-    delay: float = 0.0
-    inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
-    noise: Mapping[str, float] = field(default_factory=dict)
-    resolution: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
-
-    @property
-    def controller(self) -> Any:
-        """What `simulate` takes as controller."""
-        if self.law is None or self.sample_time is None:
-            return self.law
-        return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
-
-    @staticmethod
-    def of(label: str, controller: Controller | Sampled | None) -> Case:
-        """The case of a continuous law, of a sampled one, or of none. Raises SceneError for anything else, a Python function too."""
-        if controller is None or isinstance(controller, Controller):
-            return Case(label, controller)
-        if isinstance(controller, Sampled) and isinstance(controller.law, Controller):
-            c = controller
-            return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
-        raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
 
 
 @dataclass(frozen=True)
@@ -158,11 +106,9 @@ class Scene:
     @staticmethod
     def load(path: str | Path) -> Scene:
         """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it."""
-        from toolbox.scenes import scene_file
-
         path = Path(path)
         try:
-            scene = scene_file.read(path)
+            scene = Scene(**scene_file.read(path))
             scene.check()
         except SceneError as error:
             raise SceneError(f"Scene `{path}`: {error}") from None
@@ -173,9 +119,7 @@ class Scene:
 
         Raises SceneError where the file cannot be written and where a part is in no catalogue.
         """
-        from toolbox.scenes import scene_file
-
-        scene_file.write(self, Path(path))
+        scene_file.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.contact}, Path(path))
         return Path(path)
 
     def __str__(self) -> str:
@@ -232,7 +176,7 @@ class Scene:
         from toolbox.modelling.dependencies import Need, Needs, needs
 
         plant, asked = self.plant(), self.measures if measures is None else measures
-        found = [needs(checked_run(plant, self.duration, **self.arguments(case)).system, asked, len(self.parts)) for case in self.cases]
+        found = [needs(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts)) for case in self.cases]
         parts = tuple(
             Need(
                 same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
@@ -266,7 +210,7 @@ class Scene:
             place_start(plant, np.zeros(plant.x.numel()), name, value)
         for case in self.cases:
             try:
-                checked_run(plant, self.duration, **self.arguments(case))
+                Request(plant, self.duration, **self.arguments(case)).checked()
             except SceneError as error:
                 raise SceneError(f"Controller `{case.label}`: {error}") from None
 

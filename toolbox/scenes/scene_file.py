@@ -39,8 +39,9 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.scenes import catalogue
-from toolbox.scenes.scene import Case, Number, Scene, Waveform, judged_effort, judged_signal
-from toolbox.simulation.simulate import checked_run
+from toolbox.scenes.cases import Case, Number, Waveform
+from toolbox.scenes.judged import judged_effort, judged_signal
+from toolbox.simulation.request import Request
 
 _SHAPES: dict[str, dict[str, str]] = {
     "step": {"before": "", "after": "", "at": "s"},
@@ -62,13 +63,13 @@ _SAMPLED = ("delay", "noise", "resolution", "seed")
 HEADER = b"# Every parameter in SI units, angles in rad.\n"
 
 
-def read(path: Path) -> Scene:
-    """The scene of a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
+def read(path: Path) -> dict[str, Any]:
+    """The fields of a Scene in a TOML file; raises SceneError. Whether it can be simulated is left to `Scene.check`."""
     return _scene(_data(path), path.parent)
 
 
-def write(scene: Scene, path: Path) -> None:
-    """Write a scene with every parameter in SI, whole or not at all."""
+def write(scene: Mapping[str, Any], path: Path) -> None:
+    """Write a scene, given by its fields, with every parameter in SI, whole or not at all."""
     import tomli_w
 
     content = HEADER + tomli_w.dumps(_resolved(scene)).encode()
@@ -92,7 +93,7 @@ def _data(path: Path) -> dict[str, Any]:
         raise SceneError(f"the file must be TOML, but: {error}.") from None
 
 
-def _scene(data: dict[str, Any], folder: Path) -> Scene:
+def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     known = ("title", "duration", "accuracy", "reference", "plant", "controllers", "start", "inputs", "parameters", "verdict")
     _keys(data, "the scene", known, ("title", "duration", "plant"))
     parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
@@ -113,25 +114,25 @@ def _scene(data: dict[str, Any], folder: Path) -> Scene:
     if reference is not None:
         reference = parse(reference, plant.signal_unit(signal), "reference")
     cases = tuple(_case(entry, f"controllers[{i}]", plant, reference) for i, entry in enumerate(_tables(data, "controllers"), 1))
-    return Scene(
-        title=_text(data["title"], "title"),
-        parts=parts,
-        cases=cases or (Case("no controller"),),
-        duration=duration,
-        element=element,
-        signal=signal,
-        effort=_text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
-        after=parse(verdict.get("after", duration / 2), "s", "verdict.after"),
-        standstill=parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
-        accuracy=parse(data.get("accuracy", 1e-6), "1", "accuracy"),
-        reference=reference,
-        start={name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
-        inputs=_inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
-        parameters={
+    return {
+        "title": _text(data["title"], "title"),
+        "parts": parts,
+        "cases": cases or (Case("no controller"),),
+        "duration": duration,
+        "element": element,
+        "signal": signal,
+        "effort": _text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
+        "after": parse(verdict.get("after", duration / 2), "s", "verdict.after"),
+        "standstill": parse(verdict["standstill"], plant.signal_unit(signal), "verdict.standstill") if "standstill" in verdict else None,
+        "accuracy": parse(data.get("accuracy", 1e-6), "1", "accuracy"),
+        "reference": reference,
+        "start": {name: _number(value, plant.signal_unit(name), name) for name, value in _keys(data.get("start", {}), "start").items()},
+        "inputs": _inputs(data.get("inputs", {}), "inputs", _asking(plant, cases, data.get("inputs", {}))),
+        "parameters": {
             name: _number(value, plant._parameter(name).unit, name)
             for name, value in _keys(data.get("parameters", {}), "parameters").items()
         },
-    )
+    }
 
 
 def _component(data: Any, where: str, folder: Path) -> Component:
@@ -189,7 +190,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     sensors = {key: _readings(data.get(key, {}), f"{label}.{key}", plant) for key in ("noise", "resolution")}
     case = Case(label, law, sample_time, parse(data.get("delay", 0.0), "s", f"{label}.delay"), seed=data.get("seed", 0), **sensors)
     try:
-        closed = checked_run(plant, 1.0, controller=case.controller).system
+        closed = Request(plant, 1.0, controller=case.controller).checked().system
     except SceneError as error:
         raise SceneError(f"Controller `{label}`: {error}") from None
     return dataclasses.replace(case, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", closed))
@@ -199,7 +200,7 @@ def _asking(plant: HybridSystem, cases: Sequence[Case], names: Any) -> HybridSys
     """The plant, or where its laws ask for an input that it has not, such as `top.reference`, the plant with the first of them."""
     if not cases or all(name in plant.inputs or name in plant.signals for name in names):
         return plant
-    return checked_run(plant, 1.0, controller=cases[0].controller).system
+    return Request(plant, 1.0, controller=cases[0].controller).checked().system
 
 
 def _readings(data: Any, where: str, plant: HybridSystem) -> dict[str, float]:
@@ -345,18 +346,18 @@ def _known(value: Any, names: Sequence[Any], name: str) -> None:
 # --- to TOML
 
 
-def _resolved(scene: Scene) -> dict[str, Any]:
-    data: dict[str, Any] = {"title": scene.title, "duration": float(scene.duration), "accuracy": float(scene.accuracy)}
-    if scene.reference is not None:
-        data["reference"] = float(scene.reference)
-    data["verdict"] = {"element": scene.contact, "signal": scene.signal, "effort": scene.effort, "after": float(scene.after)}
-    if scene.standstill is not None:
-        data["verdict"]["standstill"] = float(scene.standstill)
+def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
+    data: dict[str, Any] = {"title": scene["title"], "duration": float(scene["duration"]), "accuracy": float(scene["accuracy"])}
+    if scene["reference"] is not None:
+        data["reference"] = float(scene["reference"])
+    data["verdict"] = {"element": scene["contact"], "signal": scene["signal"], "effort": scene["effort"], "after": float(scene["after"])}
+    if scene["standstill"] is not None:
+        data["verdict"]["standstill"] = float(scene["standstill"])
     for key in ("start", "inputs", "parameters"):
-        if getattr(scene, key):
-            data[key] = {name: _plain(value) for name, value in getattr(scene, key).items()}
-    data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene.parts]
-    data["controllers"] = [_resolved_case(case) for case in scene.cases]
+        if scene[key]:
+            data[key] = {name: _plain(value) for name, value in scene[key].items()}
+    data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene["parts"]]
+    data["controllers"] = [_resolved_case(case) for case in scene["cases"]]
     return data
 
 

@@ -5,22 +5,16 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from toolbox.errors import SimulationError
 
 if TYPE_CHECKING:
-    from toolbox.calibration.fit import Fit
-    from toolbox.modelling.hybrid_system import HybridSystem
-    from toolbox.onsets.report import Onset
-    from toolbox.onsets.severity_map import SeverityMap
     from toolbox.scenes.scene import Scene
-    from toolbox.scenes.work_precision import WorkPrecision
     from toolbox.simulation.trajectory import Trajectory
-    from toolbox.tuning.results import Tuned
 
 
 @dataclass(frozen=True)
@@ -182,60 +176,15 @@ def _number(value: float, form: str) -> str:
 # --- the figures
 
 
-def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -> None:
-    """Write the figures of one controller: time traces with the modes, and the phase plane of the judged speed."""
-    plot = _plot()
-    _write(plot.traces(run), label, traces)
-    position = _position(scene.plant(), scene.signal)
-    if position is not None:
-        _write(plot.phase_plane(run, position, scene.signal, scene.contact), label, phase)
 
 
-def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
-    """Write the figure of the judged signal under every controller."""
-    _write(_plot().comparison(runs, scene.signal, scene.contact), scene.title, path)
 
 
-def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
-    """Write the figure of both branches under every controller."""
-    _plot()
-    from toolbox.onsets.figures import onset_panels
-
-    _write(onset_panels(onsets), scene.title, path)
 
 
-def draw_found(found: Trajectory | SeverityMap | Tuned | WorkPrecision | Fit, title: str | None, path: Path) -> None:
-    """Write the figure of a run, or of what a search, a map, a measurement or a calibration found; without a title where the figure has one of its own."""
-    _plot()
-    _write(found.plot(), title, path)
 
 
-def _plot() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")  # a study writes files and needs no screen
-    from toolbox.simulation import plot
-
-    return plot
 
 
-def _position(plant: HybridSystem, speed: str) -> str | None:
-    """The last state whose unit is that of the speed times a second: the twist above a bit, the position of a block."""
-    unit = plant.unit(speed)
-    for name, (_, size, own) in reversed(plant.states.items()):
-        if f"{own}/s" == unit:
-            return name if size is None else f"{name}.{size - 1}"
-    return None
 
 
-def _write(axes: Any, title: str | None, path: Path) -> None:
-    import textwrap
-
-    import matplotlib.pyplot as plt
-    import numpy as np
-
-    figure = np.ravel(axes)[0].figure
-    if title is not None:
-        figure.suptitle(textwrap.fill(title, int(11 * figure.get_figwidth())))  # letters of this size that fit into an inch
-    figure.savefig(path, dpi=150)
-    plt.close(figure)

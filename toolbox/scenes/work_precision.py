@@ -18,13 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import numbers, whole
+from toolbox.arguments import is_finite_number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
 from toolbox.scenes.scene import Scene
-from toolbox.simulation.simulate import METHODS, Run, again, checked_run
+from toolbox.simulation.methods import METHODS, Smoothing, TimeStepping
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 
 ACCURACIES = tuple(10.0**-k for k in range(2, 12))
@@ -146,7 +147,7 @@ def work_precision(
     for name in signals:
         for each in plants.values():
             each.signal_unit(name)
-    runs = {label: checked_run(each, duration, **arguments) for label, each in plants.items()}
+    runs = {label: Request(each, duration, **arguments).checked() for label, each in plants.items()}
     first = next(iter(runs.values()))
     truth, used = _truth(first, "explicit")
     second, other = _truth(first, "stiff")
@@ -191,11 +192,9 @@ def _resolved(
 
 def _truth(run: Run, method: str) -> tuple[Trajectory, str]:
     """The run at the tightest accuracy that the method finishes."""
-    import dataclasses
-
     for accuracy in (1e-12, 1e-11, 1e-10, 1e-9):
         try:
-            done = again(dataclasses.replace(run, method=method, accuracy=accuracy, output_times=None))
+            done = run.again(method=method, accuracy=accuracy, output_times=None)
         except SimulationError as error:
             failed = error
             continue
@@ -208,7 +207,7 @@ def _settings(
 ) -> Iterable[tuple[str, float, dict[str, Any]]]:
     """(knob, setting, changes of the run) of every run of a method."""
     if method == "time-stepping":
-        return [("step", step, {"step": step}) for step in steps]
+        return [("step", step, {"method": TimeStepping(step)}) for step in steps]
     if method == "smoothed":
         from toolbox.simulation.refinement import SHARE, slips
 
@@ -217,11 +216,11 @@ def _settings(
             (
                 "width",
                 share,
-                {"widths": {name: share * size for name, size in sizes.items()}, "tolerance": max(min(1e-3, SHARE * share), 1e-13)},
+                {"method": Smoothing({name: share * size for name, size in sizes.items()}, max(min(1e-3, SHARE * share), 1e-13))},
             )
             for share in widths
         ]
-    return [("accuracy", accuracy, {"accuracy": accuracy}) for accuracy in accuracies]
+    return [("accuracy", accuracy, {"accuracy": accuracy, "method": METHODS[method]}) for accuracy in accuracies]
 
 
 def _point(
@@ -236,9 +235,9 @@ def _point(
     repeats: int,
 ) -> Point:
     try:
-        done = again(run, method=method, output_times=None, **changes)
+        done = run.again(output_times=None, **changes)
         error = _difference(done, truth, signals)
-        times = [done.wall_time, *(again(run, method=method, output_times=None, **changes).wall_time for _ in range(repeats - 1))]
+        times = [done.wall_time, *(run.again(output_times=None, **changes).wall_time for _ in range(repeats - 1))]
     except (SimulationError, SceneError) as failed:
         return Point(method, label, knob, setting, math.nan, math.nan, 0, str(failed))
     return Point(method, label, knob, setting, error, min(times), sum(done.steps))

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import time as clock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
+from toolbox.simulation.methods import Smoothing, TimeStepping
+from toolbox.simulation.run import Run
+from toolbox.simulation.samples import output_function
 from toolbox.simulation.stiffness import progress
-from toolbox.simulation.trajectory import Smoothed, Stepped, Trajectory, output_function
-
-if TYPE_CHECKING:
-    from toolbox.simulation.simulate import Run
+from toolbox.simulation.trajectory import Smoothed, Stepped, Trajectory
 
 
-def trajectory_so_far(loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
+def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     """The result of a run as far as it came."""
-    r, e = int(work.ints[loop.RECORDS]), int(work.ints[loop.EVENTS])
-    kind = Stepped if run.method == "time-stepping" else Smoothed if run.method == "smoothed" else Trajectory
+    r, e = int(work.ints[loop_layout.RECORDS]), int(work.ints[loop_layout.EVENTS])
+    kind = {TimeStepping: Stepped, Smoothing: Smoothed}.get(type(run.method), Trajectory)
     return kind(
         run=run,
         program=program,
@@ -31,24 +32,24 @@ def trajectory_so_far(loop: Any, run: Run, program: Program, work: Any, began: f
         parameters=work.p,
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,
-        end=float(work.reals[loop.TIME]),
+        end=float(work.reals[loop_layout.TIME]),
         answers=answers,
         memory=work.memory.copy(),
-        steps=(int(work.ints[loop.ACCEPTED]), int(work.ints[loop.REJECTED])),
-        merged=int(work.ints[loop.MERGED]),
+        steps=(int(work.ints[loop_layout.ACCEPTED]), int(work.ints[loop_layout.REJECTED])),
+        merged=int(work.ints[loop_layout.MERGED]),
         wall_time=clock.perf_counter() - began,
     )
 
 
 def exhausted(
-    loop: Any, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]], switches: np.ndarray | None = None
+    run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]], switches: np.ndarray | None = None
 ) -> BudgetError:
     """The error of a run that has spent its budget: what it spent and what it spent it on.
 
     switches: of each element, before those that `work` holds.
     """
-    so_far = trajectory_so_far(loop, run, program, work, began, answers)
-    t, steps, events = progress(loop, work)
+    so_far = trajectory_so_far(run, program, work, began, answers)
+    t, steps, events = progress(work)
     before = 0 if switches is None else int(switches.sum())
     spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
     if spent:
@@ -64,14 +65,14 @@ def exhausted(
 
 
 def failure(
-    loop: Any, status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
+    status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
 ) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
-    so_far = trajectory_so_far(loop, run, program, work, began, answers)
-    t = float(work.reals[loop.TIME])
+    so_far = trajectory_so_far(run, program, work, began, answers)
+    t = float(work.reals[loop_layout.TIME])
     names = [element.name for element in program.system.elements]
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
-    if status in (loop.INCONSISTENT, loop.ENDLESS):
+    if status in (loop_layout.INCONSISTENT, loop_layout.ENDLESS):
         bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
@@ -79,9 +80,12 @@ def failure(
             return SimulationError(
                 f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
             )
-    if status == loop.ENDLESS:
-        return ZenoError(f"Element `{names[int(work.ints[loop.CULPRIT])]}` switches without end at t = {t:.9g} s.", so_far)
-    if status == loop.INCONSISTENT:
+    if status == loop_layout.NEGATIVE_BOUND:
+        name = names[program.bounded[int(work.ints[loop_layout.CULPRIT])]]
+        return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
+    if status == loop_layout.ENDLESS:
+        return ZenoError(f"Element `{names[int(work.ints[loop_layout.CULPRIT])]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
+    if status == loop_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
             if t == 0.0
@@ -103,4 +107,9 @@ def failure(
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
-    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s; lower the accuracy asked.", so_far)
+    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}; lower the accuracy asked.", so_far)
+
+
+def _resolution(t: float) -> str:
+    """How far times are apart that a number can tell, where that is more than a run of ordinary length would notice."""
+    return f", where times are {np.spacing(t):.2g} s apart" if t > 1e3 else ""

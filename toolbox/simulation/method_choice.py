@@ -17,14 +17,11 @@ Smoothed friction is never chosen: in no measured case was it the cheapest.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.errors import AccuracyError, SimulationError, ZenoError
-
-if TYPE_CHECKING:
-    from toolbox.simulation.simulate import Run
-    from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.methods import EventExact, TimeStepping
+from toolbox.simulation.run import Run
+from toolbox.simulation.trajectory import Trajectory
 
 LOOSE = 1e-3
 """Accuracy from which time stepping can pay."""
@@ -33,28 +30,26 @@ MANY = 50
 """Contacts from which it does."""
 
 
-def chosen(run: Run) -> Trajectory:
+def cheapest_method(run: Run) -> Trajectory:
     """The run by the method of this module's rule, with the reason in `why`."""
-    from toolbox.simulation.simulate import again
-
     contacts = sum(element.holds for element in run.system.elements)
     refused = ""
     if run.accuracy >= LOOSE and contacts >= MANY and not run.laws:
         try:
-            done = again(run, method="time-stepping")
+            done = run.again(method=TimeStepping())
         except AccuracyError as failed:
             refused = f"; time stepping stops at an error of {failed.run.error:.1e}"
         else:
-            done.why = f"time-stepping: {contacts} contacts at an accuracy of {run.accuracy:g}, steps of {done.run.step:.3g} s"
+            done.why = f"time-stepping: {contacts} contacts at an accuracy of {run.accuracy:g}, steps of {done.step:.3g} s"
             return done
     try:
-        done = again(run, method="event")
+        done = run.again(method=EventExact())
     except SimulationError as failed:
         if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or run.laws:
             raise
         reason = str(failed).rstrip(".")
-        done = again(run, method="time-stepping")
-        done.why = f"time-stepping, steps of {done.run.step:.3g} s: with located events, {reason[0].lower()}{reason[1:]}"
+        done = run.again(method=TimeStepping())
+        done.why = f"time-stepping, steps of {done.step:.3g} s: with located events, {reason[0].lower()}{reason[1:]}"
         return done
     steps = "implicit steps, which stability makes the cheaper ones" if done.program.pair is RODAS5P else "explicit steps"
     few = f"{contacts} contact{'s' * (contacts != 1)} at an accuracy of {run.accuracy:g}"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -21,11 +21,45 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
-from toolbox.measuring.measure import scalar, window
-from toolbox.simulation.trajectory import Samples, Trajectory
+from toolbox.simulation.samples import Event, Samples, scalar, window
 
 # loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
 plt.switch_backend(matplotlib.get_backend())
+
+class Pictured(Protocol):
+    """What a picture asks of a run."""
+
+    program: Any
+    time: np.ndarray
+    end: float
+
+    @property
+    def events(self) -> list[Event]:
+        """Every switch of every element."""
+
+    @property
+    def nodes(self) -> Any:
+        """The run with every step recorded."""
+
+    @property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element at the recorded times."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all signals."""
+
+    def __getitem__(self, name: str) -> Any: ...
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal."""
+
+    def at(self, time: Any) -> Samples:
+        """Signals at any times."""
+
+    def intervals(self, element: str) -> list[tuple[float, float, str]]:
+        """(begin, end, mode) of one element."""
+
 
 RESOLUTION = 1600
 """Points along the time axis between which a curve is drawn straight."""
@@ -74,7 +108,7 @@ WIDTH = 7.2
 """Width of a figure [inch]: the text width of an A4 report."""
 
 
-def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
+def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
     """Signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
     signals: names, of a vector state all entries or one (`chain.speed.0`); without, speeds first and then what drives and resists.  ax: where
@@ -113,7 +147,7 @@ def traces(run: Trajectory, *signals: str, ax: Any = None, after: float = 0.0, u
 
 
 def phase_plane(
-    run: Trajectory,
+    run: Pictured,
     x_signal: str,
     y_signal: str,
     element: str | None = None,
@@ -163,7 +197,7 @@ def phase_plane(
 
 
 def comparison(
-    runs: Mapping[str, Trajectory],
+    runs: Mapping[str, Pictured],
     signal: str,
     element: str | None = None,
     ax: Any = None,
@@ -220,7 +254,7 @@ def comparison(
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
-def _curve(run: Trajectory, begin: float, end: float) -> Samples:
+def _curve(run: Pictured, begin: float, end: float) -> Samples:
     """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
     nodes = run.nodes
     long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
@@ -263,7 +297,7 @@ def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- what to show
-def _interesting(run: Trajectory) -> list[str]:
+def _interesting(run: Pictured) -> list[str]:
     """Speeds, then torques and forces, then positions: at most three of a unit, none twice, none that only stands still."""
     system, nodes = run.program.system, run.nodes
     step = max(1, nodes.time.size // 400)
@@ -353,7 +387,7 @@ def _line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict
     ax.plot(*_thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))
 
 
-def _bands(ax: Any, run: Trajectory, element: str, begin: float, end: float) -> None:
+def _bands(ax: Any, run: Pictured, element: str, begin: float, end: float) -> None:
     """Grey bands behind a panel while an element sticks."""
     pieces = [(max(b, begin), min(e, end)) for b, e, mode in run.intervals(element) if mode == "stick" and b < end and e > begin]
     ax.broken_barh(
@@ -361,7 +395,7 @@ def _bands(ax: Any, run: Trajectory, element: str, begin: float, end: float) -> 
     )
 
 
-def _event_lines(ax: Any, run: Trajectory, begin: float, end: float) -> None:
+def _event_lines(ax: Any, run: Pictured, begin: float, end: float) -> None:
     """A hairline at every event; fainter where there are many, none where they would only darken the picture."""
     times = np.unique([event.time for event in run.events if begin <= event.time <= end])
     if 0 < times.size <= 10 * MANY_EVENTS:
@@ -369,7 +403,7 @@ def _event_lines(ax: Any, run: Trajectory, begin: float, end: float) -> None:
         ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.4, alpha=strength, zorder=0.5)
 
 
-def _ribbon(ax: Any, rows: Mapping[str, tuple[Trajectory, str]], begin: float, end: float) -> float:
+def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end: float) -> float:
     """One strip of modes per row above a panel, named at its left, with a legend of the tones; returns its height [inch].
 
     The strip is measured in inches above the panel, so that it looks the same on a panel of any height.

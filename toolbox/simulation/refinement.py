@@ -12,16 +12,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.errors import AccuracyError, SimulationError
-
-if TYPE_CHECKING:
-    from toolbox.simulation.simulate import Run
-    from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.methods import Smoothing, TimeStepping
+from toolbox.simulation.run import Run
+from toolbox.simulation.trajectory import Trajectory
 
 FIRST_STEPS = 1_000
 """Steps of the first run."""
@@ -36,9 +36,7 @@ MOST_STIFF_STEPS = 400_000
 
 def refined(run: Run) -> Trajectory:
     """The run with a step or a width that meets its accuracy; raises AccuracyError where that costs too many steps."""
-    from toolbox.simulation.simulate import again
-
-    stepping = run.method == "time-stepping"
+    stepping = isinstance(run.method, TimeStepping)
     order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
     if stepping:
         knob = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
@@ -52,11 +50,11 @@ def refined(run: Run) -> Trajectory:
         nonlocal left
         budget = dataclasses.replace(run.budget, seconds=max(left, 1e-9))
         if stepping:
-            done = again(run, step=knob, output_times=output_times, budget=budget)
+            done = run.again(method=TimeStepping(knob), output_times=output_times, budget=budget)
         else:
             widths = {name: knob * size for name, size in sizes.items()}
-            tolerance = max(min(run.accuracy / 10, SHARE * knob), 1e-13)
-            done = again(run, widths=widths, tolerance=tolerance, output_times=output_times, budget=budget)
+            method = Smoothing(widths, max(min(run.accuracy / 10, SHARE * knob), 1e-13))
+            done = run.again(method=method, output_times=output_times, budget=budget)
         left -= done.wall_time
         return done
 
@@ -102,15 +100,14 @@ SHARE = 0.1
 
 def tolerance(run: Run) -> float:
     """Tolerance that resolves the widths of a smoothed run."""
-    sizes = slips(run)
-    return max(min([run.accuracy, *(SHARE * width / sizes[name] for name, width in (run.widths or {}).items())]), 1e-13)
+    assert isinstance(run.method, Smoothing) and isinstance(run.method.width, Mapping)
+    sizes, widths = slips(run), run.method.width
+    return max(min([run.accuracy, *(SHARE * width / sizes[name] for name, width in widths.items())]), 1e-13)
 
 
 def slips(run: Run) -> dict[str, float]:
     """Largest slip of every friction and relay over a coarse run, 1 for those that never slip."""
-    from toolbox.simulation.simulate import again
-
-    coarse = again(run, method="time-stepping", step=max(run.duration, 1e-9) / (16 * FIRST_STEPS), output_times=None)
+    coarse = run.again(method=TimeStepping(max(run.duration, 1e-9) / (16 * FIRST_STEPS)), output_times=None)
     names = [element.name for element in run.system.elements if element.holds]
     slips = ca.vertcat(*[element.slip for element in run.system.elements if element.holds])
     values = np.abs(np.atleast_2d(coarse.computed("slips of all", slips).T)).max(axis=1)
@@ -121,12 +118,12 @@ def slips(run: Run) -> dict[str, float]:
 def _dear(run: Run, best: Trajectory, error: float, knob: float, steps: float) -> str:
     what = (
         f"{best.steps[0]} steps of {knob:.3g} s"
-        if run.method == "time-stepping"
+        if isinstance(run.method, TimeStepping)
         else f"widths of {knob:.1e} of the slips and {best.steps[0]} steps"
     )
     price = f"it would take about {steps:.1e} steps" if math.isfinite(steps) else "no finer run tells more"
-    argument = "a `step`" if run.method == "time-stepping" else "a `width`"
+    argument = "TimeStepping(step=...)" if isinstance(run.method, TimeStepping) else "Smoothing(width=...)"
     return (
-        f"method={run.method!r} cannot meet the accuracy {run.accuracy:g}: {what} leave an error of {error:.1e}, and {price}. "
+        f"method={run.method.text!r} cannot meet the accuracy {run.accuracy:g}: {what} leave an error of {error:.1e}, and {price}. "
         f"Ask for less, give {argument}, or use method='event'."
     )

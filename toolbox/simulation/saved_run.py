@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
-from toolbox.simulation.trajectory import Event, Modes, Stays
+from toolbox.simulation.samples import Event, Modes, Stays
 
 
 class SavedRun(Stays):

@@ -7,13 +7,9 @@ It shares the arrays and the small functions of the event loop. It is kept under
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from numba import njit
-
-from toolbox.compilation.numba_cache import checksum, inlined
-from toolbox.simulation import event_loop as loop
-from toolbox.simulation.event_loop import (
+from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BUDGET,
     CULPRIT,
@@ -38,15 +34,11 @@ from toolbox.simulation.event_loop import (
     TIME,
     UNDERFLOW,
     N,
-    _begin,
-    _borrowed_all,
-    _call,
-    _jumps,
-    _next_stop,
-    _project,
-    _record,
-    _samples,
-)  # fmt: skip
+)
+from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.simulation.calendar import jumps, next_stop, record, samples
+from toolbox.simulation.guards import project
+from toolbox.simulation.modes import begin
 
 
 @inlined
@@ -54,7 +46,7 @@ def _event(w, t, i, before, after):
     """Note a switch of element i."""
     e = w.ints[EVENTS]
     w.ev_t[e], w.ev_i[e] = t, i
-    w.ev_m[e, 0], w.ev_m[e, 1] = before, after
+    w.ev_m[e, 0], w.ev_m[e, 1], w.ev_m[e, 2] = before, after, 0
     w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
 
 
@@ -64,7 +56,7 @@ def _switches(w, t):
     n, ne = w.ints[N], w.ints[NE]
     for _ in range(2 * ne):
         turned = False
-        _call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         for i in range(ne):
             if w.kind[i] == SWITCH and w.z[2 * n + 2 * i] < 0.0:
                 w.m[i] = 1.0 - w.m[i]
@@ -121,7 +113,7 @@ def _step(w, t, h):
             w.m[i] = w.before[i]
         settled = False
         for attempt in range(together + 200 + 20 * ne):
-            _call(w.ints[STEP], t, h, w.x, w.held, w.p, w.m, w.y)
+            call(w.ints[STEP], t, h, w.x, w.held, w.p, w.m, w.y)
             settled = True
             for i in range(ne):
                 if w.kind[i] == SWITCH or _agrees(w, i):
@@ -150,111 +142,103 @@ def _step(w, t, h):
     return True
 
 
-def _made(stamp: int) -> Any:
-    """The compiled loop; `stamp` enters the key of its cache."""
-
-    @njit(cache=True, nogil=True, error_model="numpy")
-    def advance(w):
-        """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
-        w = _borrowed_all(w)
-        n, ne = w.ints[N], w.ints[NE]
-        every = w.ints[NODES]
-        budget = w.ints[ACCEPTED] + w.ints[BUDGET]
-        turns = stamp < 0  # false; the number has to be used
-        for i in range(ne):
-            turns = turns or w.kind[i] == SWITCH
-        if w.ints[STARTED] == 0 and not _begin(w):
-            return INCONSISTENT
-        while True:
-            t = w.reals[TIME]
+@cached
+def advance(w):
+    """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
+    w = borrowed_all(w)
+    n, ne = w.ints[N], w.ints[NE]
+    every = w.ints[NODES]
+    budget = w.ints[ACCEPTED] + w.ints[BUDGET]
+    turns = False
+    for i in range(ne):
+        turns = turns or w.kind[i] == SWITCH
+    if w.ints[STARTED] == 0 and not begin(w):
+        return INCONSISTENT
+    while True:
+        t = w.reals[TIME]
+        if w.ints[RECORDS] + 4 > w.rec_t.size:
+            return RECORDS_FULL
+        if w.ints[EVENTS] + 4 * ne + 1 > w.ev_t.size:
+            return EVENTS_FULL
+        changed = jumps(w, t)
+        status, held = samples(w, t)
+        if status == SAMPLE_DUE:
+            return SAMPLE_DUE
+        if w.ints[STARTED] == 0 or changed or held:
+            w.ints[STARTED] = 1
+            if every > 0:
+                if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t and held:
+                    w.ints[RECORDS] -= 1
+                record(w, t, w.x)
+        while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
+            record(w, t, w.x)
+            w.ints[OUTPUT] += 1
             if w.ints[RECORDS] + 4 > w.rec_t.size:
                 return RECORDS_FULL
-            if w.ints[EVENTS] + 4 * ne + 1 > w.ev_t.size:
-                return EVENTS_FULL
-            changed = _jumps(w, t)
-            status, held = _samples(w, t)
-            if status == SAMPLE_DUE:
-                return SAMPLE_DUE
-            if w.ints[STARTED] == 0 or changed or held:
-                w.ints[STARTED] = 1
-                if every > 0:
-                    if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t and held:
-                        w.ints[RECORDS] -= 1
-                    _record(w, t, w.x)
-            while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
-                _record(w, t, w.x)
-                w.ints[OUTPUT] += 1
-                if w.ints[RECORDS] + 4 > w.rec_t.size:
-                    return RECORDS_FULL
-            if t >= w.reals[END]:
-                if every > 0 and w.rec_t[w.ints[RECORDS] - 1] < t:
-                    _record(w, t, w.x)
-                return DONE
-            if w.ints[ACCEPTED] >= budget:
-                return PAUSED
+        if t >= w.reals[END]:
+            if every > 0 and w.rec_t[w.ints[RECORDS] - 1] < t:
+                record(w, t, w.x)
+            return DONE
+        if w.ints[ACCEPTED] >= budget:
+            return PAUSED
 
-            stop, h = _next_stop(w), w.reals[STEP_SIZE]
-            left, t_new = stop - t, t + h
-            if left <= h * (1.0 + 1e-6):
-                h, t_new = left, stop
-            elif left < 2.0 * h:
-                h = 0.5 * left
-                t_new = t + h
-            if t_new <= t:
-                return UNDERFLOW
-            if turns:
-                for i in range(ne):
-                    w.before[i] = w.m[i]
-                _switches(w, t)
+        stop, h = next_stop(w), w.reals[STEP_SIZE]
+        left, t_new = stop - t, t + h
+        if left <= h * (1.0 + 1e-6):
+            h, t_new = left, stop
+        elif left < 2.0 * h:
+            h = 0.5 * left
+            t_new = t + h
+        if t_new <= t:
+            return UNDERFLOW
+        if turns:
             for i in range(ne):
                 w.before[i] = w.m[i]
-            if not _step(w, t, h):
-                return INCONSISTENT
+            _switches(w, t)
+        for i in range(ne):
+            w.before[i] = w.m[i]
+        if not _step(w, t, h):
+            return INCONSISTENT
+        for i in range(n):
+            if not math.isfinite(w.y[i]):
+                return UNDERFLOW
+        switched = False
+        for i in range(ne):
+            size = abs(w.y[n + i])
+            if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
+                w.guard_scale[2 * i] = size
+            w.held[ne + 1 + i] = (
+                0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
+            )  # the force of an impact does not last
+            if w.held[i] == 1.0 and w.m[i] == 0.0:
+                w.m[i] = 1.0
+            else:
+                w.held[i] = 0.0
+            switched = switched or w.m[i] != w.before[i] or w.held[i] == 1.0
+        # --- records inside the step show the modes before it
+        for i in range(ne):
+            w.z[i] = w.m[i]
+            w.m[i] = w.before[i]
+        while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
+            if w.ints[RECORDS] + 4 > w.rec_t.size:
+                for i in range(ne):
+                    w.m[i] = w.before[i]
+                return RECORDS_FULL
+            part = (w.out_t[w.ints[OUTPUT]] - t) / h
             for i in range(n):
-                if not math.isfinite(w.y[i]):
-                    return UNDERFLOW
-            switched = False
-            for i in range(ne):
-                size = abs(w.y[n + i])
-                if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
-                    w.guard_scale[2 * i] = size
-                w.held[ne + 1 + i] = (
-                    0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
-                )  # the force of an impact does not last
-                if w.held[i] == 1.0 and w.m[i] == 0.0:
-                    w.m[i] = 1.0
-                else:
-                    w.held[i] = 0.0
-                switched = switched or w.m[i] != w.before[i] or w.held[i] == 1.0
-            # --- records inside the step show the modes before it
-            for i in range(ne):
-                w.z[i] = w.m[i]
-                w.m[i] = w.before[i]
-            while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
-                if w.ints[RECORDS] + 4 > w.rec_t.size:
-                    for i in range(ne):
-                        w.m[i] = w.before[i]
-                    return RECORDS_FULL
-                part = (w.out_t[w.ints[OUTPUT]] - t) / h
-                for i in range(n):
-                    w.s[i] = w.x[i] + part * (w.y[i] - w.x[i])
-                _record(w, w.out_t[w.ints[OUTPUT]], w.s)
-                w.ints[OUTPUT] += 1
-            if every > 1 and switched and w.rec_t[w.ints[RECORDS] - 1] < t:
-                _record(w, t, w.x)
-            for i in range(ne):
-                w.m[i] = w.z[i]
-                if w.m[i] != w.before[i] or w.held[i] == 1.0:
-                    _event(w, t_new, i, w.before[i], w.m[i])
-            for i in range(n):
-                w.x[i] = w.y[i]
-            w.ints[ACCEPTED] += 1
-            w.reals[TIME] = t_new
-            _project(w, t_new)
-            if every > 0 and (switched or w.ints[ACCEPTED] % every == 0):
-                _record(w, t_new, w.x)
-
-    return advance
-
-
-advance = _made(checksum(loop))
+                w.s[i] = w.x[i] + part * (w.y[i] - w.x[i])
+            record(w, w.out_t[w.ints[OUTPUT]], w.s)
+            w.ints[OUTPUT] += 1
+        if every > 1 and switched and w.rec_t[w.ints[RECORDS] - 1] < t:
+            record(w, t, w.x)
+        for i in range(ne):
+            w.m[i] = w.z[i]
+            if w.m[i] != w.before[i] or w.held[i] == 1.0:
+                _event(w, t_new, i, w.before[i], w.m[i])
+        for i in range(n):
+            w.x[i] = w.y[i]
+        w.ints[ACCEPTED] += 1
+        w.reals[TIME] = t_new
+        project(w, t_new)
+        if every > 0 and (switched or w.ints[ACCEPTED] % every == 0):
+            record(w, t_new, w.x)

@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.rosenbrock import RODAS5P
 
@@ -65,30 +66,32 @@ def _growth(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, iterations
     return float(np.exp(np.log(np.maximum(growth[-10:], 1e-300)).mean()))
 
 
-def pays(loop: Any, run: Any, program: Program, work: Any, since: tuple[float, int, int]) -> bool:
+def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -> bool:
     """Whether the rest of a paused run costs less with the stiff method, by the rule of this module.
 
     since: (time, steps, events) at the last look.
     """
-    t, steps, events = (now - then for now, then in zip(progress(loop, work), since, strict=True))
-    left = run.duration - float(work.reals[loop.TIME])
+    from toolbox.simulation.event_loop import advance  # here, because numba is slow to import
+
+    t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
+    left = run.duration - float(work.reals[loop_layout.TIME])
     rest = left / t * steps * program.machine.cost if t > 0.0 else 0.0
     if rest < WORTH:
         return False
-    if t / steps * spectral_radius(program, float(work.reals[loop.TIME]), work.x, work.p, work.m) < NEAR:
+    if t / steps * spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m) < NEAR:
         return False
     if rest < COMPILING * stiff_size(program):
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))
-    set_method(loop, trial, other)
-    trial.ints[[loop.RECORDS, loop.EVENTS, loop.NODES]] = 0
-    trial.ints[loop.OUTPUT] = trial.out_t.size
-    trial.ints[loop.BUDGET] = TRIAL
-    begin = progress(loop, trial)
-    if loop.advance(trial) not in (loop.PAUSED, loop.DONE, loop.EVENTS_FULL):
+    set_method(trial, other)
+    trial.ints[[loop_layout.RECORDS, loop_layout.EVENTS, loop_layout.NODES]] = 0
+    trial.ints[loop_layout.OUTPUT] = trial.out_t.size
+    trial.ints[loop_layout.BUDGET] = TRIAL
+    begin = progress(trial)
+    if advance(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
         return False
-    t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(loop, trial), begin, strict=True))
+    t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(trial), begin, strict=True))
     explicit = program.machine.cost * (steps + SEARCH * events) / t
     return other.machine.cost * (steps_trial + SEARCH * events_trial) <= 0.5 * explicit * t_trial
 
@@ -106,19 +109,19 @@ SEARCH = 5
 """Steps that finding an event takes, about."""
 
 
-def progress(loop: Any, work: Any) -> tuple[float, int, int]:
+def progress(work: Any) -> tuple[float, int, int]:
     """(time, steps, events) of a run so far."""
     ints = work.ints
-    return float(work.reals[loop.TIME]), int(ints[loop.ACCEPTED] + ints[loop.REJECTED]), int(ints[loop.EVENTS])
+    return float(work.reals[loop_layout.TIME]), int(ints[loop_layout.ACCEPTED] + ints[loop_layout.REJECTED]), int(ints[loop_layout.EVENTS])
 
 
-def set_method(loop: Any, work: Any, program: Program) -> None:
+def set_method(work: Any, program: Program) -> None:
     """Let the loop step with the method of this program."""
     pair, ints = program.pair, work.ints
-    names = (loop.FIELD, loop.STEP, loop.PROJECT, loop.PROBE, loop.BURDEN, loop.IMPULSE)
+    names = (loop_layout.FIELD, loop_layout.STEP, loop_layout.PROJECT, loop_layout.PROBE, loop_layout.BURDEN, loop_layout.IMPULSE)
     for name, address in zip(names, program.machine.addresses, strict=True):
         ints[name] = address
-    ints[loop.ORDER] = pair.order
-    ints[loop.IMPLICIT] = pair is RODAS5P
-    ints[loop.TWO_ERRORS] = 1 if pair.error_low else 0
-    work.reals[loop.POWER] = pair.power
+    ints[loop_layout.ORDER] = pair.order
+    ints[loop_layout.IMPLICIT] = pair is RODAS5P
+    ints[loop_layout.TWO_ERRORS] = 1 if pair.error_low else 0
+    work.reals[loop_layout.POWER] = pair.power

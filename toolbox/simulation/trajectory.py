@@ -4,173 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.arguments import finite_array
+from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import finite_array
-
-if TYPE_CHECKING:
-    from toolbox.simulation.saved_run import SavedRun
-
-
-class Event(NamedTuple):
-    """A switch of an element: time [s], element name, mode before and after."""
-
-    time: float
-    element: str
-    before: str
-    after: str
-
-
-class Stays:
-    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
-
-    end: float
-    events: list[Event]
-
-    @property
-    def _legends(self) -> dict[str, dict[int, str]]:
-        """{element: {mode: its word}}."""
-        raise NotImplementedError
-
-    def _at_last(self, element: str) -> str:
-        """Mode of an element at the end of the run."""
-        raise NotImplementedError
-
-    def intervals(self, element: str) -> list[tuple[float, float, str]]:
-        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
-        if element not in self._legends:
-            raise SceneError(f"There is no element `{element}`: {suggest(element, self._legends)}")
-        own = [event for event in self.events if event.element == element]
-        end = self.end
-        mode = own[0].before if own else self._at_last(element)
-        out, begin = [], 0.0
-        for event in own:
-            out.append((begin, event.time, mode))
-            begin, mode = event.time, event.after
-        out.append((begin, end, mode))
-        return [piece for piece in out if piece[1] > piece[0]]
-
-    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
-        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
-        intervals = self.intervals(element)
-        known = self._legends[element].values()
-        if mode not in known:
-            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
-        for word, value in (("after", after), ("until", until)):
-            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
-                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
-        if after > self.end:  # no stick in no time would read as cured
-            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
-        last = np.inf if until is None else until
-        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
-
-
-class Modes(dict[str, Any]):
-    """Modes by element; an unknown element is an error that suggests the nearest."""
-
-    def __missing__(self, name: str) -> Any:
-        raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < 60 else text[:56] + " ..."
-
-
-class Samples:
-    """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
-
-    Taken at a single time, entries are floats (or shape (n,)).
-    """
-
-    def __init__(
-        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
-    ):
-        self.program = program
-        self.time = time
-        self.states = states
-        self.mode = mode
-        self.held = held
-        self._constants = parameters[: program.first_held]
-        self._single = single
-
-    @property
-    def names(self) -> list[str]:
-        """Names of all signals: of the plant, of its inputs and of its elements."""
-        system = self.program.system
-        return [*system.signals, *system.inputs]
-
-    def __contains__(self, name: object) -> bool:
-        return self.program.system.has_signal(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.names)
-
-    def unit(self, name: str) -> str:
-        """Unit of a signal; raises SceneError for an unknown name."""
-        return self.program.system.signal_unit(name)
-
-    @cached_property
-    def modes(self) -> dict[str, np.ndarray]:
-        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
-        words = {}
-        for i, element in enumerate(self.program.system.elements):
-            modes, place = np.unique(self.mode[:, i], return_inverse=True)
-            words[element.name] = np.array([element.legend[int(mode)] for mode in modes], dtype=np.str_)[place]
-        return Modes(words)
-
-    @property
-    def _elements(self) -> list[str]:
-        return [element.name for element in self.program.system.elements]
-
-    def __getitem__(self, name: str) -> Any:
-        rows = self.program.system.rows(name)
-        if rows is None:
-            values = self.computed(name)
-        else:
-            first, size, _ = rows
-            values = self.states[:, first] if size is None else self.states[:, first : first + size]
-        if self._single:
-            return float(values[0]) if values.ndim == 1 else values[0]
-        return values
-
-    def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
-        """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
-        function = output_function(self.program, name, expression)
-        if not self.time.size:
-            return np.empty(0)
-        # casadi maps over columns
-        result = function(self.time[None, :], self.states.T, self._constants, self.held.T, self.mode.T.astype(float))
-        values = np.array(result)
-        return values[0] if values.shape[0] == 1 else values.T
-
-
-def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
-    """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
-    system = program.system
-    found = program.outputs.get(name) if isinstance(name, str) else None
-    if found is not None:
-        return found
-    p, u, force = program.expressions
-    if expression is None:
-        expression = system.expression(name)
-    expression = ca.densify(ca.SX(expression))
-    if system.elements:
-        expression = ca.substitute(expression, system.F, force)
-    if system.inputs:
-        expression = ca.substitute(expression, system.u, u)
-    first = program.first_held
-    arguments = [system.t, system.x, p[:first], p[first:], system.m]
-    made = program.outputs[name] = ca.Function("signal", arguments, [expression])
-    return made
+from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
+from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.simulation.samples import Event, Samples, Stays, short
+from toolbox.simulation.saved_run import SavedRun
 
 
 class Replay:
@@ -251,7 +98,7 @@ class Trajectory(Stays, Samples):
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
         times, index, modes = self._event_arrays
         first = int(np.searchsorted(times, times[event]))
-        for i, (before, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
+        for i, (before, _, _) in zip(index[first:][::-1], modes[first:][::-1], strict=True):
             self._last_mode[i] = before
         self.end = float(times[event])
         self._event_arrays = times[:first], index[:first], modes[:first]
@@ -277,8 +124,17 @@ class Trajectory(Stays, Samples):
         times, index, modes = self._event_arrays
         return [
             Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)])
-            for t, i, (b, a) in zip(times, index, modes, strict=True)
+            for t, i, (b, a, _) in zip(times, index, modes, strict=True)
         ]
+
+    @property
+    def ambiguous(self) -> list[Event]:
+        """The switches at which other modes were consistent with the forces, too.
+
+        Where contacts hold each other and static friction is above kinetic, Coulomb's law does not say whether a contact that arrives sticks, or whether one at
+        its limit lets go first. The run goes on with what can stick beside the others; another choice is another motion.
+        """
+        return [event for event, other in zip(self.events, self._event_arrays[2][:, 2], strict=True) if other]
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:
@@ -293,7 +149,7 @@ class Trajectory(Stays, Samples):
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
             raise SceneError(
-                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {_short(time)}."
+                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}."
             )
         nodes = self.nodes
         row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
@@ -316,14 +172,12 @@ class Trajectory(Stays, Samples):
         """The same run with every step recorded (itself, unless output times were given)."""
         if self.run.output_times is None:
             return self
-        from toolbox.simulation.simulate import UNHURRIED, Budget, again
-
         laws = [Replay(answers) for answers in self.answers]  # what a Python law answered is repeated, not asked again
         budget = UNHURRIED  # as far, however long it takes
         if self.end < self.run.duration:
             budget = Budget(steps=max(sum(self.steps), 1), events=self.run.budget.events)
         try:
-            return again(self.run, output_times=None, laws=laws, budget=budget)
+            return self.run.again(output_times=None, laws=laws, budget=budget)
         except SimulationError as failed:  # a run that failed once fails again, and is as far as it goes
             return failed.run
 
@@ -337,18 +191,16 @@ class Trajectory(Stays, Samples):
         Where impacts make states jump, the two runs are compared outside the time between their jumps, and that time counts itself, relative to the
         duration.
         """
-        from toolbox.simulation.simulate import UNHURRIED, again
-
         longest = self.run.longest_step / 5.3
         if self.program.system.updates:  # where samples set the steps, another accuracy alone would repeat them, and their error
             longest = min(longest, float(np.diff(self.nodes.time).max(initial=np.inf if self.nodes.time.size < 2 else 0.0)) / 2.6)
-        finer = {"accuracy": self.accuracy / 100, "method": "event", "output_times": None, "longest_step": longest}
-        return self.difference(again(self.run, **finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
+        finer = {"accuracy": self.accuracy / 100, "method": EventExact(), "output_times": None, "longest_step": longest}
+        return self.difference(self.run.again(**finer, duration=min(self.end, self.run.duration), budget=UNHURRIED))
 
     def difference(self, better: Trajectory) -> float:
         """Largest difference of a state to another run of the same plant, relative to the size of that state, with impacts as in `error`."""
         if not isinstance(better, Trajectory):
-            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {_short(better)}.")
+            raise SceneError(f"Argument `better` must be a trajectory, as `simulate` returns it, but it is {short(better)}.")
         nodes = self.nodes
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         times = times[times <= min(nodes.end, better.end)]
@@ -457,8 +309,6 @@ class Trajectory(Stays, Samples):
     @staticmethod
     def load(path: str | Path) -> SavedRun:
         """What `save` wrote: signals, modes, events and units, at the recorded times. Raises SceneError for a file that `save` did not write."""
-        from toolbox.simulation.saved_run import SavedRun
-
         return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:
@@ -472,6 +322,8 @@ class Trajectory(Stays, Samples):
         ]
         if self.why:
             lines.append(f"  {self.why}")
+        if self.ambiguous:
+            lines.append(f"  {len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
         if self.merged:
             lines.append(f"  {self.merged} touches without a change of mode")
         for element in self.program.system.elements:
@@ -500,12 +352,12 @@ class Stepped(Trajectory):
 
     @property
     def _setting(self) -> str:
-        return f"time stepping, steps of {self.run.step:.3g} s"
+        return f"time stepping, steps of {self.step:.3g} s"
 
     @property
     def step(self) -> float:
         """Length of a step [s]."""
-        return self.run.step
+        return float(self.run.method.step)
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
         return np.column_stack([np.interp(times, self.time, self.states[:, i]) for i in range(self.states.shape[1])])
@@ -513,13 +365,11 @@ class Stepped(Trajectory):
     @cached_property
     def error(self) -> float:
         """Four thirds of the largest difference of a state to a second run with a quarter of the step: the error of a method of order one."""
-        from toolbox.simulation.simulate import again
-
-        return 4.0 / 3.0 * self.difference(again(self.run, step=self.run.step / 4, output_times=None))
+        return 4.0 / 3.0 * self.difference(self.run.again(method=TimeStepping(self.step / 4), output_times=None))
 
     @property
     def _blur(self) -> float:
-        return 1.5 * self.run.step
+        return 1.5 * self.step
 
     def _jumps(self, least: float) -> np.ndarray:
         nodes, (times, index, modes) = self.nodes, self._event_arrays
@@ -535,12 +385,12 @@ class Smoothed(Trajectory):
 
     @property
     def _setting(self) -> str:
-        return "smoothed, width " + ", ".join(f"{width:.3g} ({name})" for name, width in self.run.widths.items())
+        return "smoothed, width " + ", ".join(f"{width:.3g} ({name})" for name, width in self.widths.items())
 
     @property
     def widths(self) -> dict[str, float]:
         """Width of each smoothed element, in the unit of its slip."""
-        return dict(self.run.widths)
+        return dict(self.run.method.width)
 
     @cached_property
     def error(self) -> float:
@@ -548,16 +398,8 @@ class Smoothed(Trajectory):
 
         5/3 belongs to an error that falls with the width to the power 2/3, as the passage of a peak makes it; where it falls in proportion it is 4/3.
         """
-        from toolbox.simulation.simulate import again
-
-        widths = {name: width / 4 for name, width in self.run.widths.items()}
-        return (
-            5.0
-            / 3.0
-            * self.difference(
-                again(self.run, system=self.run.system.sharp, widths=widths, tolerance=self.run.tolerance / 4, output_times=None)
-            )
-        )
+        finer = Smoothing({name: width / 4 for name, width in self.widths.items()}, self.run.method.tolerance / 4)
+        return 5.0 / 3.0 * self.difference(self.run.again(system=self.run.system.sharp, method=finer, output_times=None))
 
 
 def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import finite_array
+from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.program import Program
-from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import finite_array
+from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table
+from toolbox.modelling.start import place_starts
+from toolbox.simulation.methods import Smoothing, TimeStepping
+from toolbox.simulation.run import Budget, Run
 from toolbox.simulation.stiffness import set_method
-
-if TYPE_CHECKING:
-    from toolbox.simulation.simulate import Budget, Run
 
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
 
-def work_arrays(loop: Any, run: Run, program: Program) -> Any:
+def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
+    from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
+
     system, machine = run.system, program.machine
+    fixed = run.method.step if isinstance(run.method, TimeStepping) else None
+    tolerance = run.method.tolerance if isinstance(run.method, Smoothing) else None
     n, ne, ng = machine.states, machine.elements, machine.guards
     p = np.empty(program.p_size)
     base = system.values.size
@@ -52,21 +56,22 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
         first = np.append(first, len(jumps)).astype(np.int64)
 
-    ints = np.zeros(loop.INTS, np.int64)
-    ints[loop.N], ints[loop.NE], ints[loop.NG] = n, ne, ng
-    ints[loop.COUPLED] = machine.coupled
-    ints[loop.FIRST_HELD] = program.first_held
-    ints[loop.NODES] = 1 if run.output_times is None else 0
-    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
-        ints[loop.NODES] = 1 + int(run.duration / run.step / MAX_RECORDS)
-    reals = np.zeros(loop.REALS)
-    reals[loop.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
-    reals[loop.STEP_SIZE] = run.step or 0.0
-    reals[loop.END] = run.duration
-    reals[loop.RTOL] = run.tolerance or run.accuracy
-    reals[loop.LAST_EVENT] = -np.inf
+    ints = np.zeros(loop_layout.INTS, np.int64)
+    ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = n, ne, ng
+    ints[loop_layout.COUPLED] = machine.coupled
+    ints[loop_layout.BOUNDS] = len(program.bounded)
+    ints[loop_layout.FIRST_HELD] = program.first_held
+    ints[loop_layout.NODES] = 1 if run.output_times is None else 0
+    if fixed is not None and run.output_times is None:
+        ints[loop_layout.NODES] = 1 + int(run.duration / fixed / MAX_RECORDS)
+    reals = np.zeros(loop_layout.REALS)
+    reals[loop_layout.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
+    reals[loop_layout.STEP_SIZE] = fixed or 0.0
+    reals[loop_layout.END] = run.duration
+    reals[loop_layout.RTOL] = tolerance or run.accuracy
+    reals[loop_layout.LAST_EVENT] = -np.inf
 
-    samplers = np.zeros((len(system.updates), loop.COLUMNS), np.int64)
+    samplers = np.zeros((len(system.updates), loop_layout.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
     memory_size = 0
     keys: list[int] = []
@@ -74,7 +79,7 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
         address = 0 if update.external else machine.updates[c]
         samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
-        keys += [0] * size + [loop.channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+        keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
         memory_size = len(keys)
     memory, held = begun(run, system)
     p[program.held_slot : program.held_slot + held.size] = held
@@ -82,12 +87,12 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
-    if isinstance(program.pair, Theta) and run.step is not None and run.output_times is None:
-        capacity = 1024 + int(run.duration / run.step / ints[loop.NODES])
+    if fixed is not None and run.output_times is None:
+        capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)
-    work = loop.Work(
+    work = loop_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
@@ -96,12 +101,12 @@ def work_arrays(loop: Any, run: Run, program: Program) -> Any:
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
-        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.empty((events, 2), np.int8),
+        ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.zeros((events, 3), np.int8),
         jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
         out_t=run.output_times if run.output_times is not None else np.empty(0),
         samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
     )  # fmt: skip
-    set_method(loop, work, program)
+    set_method(work, program)
     return work
 
 
@@ -133,34 +138,8 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
     memory[first : first + (size or 1)] = array
 
 
-def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) -> None:
-    """Write start values; an entry that is named beside its vector wins, in whatever order they are given."""
-    for name in sorted(start, key=lambda name: (system.rows(name) or (0, None))[1] is None):
-        place_start(system, x, name, start[name])
 
 
-def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
-    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
-    target: Any = None
-    rows = system.rows(name)
-    if rows is not None:
-        target = slice(rows[0], rows[0] + (rows[1] or 1))
-    elif name in system.signals:
-        expression = system.signals[name][0]
-        if expression.numel() == 1 and expression.is_symbolic():
-            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
-            if place.size == 1:
-                target = slice(place[0], place[0] + 1)
-    if target is None:
-        if name in system.signals:
-            raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
-        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
-    array = finite_array(value)
-    if array is None:
-        raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
-    if array.ndim and array.shape != x[target].shape:
-        raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
-    x[target] = array
 
 
 def _event_room(asked: int, program: Program, left: float) -> int:
@@ -184,7 +163,7 @@ def grown(work: Any, program: Program, records: bool, budget: Budget) -> Any:
     for name in names:
         old = getattr(work, name)
         room = 2 * old.shape[0] if records else _event_room(2 * old.shape[0], program, budget.events)
-        new = np.empty((room, *old.shape[1:]), old.dtype)
+        new = np.zeros((room, *old.shape[1:]), old.dtype)
         new[: old.shape[0]] = old
         bigger[name] = new
     return work._replace(**bigger)

@@ -10,19 +10,12 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError
-from toolbox.modelling.free_parameter import Knob, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.simulation.work_arrays import place_starts
-from toolbox.steady_states.linear import (
-    Equilibrium,
-    _free,
-    _frictionless,
-    _modes_at,
-    equilibrium,
-    input_values,
-    mode_numbers,
-    residual_functions,
-)
+from toolbox.modelling.start import place_starts
+from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.simulation.request import continuous_loop
+from toolbox.steady_states.linear import _free, _frictionless, _modes_at, equilibrium, input_values, residual_functions
 
 MANY_MODES = 81
 """Combinations of modes above which `equilibria` tries only those in which all contacts do the same."""

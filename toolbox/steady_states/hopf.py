@@ -23,12 +23,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import numbers, whole
+from toolbox.arguments import checked_range, numbers, whole
 from toolbox.errors import SceneError
-from toolbox.modelling.free_parameter import Knob, check_unsampled, checked_range, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import check_unsampled
+from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
-from toolbox.steady_states.linear import Equilibrium, equilibrium, holding_elements, mode_numbers
+from toolbox.steady_states.linear import equilibrium, holding_elements
 
 
 @dataclass(frozen=True)

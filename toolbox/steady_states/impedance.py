@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import finite_array, is_finite_number, quantity, state
+from toolbox.modelling.elements import quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.steady_states.linear import linearise

@@ -9,60 +9,26 @@ constraint for one state per sticking element and leaves that state out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import mapping
+from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
-from toolbox.simulation.trajectory import Samples
-from toolbox.simulation.work_arrays import place_start, place_starts
+from toolbox.modelling.start import place_start, place_starts
+from toolbox.modelling.steady_point import Equilibrium, _code, closed_signal, function_of
+from toolbox.simulation.samples import Samples
 
 if TYPE_CHECKING:
     import control
 
 
-def _code(element: Element, word: str) -> float:
-    """The number of a mode; raises SceneError for a word that is not in the element's legend."""
-    codes = {known: float(code) for code, known in element.legend.items()}
-    if word not in codes:
-        *others, last = codes
-        raise SceneError(f"Argument `mode` must be {', '.join(others)} or {last} for `{element.name}`, but it is {word!r}.")
-    return codes[word]
 
 
-@dataclass(frozen=True)
-class Equilibrium:
-    """A steady state of a plant: `rest["bit.speed"]` reads a signal, `print(rest)` shows all.
-
-    plant: the plant with the parameters it was found for;  states: x, shape (n,);  inputs: u, shape (n_u,);  modes: {element: mode}.
-    """
-
-    plant: HybridSystem
-    states: np.ndarray
-    inputs: np.ndarray
-    modes: Mapping[str, str]
-
-    def __getitem__(self, name: str) -> Any:
-        """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
-        function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
-        value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
-        return float(value[0]) if value.size == 1 else value
-
-    def __str__(self) -> str:
-        lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
-        units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
-        for name, unit in units.items():
-            value = self[name]
-            shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
-            lines.append(f"  {name:<18} {shown} {unit}")
-        return "\n".join(lines)
 
 
 def equilibrium(
@@ -141,7 +107,7 @@ def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
     """The plant with its controllers as parts, each in its continuous form."""
     if controller is None:
         return plant
-    from toolbox.modelling.free_parameter import continuous_loop
+    from toolbox.simulation.request import continuous_loop
 
     return continuous_loop(plant, controller)
 
@@ -171,7 +137,7 @@ def linearise(
     """
     import control
 
-    from toolbox.modelling.free_parameter import check_unsampled
+    from toolbox.modelling.laws import check_unsampled
 
     check_unsampled(controller)
     plant = _closed(plant, controller)
@@ -228,24 +194,10 @@ def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> Hybri
     return plant.with_parameters(parameters) if parameters else plant
 
 
-def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
-    """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
-    found = plant.kernels.get(("linear", *key))
-    if found is None:
-        symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
-        found = plant.kernels["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
-    return found
 
 
-def closed_signal(plant: HybridSystem, name: str) -> ca.SX:
-    """A signal as an expression of t, x, u, p and m."""
-    expression = ca.densify(ca.SX(plant.expression(name)))
-    return ca.substitute(expression, plant.F, plant.switching.force) if plant.elements else expression
 
 
-def mode_numbers(plant: HybridSystem, modes: Mapping[str, str]) -> np.ndarray:
-    """Modes of all elements as the numbers of their legends, shape (elements,)."""
-    return np.array([_code(element, modes[element.name]) for element in plant.elements])
 
 
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:

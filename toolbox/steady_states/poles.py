@@ -10,16 +10,13 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import numbers
-from toolbox.modelling.free_parameter import Knob, check_unsampled, continuous_loop
+from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import check_unsampled
+from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
+from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.equilibria import Followed, flow_slopes
-from toolbox.steady_states.linear import (
-    Equilibrium,
-    function_of,
-    holding_elements,
-    linearise,
-    mode_numbers,
-)
+from toolbox.steady_states.linear import holding_elements, linearise
 
 
 def friction_slopes(point: Equilibrium) -> dict[str, float]:

@@ -16,13 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.compilation import loop_layout
 from toolbox.compilation.kernel import UNROLLED
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
 from toolbox.measuring.measures import Measure, Tally
+from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
-from toolbox.simulation.simulate import UNHURRIED, Run, carry_out, compiled_loop, pair_of
+from toolbox.simulation.methods import Automatic, Explicit, Smoothing, TimeStepping
+from toolbox.simulation.run import UNHURRIED, Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.simulation.work_arrays import limited, work_arrays
 
@@ -97,8 +100,8 @@ def finished(task: Task) -> Outcome:
     values = np.full((len(task.numbers), len(task.measures)), np.nan)
     errors: dict[int, str] = {}
     run, steps = task.run, 0
-    dialled = run.method in ("time-stepping", "smoothed", "auto")  # their step or width is refined, run by run
-    if run.laws or dialled or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
+    alone = isinstance(run.method, (TimeStepping, Smoothing, Automatic))  # the solver prepares each of their runs
+    if run.laws or alone or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
         _one_by_one(task, values, errors)
     elif task.lanes:
         _side_by_side(task, values, errors)
@@ -128,13 +131,13 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
     load; and while the step is a straight line of instructions.
     """
     run = task.run
-    if run.method != "explicit" or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if run.method != Explicit() or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
     if not all(isinstance(measure, Measure) for measure in task.measures):
         return False
     from toolbox.lanes.events import carries_events
 
-    machine = (program := program_of(run.system, run.kinds, pair_of(run))).machine
+    machine = (program := program_of(run.system, run.kinds, formulas_of(run))).machine
     if machine.states * len(DOP853.b) > UNROLLED or (machine.elements and not carries_events(program)):
         return False
     return float(len(task.numbers)) * (steps * machine.cost + ALONE) > LANES_WORK
@@ -166,10 +169,10 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     """Run a task, one run after the other; returns the steps that were tried."""
     run, tried = task.run, 0
     with _PREPARING:
-        program = program_of(run.system, run.kinds, pair_of(run))
-        loop, advance = compiled_loop(run, program)
+        program = program_of(run.system, run.kinds, formulas_of(run))
+        advance = compiled_loop(run, program)
         tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-        work = whole = work_arrays(loop, run, program)
+        work = whole = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
@@ -187,26 +190,26 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what the tally has read
         work = whole
         while True:
-            work.ints[loop.BUDGET] = run.budget.steps - int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+            work.ints[loop_layout.BUDGET] = run.budget.steps - int(work.ints[loop_layout.ACCEPTED] + work.ints[loop_layout.REJECTED])
             status = advance(work)
-            if status == loop.PAUSED or switches.sum() + work.ints[loop.EVENTS] > run.budget.events:
-                errors[task.first + i] = str(exhausted(loop, run, program, work, clock.perf_counter(), [], switches))
+            if status == loop_layout.PAUSED or switches.sum() + work.ints[loop_layout.EVENTS] > run.budget.events:
+                errors[task.first + i] = str(exhausted(run, program, work, clock.perf_counter(), [], switches))
                 break
-            if status not in (loop.DONE, loop.RECORDS_FULL, loop.EVENTS_FULL):
-                errors[task.first + i] = str(failure(loop, status, run, program, work, clock.perf_counter(), []))
+            if status not in (loop_layout.DONE, loop_layout.RECORDS_FULL, loop_layout.EVENTS_FULL):
+                errors[task.first + i] = str(failure(status, run, program, work, clock.perf_counter(), []))
                 break
             if run.budget.events < np.inf:
-                switches += np.bincount(work.ev_i[: work.ints[loop.EVENTS]], minlength=switches.size)
-            tally.read(work, status == loop.DONE)
+                switches += np.bincount(work.ev_i[: work.ints[loop_layout.EVENTS]], minlength=switches.size)
+            tally.read(work, status == loop_layout.DONE)
             work = limited(whole, program, run.budget, int(switches.sum()))
-            if status == loop.DONE:
+            if status == loop_layout.DONE:
                 broken = tally.broken_bound
                 if broken is None:
                     values[i] = tally.values()
                 else:
                     errors[task.first + i] = broken
                 break
-        tried += int(work.ints[loop.ACCEPTED] + work.ints[loop.REJECTED])
+        tried += int(work.ints[loop_layout.ACCEPTED] + work.ints[loop_layout.REJECTED])
     return tried
 
 
@@ -215,7 +218,7 @@ def single(task: Task, i: int) -> Run:
     base, system = task.run, copy.copy(task.run.system)
     first, numbers = system.values.size, np.asarray(task.numbers[i : i + 1])[0]
     system.values = numbers[:first].copy()
-    program = program_of(base.system, base.kinds, pair_of(base))
+    program = program_of(base.system, base.kinds, formulas_of(base))
     inputs = dict(base.inputs)
     for name, kind in base.kinds:
         if kind == "number":
@@ -226,7 +229,8 @@ def single(task: Task, i: int) -> Run:
         start = {name: float(x[at]) if size is None else x[at : at + size] for name, (at, size, _) in system.states.items()}
     resume = base.resume
     if task.memories is not None or task.held is not None:
-        work = work_arrays(compiled_loop(base, program)[0], base, program)
+        compiled_loop(base, program)
+        work = work_arrays(base, program)
         memory = work.memory if task.memories is None else task.memories[i]
         held = work.p[program.held_slot : program.held_slot + system.held.numel()] if task.held is None else task.held[i]
         resume = (memory.copy(), held.copy())
@@ -247,6 +251,7 @@ def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
 def _tallied(run: Trajectory, measure: Measure) -> float:
     """A measure of a trajectory that is there, by `toolbox.measure`."""
     from toolbox.measuring import measure as of
+    from toolbox.simulation import samples
 
     window = (measure.after, measure.until)
     if measure.kind == "final":
@@ -255,7 +260,7 @@ def _tallied(run: Trajectory, measure: Measure) -> float:
         return getattr(of.extent(run, measure.of, *window), measure.kind)
     if measure.kind == "severity":
         return of.severity(run, measure.of, measure.after, measure.definition, until=measure.until, reference=measure.reference)
-    begin, end = of.window(run, *window)
+    begin, end = samples.window(run, *window)
     if measure.kind == "events":
         return sum(event.element == measure.of and begin <= event.time <= end for event in run.events)
     spent = run.time_in(measure.of, measure.mode, begin, end)
@@ -271,11 +276,11 @@ def _tallied(run: Trajectory, measure: Measure) -> float:
 
 def numbers_of_run(run: Run) -> np.ndarray:
     """Parameters and coefficients of inputs of a run, shape (first_held,)."""
-    program = program_of(run.system, run.kinds, pair_of(run))
-    return work_arrays(compiled_loop(run, program)[0], run, program).p[: program.first_held].copy()
+    program = program_of(run.system, run.kinds, formulas_of(run))
+    return work_arrays(run, program).p[: program.first_held].copy()
 
 
 def slots(run: Run, names: Sequence[str]) -> list[int]:
     """Where inputs and parameters stand among the numbers of a task; an input must be given as a number."""
-    program = program_of(run.system, run.kinds, pair_of(run))
+    program = program_of(run.system, run.kinds, formulas_of(run))
     return [program.coefficient_slot[name] if name in run.system.inputs else run.system._parameter(name).offset for name in names]

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import finite_array, is_finite_number
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,9 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.simulation.simulate import carry_out
+from toolbox.simulation.carry_out import carry_out
+from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method
+from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
 from toolbox.sweeps.chunks import WAITING, Columns
@@ -49,6 +51,10 @@ class Manner:
     method: str
     lanes: bool
     cost: float
+
+    def steps_of(self, run: Run) -> Method:
+        """The method of the runs, with the options that it was given."""
+        return run.method if run.method.text == self.method else METHODS[self.method]
 
     def together(self, runs: int) -> int:
         """Runs in one chunk: about `WORK` of them, and enough chunks for all cores."""
@@ -81,7 +87,7 @@ def evaluated(
     left = int((columns.status == WAITING).sum())
     if not left:
         return columns.values, columns.errors, 0.0
-    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.method), lanes=manner.lanes)
+    task = dataclasses.replace(task, run=dataclasses.replace(task.run, method=manner.steps_of(task.run)), lanes=manner.lanes)
     chunks = _chunks(columns.status, store.ranges if store is not None else [(0, total)], manner.together(total))
 
     def take(outcome: Outcome) -> None:
@@ -200,16 +206,16 @@ def _probed(task: Task) -> Manner:
     """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone."""
     middle = len(task.numbers) // 2
     method = task.run.method
-    if method == "event":
-        method = "explicit"
+    if isinstance(method, EventExact):
+        method = Explicit()
         if not task.run.laws:
             found: Trajectory | None
             try:
                 found = carry_out(single(task, middle))
             except SimulationError as failure:
                 found = failure.run
-            if found is not None and found.run.method == "stiff":
-                method = "stiff"
+            if found is not None and isinstance(found.run.method, Implicit):
+                method = Implicit()
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
-    return Manner(method, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds)
+    return Manner(method.text, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds)

@@ -17,15 +17,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measures as tally
 from toolbox.measuring.measures import Measure
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.onsets.onset import judged_contact, judged_speed
-from toolbox.simulation.simulate import UNHURRIED, Budget
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.methods import Method
+from toolbox.simulation.run import UNHURRIED, Budget
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
 from toolbox.sweeps.executors import evaluated
@@ -93,7 +94,7 @@ def sweep(
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     measures: Any = None,
-    method: str = "event",
+    method: Method | str = "event",
     accuracy: float | None = None,
     budget: Budget = UNHURRIED,
     executor: concurrent.futures.Executor | None = None,

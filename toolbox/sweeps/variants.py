@@ -17,8 +17,9 @@ from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Held
-from toolbox.simulation.simulate import Run, checked_run
-from toolbox.simulation.work_arrays import place_starts
+from toolbox.modelling.start import place_starts
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Run
 from toolbox.sweeps.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.sweeps.designs import Variations
 
@@ -31,11 +32,11 @@ def varied_run(plant: HybridSystem, variations: Variations, duration: float, **a
     }
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `vary` must name every number once.")
-    closed = checked_run(plant, duration, **arguments).system
+    closed = Request(plant, duration, **arguments).checked().system
     knobs = [Knob.of(closed, name) for name in variations.names]
     middle = variations.points[len(variations.points) // 2].tolist()
     arguments["inputs"] |= {knob.name: value for knob, value in zip(knobs, middle, strict=True) if knob.is_input}
-    return checked_run(plant, duration, **arguments)
+    return Request(plant, duration, **arguments).checked()
 
 
 def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int, str]]:
@@ -136,7 +137,7 @@ def run_fingerprint(task: Task, variations: Variations, names: Sequence[str]) ->
         "measures": [str(list(zip(names, measures, strict=True)))],
         "duration": [run.duration],
         "accuracy": [run.accuracy],
-        "method": [run.method],
+        "method": [str(run.method)],
         "budget": [run.budget],
     }
     return {word: hashlib.sha256(repr(value).encode()).hexdigest()[:16] for word, value in content.items()}

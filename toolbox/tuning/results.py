@@ -178,10 +178,14 @@ class Tuned:
         return rows
 
     def plot(self, ax: Any = None) -> Any:
-        """The front, or the best so far over the number of trials; see `toolbox.onsets.figures.tuning_diagram`."""
-        from toolbox.onsets.figures import tuning_diagram
+        """The front, or the best so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
+        from toolbox.tuning.figures import tuning_diagram  # here, because matplotlib is slow to import
 
-        return tuning_diagram(self, ax=ax)
+        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
+        tried = np.array([self.counted(trial) for trial in self.trials])
+        front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(names))
+        best = np.array(self.counted(self.best)) if len(front) else None
+        return tuning_diagram(names, tried, front, np.array(self.counted(self.before)), best, ax)
 
     def save(self, path: str | Path) -> Path:
         """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
-from toolbox.scenes.scene import Case, Scene
+from toolbox.scenes.cases import Case
+from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdicts import measured
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.executors import travelling

@@ -21,13 +21,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measure
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
-from toolbox.modelling.elements import is_finite_number
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
-from toolbox.scenes.scene import Case, Scene
+from toolbox.scenes.cases import Case
+from toolbox.scenes.scene import Scene
 from toolbox.scenes.verdicts import MEASURES
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.journal import Journal, fingerprint

@@ -1,0 +1,95 @@
+"""The rooms of `toolbox`: each imports only rooms below it, and no file is part of a circle."""
+
+import ast
+import itertools
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+FLOORS = (
+    "errors", "arguments", "files", "modelling", "compilation", "simulation", "measuring", "prediction", "steady_states", "scenes", "lanes", "orbits",
+    "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
+)  # fmt: skip
+"""Rooms from the ground up."""
+
+LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS = 500, 100, 12
+
+
+def room(path: Path) -> str:
+    """The room of a file given by its path inside `toolbox`."""
+    return "face" if path.name in ("__init__.py", "__main__.py") and len(path.parts) == 1 else path.parts[0].removesuffix(".py")
+
+
+@pytest.fixture(scope="module")
+def imports():
+    """{file: {(imported file, line)}} of `toolbox`: at the top, inside functions and for types alike."""
+    root = Path(__file__).parents[2] / "toolbox"
+    files = {".".join(("toolbox", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__"): path for path in root.rglob("*.py")}
+    found = defaultdict(set)
+    for path in files.values():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" if f"{node.module}.{alias.name}" in files else node.module for alias in node.names]
+            found[path.relative_to(root)] |= {(files[name].relative_to(root), node.lineno) for name in names if name in files}
+    return found
+
+
+def test_every_room_has_its_floor(imports):
+    assert {room(path) for path in imports} == set(FLOORS)
+
+
+def test_a_room_imports_only_rooms_below_it(imports):
+    upwards = [
+        f"{path}:{line} imports {target}: `{room(path)}` must not import `{room(target)}`, which is above it"
+        for path, targets in imports.items()
+        for target, line in targets
+        if FLOORS.index(room(path)) < FLOORS.index(room(target))
+    ]
+    assert not upwards, "\n".join(sorted(upwards))
+
+
+def test_no_files_import_one_another_in_a_circle(imports):
+    above = {path: {target for target, _ in targets if target != path} for path, targets in imports.items()}
+    while above:  # take away what imports nothing that is left
+        free = [path for path, targets in above.items() if not targets & above.keys()]
+        assert free, "these files import one another: " + ", ".join(sorted(map(str, above)))
+        for path in free:
+            del above[path]
+
+
+def test_no_room_bears_the_name_of_a_public_function():
+    import toolbox
+
+    rooms = set(FLOORS) - {"errors", "arguments", "authoring", "face"}
+    assert not rooms & set(toolbox.__all__)
+
+
+def functions(root):
+    for package in ("toolbox", "models", "controllers"):
+        for path in sorted((root / package).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.FunctionDef):
+                    yield path.relative_to(root), node
+
+
+def test_files_and_functions_can_be_read_at_once(root):
+    long = {path: text.count("\n") for package in ("toolbox", "models", "controllers") for path in (root / package).rglob("*.py")
+            if (text := path.read_text(encoding="utf-8")).count("\n") > LONGEST_FILE}  # fmt: skip
+    assert not long
+    large = [f"{path}: {node.name}" for path, node in functions(root) if node.end_lineno - node.lineno + 1 > LONGEST_FUNCTION]
+    assert not large
+
+
+@pytest.mark.parametrize("package", ["models", "controllers"])
+def test_models_and_laws_import_only_what_is_public_in_the_toolbox(root, package):
+    for path in (root / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            module = node.module if isinstance(node, ast.ImportFrom) else ""
+            named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in itertools.chain([module], named):
+                if name and name.split(".")[0] == "toolbox":
+                    assert name in ("toolbox", "toolbox.authoring"), f"{path.relative_to(root)}:{node.lineno} imports {name}"

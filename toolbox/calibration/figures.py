@@ -1,0 +1,69 @@
+"""The picture of a fit: what was measured, what the fitted plant does, and the residuals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from toolbox.calibration.residuals import Loop, Simulated
+from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
+
+
+def fitted(misfit: Loop | Simulated, values: np.ndarray) -> Any:
+    """Measured against model: one panel per signal, or the loop of friction over slip, and below each the residuals.
+
+    Parameters
+    ----------
+    misfit: what was measured, and the model that was fitted to it.
+    values: the fitted numbers, shape (numbers,).
+
+    Returns
+    -------
+    The axes, shape (2, signals).
+    """
+    model = misfit.model(values)
+    dots = {"marker": ".", "linestyle": "none", "color": "0.6", "markersize": 2.5, "rasterized": True}
+    with plt.rc_context(PAPER):
+        figure, axes = plt.subplots(2, len(misfit.outputs), squeeze=False, sharex="col", figsize=(WIDTH, 3.8), height_ratios=(2.2, 1.0),
+                                    layout="constrained")  # fmt: skip
+        for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
+            unit = misfit.plant.unit(name)
+            time, measured = misfit.time[name], misfit.measured[name]
+            if isinstance(misfit, Loop):
+                element = misfit.plant.elements[misfit.place]
+                x, slides = misfit.slip[misfit.rows], ~misfit.released
+                resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)
+                top.plot(
+                    misfit.slip[resting], misfit.recording.signals[name][resting], **{**dots, "color": "0.85"}, label="measured, at rest"
+                )
+                top.plot(x[slides], measured[slides], **dots, label="measured, slipping")
+                top.plot(
+                    x[slides],
+                    model[name][slides],
+                    **{**dots, "color": LINES[0]["color"], "markersize": 1.8},
+                    label="law, at the measured load",
+                )
+                if misfit.released.any():
+                    top.plot(
+                        x[misfit.released],
+                        measured[misfit.released],
+                        marker="^",
+                        linestyle="none",
+                        color=LINES[1]["color"],
+                        label="break-away",
+                    )
+                bottom.set_xlabel(f"slip of {element.name} [{element.slip_unit}]")
+            else:
+                x = time
+                top.plot(x, measured, **dots, label="measured")
+                top.plot(x, model[name], label="model", **{**LINES[0], "linewidth": 1.1})
+                bottom.set_xlabel("time [s]")
+            bottom.plot(x, measured - model[name], **dots)
+            bottom.axhline(0.0, color="0.2", linewidth=0.7)
+            top.set_ylabel(f"{in_words(name)} [{unit}]")
+            bottom.set_ylabel(f"residual [{unit}]")
+            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
+        figure.align_ylabels(axes)
+    return axes

@@ -1,0 +1,97 @@
+"""The layout of the arrays that the compiled loops share: status codes, indices, kinds of elements, and the arrays of one run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+# --- status codes of `advance`
+DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND = range(9)
+
+
+# --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
+(N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, INTS) = range(29)  # fmt: skip
+
+
+# --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
+FRICTION, RIGID, SWITCH = range(3)
+
+
+# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
+
+
+# --- columns of `Work.samplers`, one row per sampled controller
+ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, NOISES, COLUMNS = range(9)
+
+
+EPS = 2.220446049250313e-16
+
+
+class Work(NamedTuple):
+    """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
+
+    ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
+    scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
+    g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
+    side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
+    kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
+    loader: the unilateral contact without which a friction has no load, or -1;
+    held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
+    rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
+    consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
+    period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
+    channel at its place in `keys`, computed outputs waiting in `queue` (controller, slot, output).
+    """
+
+    ints: np.ndarray
+    reals: np.ndarray
+    x: np.ndarray
+    k: np.ndarray
+    p: np.ndarray
+    m: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    s: np.ndarray
+    q: np.ndarray
+    scale: np.ndarray
+    noise: np.ndarray
+    group: np.ndarray
+    group_scale: np.ndarray
+    g: np.ndarray
+    g_low: np.ndarray
+    g_high: np.ndarray
+    guard_scale: np.ndarray
+    slot: np.ndarray
+    side: np.ndarray
+    armed: np.ndarray
+    fired: np.ndarray
+    excited: np.ndarray
+    zero: np.ndarray
+    forced: np.ndarray
+    before: np.ndarray
+    kind: np.ndarray
+    initial: np.ndarray
+    attached: np.ndarray
+    loader: np.ndarray
+    held: np.ndarray
+    bounced: np.ndarray
+    rec_t: np.ndarray
+    rec_x: np.ndarray
+    rec_m: np.ndarray
+    rec_p: np.ndarray
+    ev_t: np.ndarray
+    ev_i: np.ndarray
+    ev_m: np.ndarray
+    jump_t: np.ndarray
+    jump_first: np.ndarray
+    jump_index: np.ndarray
+    jump_value: np.ndarray
+    out_t: np.ndarray
+    samplers: np.ndarray
+    clocks: np.ndarray
+    memory: np.ndarray
+    keys: np.ndarray
+    queue: np.ndarray

@@ -1,0 +1,111 @@
+"""Steps of a run as quintics: signals and their first two derivatives at both ends of every step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from toolbox.compilation.emitter import compiled, function_text
+from toolbox.compilation.kernel import plain_body
+from toolbox.compilation.notices import announced
+from toolbox.compilation.program import Program
+from toolbox.simulation.samples import Samples
+from toolbox.simulation.trajectory import Stepped, Trajectory
+
+
+def signals_and_bounds(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.SX:
+    """Signals, then the bounds of some elements, in terms of t, x, p and the modes."""
+    system = program.system
+    _, u, force = program.expressions
+    rows = {name: system.rows(name) for name in signals}
+    chosen = [system.x[row[0]] if row is not None else system.expression(name) for name, row in rows.items()]
+    value = ca.vertcat(*chosen, *[system.elements[i].static for i in bounds])
+    if system.elements:
+        value = ca.substitute(value, system.F, force)
+    return ca.substitute(value, system.u, u) if system.inputs else value
+
+
+def _tolerance(accuracy: float) -> float:
+    """Largest distance of the cubic from the quintic, in parts of the size of a signal; its power 3/2 over 6 is about the error of the quintic."""
+    return min(10.0 * accuracy, 1e-5)
+
+
+# ---------------------------------------------------------------------------------------------------------------------------------- step by step
+@dataclass(frozen=True)
+class Steps:
+    """What a scalar signal does in every step of a run inside a window: arrays of shape (steps,).
+
+    begin, end: of the steps, cut to the window [s];  row: of the node at which each begins;  lowest, highest: values, of quintics;  when_lowest,
+    when_highest [s];  integral: over the step.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    row: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+    when_lowest: np.ndarray
+    when_highest: np.ndarray
+    integral: np.ndarray
+
+
+def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
+    """The steps of a run with every step recorded, read as those of a `Tally` are; those of time stepping are straight from node to node."""
+    first = max(int(np.searchsorted(nodes.time, begin, side="right")) - 1, 0)
+    last = int(np.searchsorted(nodes.time, end, side="left")) + 1
+    time, rows = nodes.time[first:last], slice(first, last)
+    lowest, highest, when_lowest, when_highest, integral = (
+        np.full((time.size - 1, 1), fill) for fill in (np.inf, -np.inf, np.nan, np.nan, 0.0)
+    )
+    if isinstance(nodes, Stepped):
+        edges = np.clip(time, begin, end)
+        left = np.asarray(nodes.at(edges[:-1])[signal])
+        right = np.asarray(
+            Samples(
+                nodes.program, edges[1:], nodes.at(edges[1:]).states, nodes.mode[rows][:-1], nodes.held[rows][:-1], nodes.parameters, False
+            )[signal]
+        )
+        for values, when in ((left, edges[:-1]), (right, edges[1:])):
+            lower, higher = values < lowest[:, 0], values > highest[:, 0]
+            lowest[lower, 0], when_lowest[lower, 0] = values[lower], when[lower]
+            highest[higher, 0], when_highest[higher, 0] = values[higher], when[higher]
+        integral[:, 0] = 0.5 * (left + right) * np.diff(edges)
+    else:
+        from toolbox.measuring import measuring_loop as tally_loop
+
+        announced("reader of measures", tally_loop.read_steps)
+        program, machine = nodes.program, nodes.program.machine
+        addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
+        tally_loop.read_steps(
+            addresses, machine.states, machine.elements, machine.guards, time, nodes.states[rows], nodes.mode[rows], nodes.held[rows],
+            nodes.parameters.copy(), program.first_held, begin, end, _tolerance(nodes.accuracy), lowest, highest, when_lowest, when_highest, integral,
+        )  # fmt: skip
+    long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
+    return Steps(
+        np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
+        *(array.ravel()[long] for array in (lowest, highest, when_lowest, when_highest, integral)),
+    )  # fmt: skip
+
+
+def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] = ()) -> int:
+    """Address of the function (t, x, p, m) -> signals and bounds of elements, then their first and second derivatives in time."""
+    key = f"tally of {signals} and {list(bounds)}"
+    found = program.outputs.get(key)
+    if found is None:
+        body = plain_body(with_derivatives(program, signals, bounds), 0)
+        text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
+        found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
+    return found
+
+
+def with_derivatives(program: Program, signals: Sequence[str], bounds: Sequence[int]) -> ca.Function:
+    """(t, x, p, m) -> signals and bounds of elements, then their first, then their second derivatives in time."""
+    system, p = program.system, program.expressions[0]
+    field = program.form.field[: system.x.numel()]
+    terms = [signals_and_bounds(program, signals, bounds)]
+    for _ in range(2):
+        terms.append(ca.jtimes(terms[-1], system.x, field) + ca.jtimes(terms[-1], system.t, ca.SX(1)))
+    return ca.Function("signals", [system.t, system.x, p, system.m], [ca.densify(ca.vertcat(*map(ca.densify, terms)))])

@@ -1,0 +1,43 @@
+"""Where a run starts: values of states by name, put into the state vector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import finite_array
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.hybrid_system import HybridSystem
+
+
+def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) -> None:
+    """Write start values; an entry that is named beside its vector wins, in whatever order they are given."""
+    for name in sorted(start, key=lambda name: (system.rows(name) or (0, None))[1] is None):
+        place_start(system, x, name, start[name])
+
+
+def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
+    """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
+    target: Any = None
+    rows = system.rows(name)
+    if rows is not None:
+        target = slice(rows[0], rows[0] + (rows[1] or 1))
+    elif name in system.signals:
+        expression = system.signals[name][0]
+        if expression.numel() == 1 and expression.is_symbolic():
+            place = np.flatnonzero(np.array(ca.DM(ca.jacobian(system.x, expression))))
+            if place.size == 1:
+                target = slice(place[0], place[0] + 1)
+    if target is None:
+        if name in system.signals:
+            raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
+        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
+    array = finite_array(value)
+    if array is None:
+        raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
+    if array.ndim and array.shape != x[target].shape:
+        raise SceneError(f"Argument `{name}` must have shape {x[target].shape}, but it has {array.shape}.")
+    x[target] = array

@@ -1,0 +1,76 @@
+"""The border of stick-slip where its cycle can be followed: the point at which it stops being stable, to about a millionth.
+
+A run near the border of stick-slip takes as long to leave it as one likes, so that a border by runs alone depends on their length. The cycle does not: its
+multipliers say where it stops attracting, in a fold, by doubling its period, by starting to beat, or where its sticks touch zero. Two questions remain that
+multipliers do not answer, and runs do: whether stick-slip of another form goes on beyond that point, and whether the cycle that was followed is the one
+that lasts longest.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.onsets.inside import Inside
+from toolbox.onsets.report import Border
+from toolbox.onsets.search import End, Search
+from toolbox.orbits.branch import Branch
+from toolbox.orbits.continuation import follow
+from toolbox.orbits.limit_cycle import limit_cycle
+from toolbox.steady_states.equilibria import state_values
+
+SETTLED = 60
+"""Periods for which a run settles before its cycle is looked for."""
+
+NEAR = 0.01
+"""How far from the border by runs, in parts of it, the end of the followed cycle may lie to be looked at."""
+
+
+def exact(border: Border, inside: Inside, width: float) -> Border:
+    """A border of stick-slip with the value at which its cycle, followed, stops being stable; as it was where no cycle can be followed to there.
+
+    width: of the range, the scale of the steps in which the cycle is followed.
+    """
+    sign = 1.0 if border.safe == "above" else -1.0
+    reach = NEAR * abs(border.value)
+    within = [value for value in inside.cycling if sign * (border.value - value) >= 0]
+    origins = sorted(within, key=lambda value: abs(value - border.value))
+    found = border
+    tried = [origins[0], *[value for value in origins if abs(value - border.value) > 0.2 * reach][:1]] if origins else []
+    for origin in tried:
+        branch = followed(inside.search, inside.cycling[origin], origin, border.value + sign * 2 * reach, width)
+        if branch is None or not branch.cycles[0].stable:
+            continue
+        lost = next((point for point in branch.bifurcations if point.kind != "Hopf"), None)
+        if lost is None or abs(lost.value - border.value) > reach:
+            continue
+        value = float(lost.value)
+        further = not found.followed or sign * (value - found.value) > 0
+        if further and _lasts_only_to(value, border, branch, inside, sign):
+            found = dataclasses.replace(border, value=value, tolerance=1e-6 * abs(value), confirmed=True, followed=lost.kind)
+    return found
+
+
+def followed(search: Search, begin: End, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
+    """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found, as under a sampled law."""
+    run = search.plain(origin, begin, SETTLED * search.period)
+    if run is None:
+        return None
+    low, high = min(origin, goal), max(origin, goal)
+    try:
+        return follow(limit_cycle(run), search.knob.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low)))
+    except (SceneError, SimulationError):
+        return None
+
+
+def _lasts_only_to(value: float, border: Border, branch: Branch, inside: Inside, sign: float) -> bool:
+    """Whether runs agree that stick-slip ends where the cycle that was followed stops being stable, and not where other runs have seen it end."""
+    if abs(value - border.value) <= border.tolerance:
+        return True
+    middle, search = (value + border.value) / 2, inside.search
+    if sign * (border.value - value) < 0:  # the cycle goes on where runs were shaken off
+        near = min(range(len(branch.values)), key=lambda k: abs(branch.values[k] - middle))
+        start = End(state_values(search.base.system, branch.cycles[near].start), None)
+        return search.run(branch.values[near], start, longer=5.0)[0].verdict == "stick-slip"
+    origin = max((v for v in inside.cycling if sign * (value - v) >= 0), key=lambda v: sign * v)
+    return search.run(middle, search.walked(inside.cycling[origin], origin, middle), longer=20.0)[0].verdict != "stick-slip"

@@ -1,0 +1,214 @@
+"""From inside: stick-slip and standstill, each found where it exists and carried on to the values where it ends.
+
+Stick-slip is a cycle, standstill a steady state; one may last where the other has ended, so each is carried on by itself. A cycle is looked for at every value
+of the range and, because near its border few starts lead into it, outside of the range on both sides as well; from there it is led into the range in
+steps so small that it is not shaken off. So neither the range asked nor one start decides whether it is seen. Standstill is the steady state with the
+judged contact stuck, where there is one; otherwise what a run ends in.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.steady_point import Equilibrium, function_of
+from toolbox.onsets.report import STICKING, Border, Judged
+from toolbox.onsets.search import ROUNDS, End, Search, mode_codes
+from toolbox.steady_states.equilibria import Followed
+
+OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
+"""How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""
+
+FINEST = 1 / 64
+"""The smallest step, in parts of the way, in which stick-slip is led into the range."""
+
+
+@dataclass
+class Inside:
+    """Stick-slip and standstill of one search.
+
+    cycling, standing: {value: where a run ended in stick-slip, in standstill};  found: {value: the verdict};  became: {value: what stick-slip that was led
+    there turned into};  rest: the steady states with the judged contact stuck;  outer: values outside of the range with stick-slip.
+    """
+
+    search: Search
+    rest: Followed
+    cycling: dict[float, End] = field(default_factory=dict)
+    standing: dict[float, End] = field(default_factory=dict)
+    found: dict[float, Judged] = field(default_factory=dict)
+    became: dict[float, str] = field(default_factory=dict)
+    outer: list[float] = field(default_factory=list)
+
+    @staticmethod
+    def of(search: Search) -> Inside:
+        """Nothing found yet, but what smooth running that was lost has led to."""
+        old = search.followed
+        rest = Followed(old.closed, old.knob, old.inputs, {**(old.mode or {}), search.element: "stick"})
+        ends = {word: {value: end for value, (verdict, end) in search.led.items() if verdict == word} for word in STICKING}
+        return Inside(search, rest, ends["stick-slip"], ends["stuck"])
+
+    # ------------------------------------------------------------------------------------------------------------------------------- beginnings
+    def starts(self, value: float) -> list[End]:
+        """Beginnings from which stick-slip may start: the steady state with the contact stopped, and the whole machine at rest."""
+        search, begins = self.search, []
+        point = search.followed(value)
+        if point is not None:
+            plant, m = point.plant, mode_codes(point)
+            m[[element.name for element in plant.elements].index(search.element)] = 0.0
+            project = function_of(plant, ("project",), lambda: [plant.switching.projected])
+            stopped = np.array(project(0.0, point.states, point.inputs, plant.values, m)).ravel()
+            begins = [search.begin(point, stopped)]
+        return [*begins, End(dict(search.base.start), None)]
+
+    def standstill(self, value: float) -> End | None:
+        """The steady state with the contact stuck, where there is one that stays."""
+        if value not in self.standing:
+            point = self._stuck_state(value)
+            if point is None:
+                return None
+            judged, end = self.search.run(value, self.search.begin(point, point.states))
+            if judged.verdict == "stuck" and end is not None:
+                self.standing[value] = end
+        return self.standing.get(value)
+
+    def _stuck_state(self, value: float) -> Equilibrium | None:
+        try:
+            return self.rest(value)
+        except SceneError:  # the number itself is refused there
+            return None
+
+    # ---------------------------------------------------------------------------------------------------------------------------------- stick-slip
+    def tried(self, value: float, begin: End, **changes: float) -> Judged:
+        """A run from a beginning, with where it ends kept by what it ends in."""
+        judged, end = self.search.run(value, begin, **changes)
+        if end is not None and judged.verdict == "stick-slip":
+            self.cycling[value] = end
+        elif end is not None and judged.verdict == "stuck":
+            self.standing.setdefault(value, end)
+        if value not in self.found or worse(judged, self.found[value]):
+            self.found[value] = judged
+        return judged
+
+    def seek(self, value: float) -> End | None:
+        """Stick-slip at a value from all beginnings, until one leads into it."""
+        for begin in () if value in self.cycling else self.starts(value):
+            if self.tried(value, begin).verdict == "stick-slip":
+                break
+        return self.cycling.get(value)
+
+    def outside(self, edge: float, sign: float, width: float) -> None:
+        """Stick-slip outside of an edge of the range, led up to the edge; sign: the way out."""
+        for value in outward(edge, sign, width):
+            try:
+                end = self.seek(value)
+            except SceneError:  # the number itself is refused there
+                return
+            if end is not None:
+                self.outer.append(value)
+                self.led(value, edge)
+                return
+
+    def led(self, origin: float, goal: float) -> bool:
+        """Whether stick-slip at one value reaches another, in steps that are halved where it is lost; where it comes to is kept."""
+        part, size = 0.0, 0.25
+        here = origin
+        while part < 1.0 and size >= FINEST:
+            following = origin + (goal - origin) * min(part + size, 1.0)
+            begin = self.search.walked(self.cycling[here], here, following)
+            if self.tried(following, begin).verdict == "stick-slip":
+                part, here = min(part + size, 1.0), following
+            else:
+                size /= 2
+        return part >= 1.0
+
+    def sweep(self, values: Sequence[float]) -> list[Judged]:
+        """Verdicts from inside stick-slip at all values: from beginnings at each, and carried on upwards and downwards from value to value."""
+        for value in values:
+            if value not in self.found:
+                self.seek(value)
+                self.found.setdefault(value, Judged("none"))
+        for row in (sorted({*values, *self.outer}), sorted({*values, *self.outer}, reverse=True)):
+            carried: list[End] = []
+            for before, value in itertools.pairwise(row):
+                carried = [*([self.cycling[before]] if before in self.cycling else []), *carried[:1]]
+                if value not in self.cycling:
+                    for begin in carried:
+                        if self.tried(value, self.search.walked(begin, before, value)).verdict == "stick-slip":
+                            break
+        for value in values:
+            if value in self.cycling and self.found[value].verdict != "stick-slip":
+                self.found[value] = self.search.run(value, self.cycling[value])[0]
+            self.standstill(value)
+        return [self.found[value] for value in values]
+
+    def is_free(self, value: float, origin: float, **changes: float) -> bool:
+        """Whether stick-slip, led on from where it was found, ends at a value."""
+        if origin not in self.cycling:  # a longer run has shown that there is none
+            return True
+        judged = self.tried(value, self.search.walked(self.cycling[origin], origin, value), **changes)
+        free = judged.verdict != "stick-slip"
+        self.became[value] = judged.verdict
+        if free and value == origin:  # what a shorter run took for a cycle was on its way out
+            del self.cycling[value]
+            self.found[value] = judged
+        return free
+
+    # ---------------------------------------------------------------------------------------------------------------------------------- standstill
+    def is_moving(self, value: float, origin: float, **changes: float) -> bool:
+        """Whether standstill, carried on from where it was found, ends at a value."""
+        if changes.get("longer", 1.0) == changes.get("finer", 1.0) == 1.0 and self.standstill(value) is not None:
+            return False
+        judged, end = self.search.run(value, self.search.walked(self.standing[origin], origin, value), **changes)
+        if judged.verdict == "stuck" and end is not None:
+            self.standing[value] = end
+        return judged.verdict != "stuck"
+
+    def ends(self, values: Sequence[float], tolerance: float) -> list[Border]:
+        """The borders of stick-slip, each with what the cycle turns into beyond it."""
+        for _ in range(ROUNDS):
+            self.sweep(values)
+            there = [value in self.cycling for value in values]
+            borders = self.search.borders(values, [not each for each in there], self.is_free, tolerance)
+            if there == [value in self.cycling for value in values]:
+                break  # else the search for a border found stick-slip that the sweep had lost, or took it for a transient
+        return [dataclasses.replace(border, beyond=self._beyond(border)) for border in borders]
+
+    def _beyond(self, border: Border) -> str:
+        """The verdict next to a border of stick-slip, on the side without it."""
+        sign = 1.0 if border.safe == "above" else -1.0
+        safe = [value for value, word in self.became.items() if word != "stick-slip" and sign * (value - border.value) > 0]
+        return self.became[min(safe, key=lambda value: abs(value - border.value))] if safe else ""
+
+    def breakaways(self, values: Sequence[float], tolerance: float) -> list[Border]:
+        """The borders of standstill: exact where it is a steady state up to there, else by runs."""
+        there = [value in self.standing for value in values]
+        borders = []
+        for border in self.search.borders(values, [not each for each in there], self.is_moving, tolerance):
+            sign = 1.0 if border.safe == "above" else -1.0
+            inner, outer = border.value - sign * border.tolerance, border.value + sign * border.tolerance
+            known = [self._stuck_state(inner), self._stuck_state(outer)]
+            if known[0] is not None and known[1] is None:
+                edge = self.rest.edge(inner, outer)
+                border = Border(edge, max(1e-6 * abs(outer - inner), 1e-12 * abs(edge)), border.safe, border.confirmed, followed="break-away")
+            borders.append(border)
+        return borders
+
+
+def outward(edge: float, sign: float, width: float) -> list[float]:
+    """Values beyond an edge of a range of that width, the nearest first; none changes its sign. sign: the way out."""
+    if edge * sign < 0:
+        return [edge * (1 - part) for part in OUTWARD]
+    return [edge + sign * max(abs(edge) * part / (1 - part), part * width) for part in OUTWARD]
+
+
+def worse(judged: Judged, other: Judged) -> bool:
+    """Whether a verdict is more of a stick-slip than another."""
+    rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
+    return rank.index(judged.verdict) > rank.index(other.verdict)
+
+

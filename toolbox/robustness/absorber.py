@@ -1,0 +1,128 @@
+"""The lowest set-point at which an ideal absorber in place of the drive keeps running smooth: what is to be had by absorbing waves at the top at all.
+
+    u = - c w - k_f int w dt - m w'      without delay, sampling, noise and limits; c, k_f >= 0, inertia of the drive and m together > 0
+
+Below that speed friction feeds the string more than a spring, a damper and an inertia at its top can take; a law that goes lower needs an active
+form of higher order, or must see the bit. Closed form, two inertias without drags: an inertia like that of the bit and a damper bear a friction that
+falls with the slope d = sqrt(2 k J_b); a damper alone, matched to the string, d = sqrt(k J_b), which is the impedance of the string.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import checked_range
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.steady_states.linear import linearise
+from toolbox.steady_states.running import running
+
+
+@dataclass(frozen=True)
+class Absorber:
+    """The best absorber and how far down it reaches: `print(found)` shows it.
+
+    - speed: lowest stable set-point, in the unit of the signal; nan where there is none in the range, the low end where all of it is stable;
+    - damping c, stiffness k_f and inertia: of the absorber at that set-point, inertia that of the drive included.
+    """
+
+    signal: str
+    unit: str
+    speed: float
+    damping: float
+    stiffness: float
+    inertia: float
+
+    def __str__(self) -> str:
+        return (
+            f"An ideal absorber keeps `{self.signal}` smooth down to {self.speed:.4g} {self.unit}: "
+            f"damping {self.damping:.4g}, stiffness {self.stiffness:.4g}, inertia {self.inertia:.4g} in SI"
+        )
+
+
+def absorber_limit(
+    plant: HybridSystem,
+    between: tuple[float, float],
+    *,
+    signal: str = "top.speed",
+    drives: str = "top.torque",
+    own_inertia: bool = False,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> Absorber:
+    """The lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
+
+    - between: (low, high), where it is looked for; stability is taken to be lost once on the way down;
+    - signal, drives: the speed and the force that acts on it;
+    - own_inertia: whether the inertia of the drive stays as it is, and only spring and damper are tuned;
+    - inputs, parameters: as in `running`.
+
+    Returns an `Absorber`. Raises SceneError where there is no steady running or the force does not act on that speed.
+    """
+    low, high = checked_range(between)
+
+    def best(speed: float) -> tuple[float, np.ndarray]:
+        point = running(plant, {signal: speed}, drives, inputs=inputs, parameters=parameters)
+        linear = linearise(point.plant, point, inputs=drives, outputs=signal)
+        return tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
+
+    unit = plant.signal_unit(signal)
+    growth, numbers = best(high)
+    if growth >= 0.0:
+        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan)
+    growth, reached = best(low)
+    if growth < 0.0:
+        high, numbers = low, reached
+    while high - low > 1e-3 * high:
+        middle = 0.5 * (low + high)
+        growth, reached = best(middle)
+        if growth < 0.0:
+            high, numbers = middle, reached
+        else:
+            low = middle
+    return Absorber(signal, unit, high, *numbers.tolist())
+
+
+def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:
+    """(growth [1/s], (c, k_f, inertia)) of an absorber that is stable, else of the one that is nearest to being so."""
+    from scipy.optimize import differential_evolution
+
+    reach = float(C @ B)
+    if reach <= 0.0:
+        raise SceneError("Argument `drives` must be a force that acts on the inertia whose speed is `signal`.")
+    own = 1.0 / reach
+    poles = np.abs(np.linalg.eigvals(A))
+    pace = float(np.median(poles[poles > 1e-6 * poles.max()]))
+    n = A.shape[0]
+
+    def absorber(logs: np.ndarray) -> np.ndarray:
+        inertia = own if own_inertia else own * math.exp(logs[2])
+        return np.array([own * pace * math.exp(logs[0]), own * pace**2 * math.exp(logs[1]), inertia])
+
+    def growth(logs: np.ndarray) -> float:
+        c, k, inertia = absorber(logs)
+        m = inertia - own
+        # (1 + m C B) u = -(c C + m C A) x - k_f int w
+        row = -np.append(c * C + m * C @ A, k) * own / inertia
+        whole = np.zeros((n + 1, n + 1))
+        whole[:n, :n], whole[n, :n] = A, C
+        whole[:n] += np.outer(B, row)
+        return float(np.linalg.eigvals(whole).real.max())
+
+    bounds = [(-7.0, 4.0), (-12.0, 4.0), (-7.0, 3.0)][: 2 if own_inertia else 3]
+    found = differential_evolution(
+        growth,
+        bounds,
+        rng=1,
+        popsize=12,
+        maxiter=60,
+        tol=1e-8,
+        polish=False,
+        callback=lambda intermediate_result: intermediate_result.fun < -1e-9,
+    )
+    return float(found.fun), absorber(found.x)

@@ -1,0 +1,230 @@
+"""The best disk margin and the lowest peak of the sensitivity that any linear law can have on what is measured, with its sampling and delay.
+
+Whatever stabilises a loop of one command has S = 0, T = 1 at every unstable pole of the plant and S = 1, T = 0 at every zero of it outside the stable region;
+in samples the infinite z is such a zero, as often as the plant is late by a sample: a delay is nothing else. So E = S - T is analytic in the unstable region
+with E = -1 at the poles and E = +1 at the zeros, and the smallest maximum that such a function can have is given by Nevanlinna and Pick. With every
+point mapped to one of the unit disk, L the matrix with these points as its eigenvalues (a Jordan block for the infinite z), and the values in b where
+the function 1 has a,
+
+    P_a - L P_a L* = a a*,   P_b - L P_b L* = b b*:      min max |E| = sqrt(largest eigenvalue of P_a^-1 P_b) = gamma,   disk margin = 2 / gamma
+
+and likewise for S. It is a limit that laws come as near to as one likes, of any order, without noise and without limits of torque. Several measured signals
+count by the zeros that they have in common: with more than one there are few. Sources: P. Seiler, A. Packard, P. Gahinet (2020) for the disk margin;
+J. C. Doyle, B. A. Francis, A. Tannenbaum, Feedback Control Theory, Macmillan 1992, chapter 9; J. A. Ball, I. Gohberg, L. Rodman, Interpolation of Rational
+Matrix Functions, Birkhauser 1990.
+
+Why exact in samples and not with a delay of exp(-s tau): with it the bound on max |T| is the same problem with values scaled by exp(p tau), but those on S
+and S - T are not, because the delay then stands inside a sum. In samples every delay, also a part of a period, is a finite number of conditions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import is_finite_number
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import names
+from toolbox.robustness.loop import held_step
+from toolbox.steady_states.linear import linearise
+from toolbox.steady_states.running import running
+
+ON_THE_BORDER = 1e-9
+"""A pole or zero this near to the border of stability, as a part of its size, asks for nothing: margins near it are limits, too."""
+
+
+@dataclass(frozen=True)
+class PerformanceLimit:
+    """What no linear law can surpass at a working point: `print(found)` shows it.
+
+    - disk_margin: the largest there can be, alpha [1], at most 2; 0 where no law stabilises the plant;
+    - peak_sensitivity: the smallest there can be, M_s [1], at least 1;
+    - poles: unstable poles of the plant, as rates in 1/s, complex;
+    - zeros: its zeros in the unstable region, as rates in 1/s, complex; those of samples beyond the sampling rate have large imaginary parts;
+    - samples: how many samples a command is late at what is measured: the multiplicity of the zero at infinity; 0 for continuous laws;
+    - period, delay [s]: as given;  signals: the working point.
+    """
+
+    disk_margin: float
+    peak_sensitivity: float
+    poles: np.ndarray
+    zeros: np.ndarray
+    samples: int
+    period: float | None
+    delay: float
+    signals: Mapping[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name} = {value:.4g}" for name, value in self.signals.items())
+        how = "continuous laws" if self.period is None else f"laws sampled every {self.period:g} s with a delay of {self.delay:g} s"
+        rates = [", ".join(f"{rate:.3g}" for rate in row[row.imag >= 0]) or "none" for row in (self.poles, self.zeros)]
+        return (
+            f"Limits of {how} at {at}\n"
+            f"  disk margin <= {self.disk_margin:.3g}, M_s >= {self.peak_sensitivity:.3g}\n"
+            f"  unstable poles [1/s]: {rates[0]};  zeros [1/s]: {rates[1]}"
+        )
+
+
+def performance_limit(
+    plant: HybridSystem,
+    at: Mapping[str, float],
+    *,
+    measures: str | Sequence[str] = "top.speed",
+    drives: str = "top.torque",
+    period: float | None = None,
+    delay: float = 0.0,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> PerformanceLimit:
+    """The best disk margin and peak sensitivity that any linear law can have at a set-point, on what it measures and as late as it is.
+
+    - at: {signal: value} that says where the plant runs steadily, such as {"top.speed": 3.0};
+    - measures: what laws may read;  drives: the one input that they drive; a part such as a drive with lags stands between, as it does in runs;
+    - period: sample time [s], None for continuous laws;  delay: of the commands [s], of sampled laws only;
+    - inputs, parameters: as in `running`.
+
+    Returns a `PerformanceLimit`. Raises SceneError where there is no steady running, for more than one driven input, and for a delay without a period.
+    """
+    checked_plant(plant)
+    if not isinstance(drives, str):
+        raise SceneError(
+            f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
+        )
+    if period is not None and (not is_finite_number(period) or period <= 0):
+        raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
+    if not is_finite_number(delay) or delay < 0 or (delay > 0 and period is None):
+        raise SceneError(f"Argument `delay` must be >= 0 s, and 0 without a `period`, but it is {delay!r}.")
+    drives, seen = plant.routes.get(drives, drives), [plant.routes.get(name, name) for name in names(measures)]
+    point = running(plant, at, drives, inputs=inputs, parameters=parameters)
+    linear = linearise(point.plant, point, inputs=drives, outputs=seen)
+    A, B, C, D = (np.asarray(each, float) for each in (linear.A, linear.B, linear.C, linear.D))
+    late = 0
+    if period is not None:
+        late = math.floor(delay / period * (1.0 + 1e-12))
+        A, B, C, D = sampled_plant(A, B, C, D, period, max(delay - late * period, 0.0))
+    poles = unstable_poles(A, B, C, period)
+    signals = {name: point[name] for name in (*at, drives)}
+    if poles is None:
+        return PerformanceLimit(0.0, math.inf, np.empty(0), np.empty(0), 0, period, delay, signals)
+    zeros, degree = common_zeros(A, B, C, D, period)
+    infinite = 0 if period is None else degree + late
+    disk, sensitivity = (max(1.0, smallest_peak(poles, zeros, infinite, period, value)) for value in (-1.0, 0.0))
+    if not poles.size:
+        disk = sensitivity = 1.0
+
+    def rates(values: np.ndarray) -> np.ndarray:
+        return values if period is None else np.log(values.astype(complex)) / period
+
+    return PerformanceLimit(2.0 / disk, sensitivity, rates(poles), rates(zeros), infinite, period, float(delay), signals)
+
+
+def sampled_plant(
+    A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float, fraction: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The plant from sample to sample under a held command that comes a part of a period late: that of the last sample is a state more, where it is.
+
+    A sample reads what was held before it, so that a direct part D is late by a sample, too.
+    """
+    n, k = A.shape[0], B.shape[1]
+    step, whole = held_step(A, B, period)
+    now = held_step(A, B, period - fraction)[1]
+    if fraction == 0.0 and not D.any():
+        return step, whole, C, D
+    wide = np.zeros((n + k, n + k))
+    wide[:n, :n], wide[:n, n:] = step, whole - now
+    return wide, np.vstack([now, np.eye(k)]), np.hstack([C, D]), np.zeros_like(D)
+
+
+def unstable_poles(A: np.ndarray, B: np.ndarray, C: np.ndarray, period: float | None) -> np.ndarray | None:
+    """Poles in the unstable region; None where one is out of reach of the command or of what is measured."""
+    poles = np.linalg.eigvals(A).astype(complex)
+    size = np.maximum(np.abs(poles), 1e-12)
+    outside = poles.real > ON_THE_BORDER * size.max(initial=1.0) if period is None else np.abs(poles) > 1.0 + ON_THE_BORDER
+    n = A.shape[0]
+    scale = np.abs(A).max()
+    for pole in poles[outside]:
+        inner = pole * np.eye(n) - A
+        reach = np.linalg.svd(np.hstack([inner, B * scale / max(np.abs(B).max(), 1e-300)]), compute_uv=False)[-1]
+        sight = np.linalg.svd(np.vstack([inner, C * scale / max(np.abs(C).max(), 1e-300)]), compute_uv=False)[-1]
+        if min(reach, sight) < 1e-12 * scale:
+            return None
+    return poles[outside]
+
+
+def common_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray, period: float | None) -> tuple[np.ndarray, int]:
+    """(zeros in the unstable region that all outputs have in common, multiplicity of the zero at infinity)."""
+    from scipy.linalg import eigvals
+
+    n = A.shape[0]
+    degrees, found = [], []
+    for row, direct in zip(C, D, strict=True):
+        degree, power = 0, B[:, 0]
+        size = np.abs(row) @ np.abs(B[:, 0]) + np.abs(direct[0])
+        value = direct[0]
+        while abs(value) <= 1e-9 * size and degree <= n:
+            degree, value = degree + 1, row @ power
+            size, power = np.abs(row) @ np.abs(power), A @ power
+        degrees.append(degree)
+        top = np.vstack([np.hstack([A, B]), np.append(row, direct)])
+        right = np.diag(np.append(np.ones(n), 0.0))
+        values = eigvals(top, right)
+        values = values[np.isfinite(values)]
+        found.append(values[np.argsort(np.abs(values))][: n - degree] if degree <= n else np.empty(0, complex))
+    degree = min(degrees)
+    if degree > n:
+        raise SceneError("Argument `measures` must answer to the command that is driven, but it does not.")
+    first = next(values for values, each in zip(found, degrees, strict=True) if each == degree)
+    outside = (
+        first[first.real > ON_THE_BORDER * np.abs(first).max(initial=1.0)] if period is None else first[np.abs(first) > 1.0 + ON_THE_BORDER]
+    )
+    shared = [
+        zero for zero in outside
+        if all(values.size and np.abs(values - zero).min() <= 1e-7 * max(abs(zero), np.abs(A).max()) for values in found)
+    ]  # fmt: skip
+    return np.array(shared, complex), degree
+
+
+def smallest_peak(poles: np.ndarray, zeros: np.ndarray, infinite: int, period: float | None, value: float) -> float:
+    """min max |f| over functions without poles in the unstable region that are `value` at these poles and 1 at these zeros, `infinite` times at infinity."""
+    from scipy.linalg import eigh
+
+    points, a, b = interpolation(poles, zeros, infinite, period, value)
+    if not a.size:
+        return 0.0
+    ones, values = gramian(points, a), gramian(points, b)
+    scale = 1.0 / np.sqrt(np.abs(np.diag(ones)))
+    return float(math.sqrt(max(eigh(values * np.outer(scale, scale), ones * np.outer(scale, scale), eigvals_only=True)[-1], 0.0)))
+
+
+def interpolation(
+    poles: np.ndarray, zeros: np.ndarray, infinite: int, period: float | None, value: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(L, a, b): the points in the unit disk as a matrix, and what the functions 1 and f are at them."""
+    nodes = np.concatenate([poles, zeros]).astype(complex)
+    if period is None:
+        middle = float(np.exp(np.log(np.abs(nodes)).mean())) if nodes.size else 1.0
+        places = (nodes - middle) / (nodes + middle)
+    else:
+        places = 1.0 / nodes
+    n = nodes.size
+    points = np.zeros((n + infinite, n + infinite), complex)
+    points[range(n), range(n)] = places
+    points[range(n + 1, n + infinite), range(n, n + infinite - 1)] = 1.0
+    a, b = np.zeros(n + infinite, complex), np.zeros(n + infinite, complex)
+    a[:n], b[: poles.size], b[poles.size : n] = 1.0, value, 1.0
+    if infinite:
+        a[n] = b[n] = 1.0
+    return points, a, b
+
+
+def gramian(points: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """P with P - L P L* = c c*."""
+    from scipy.linalg import solve_discrete_lyapunov
+
+    found = solve_discrete_lyapunov(points, np.outer(column, column.conj()))
+    return (found + found.conj().T) / 2

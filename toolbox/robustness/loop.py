@@ -1,0 +1,109 @@
+"""A linear loop that is broken at its commands, continuous or from sample to sample, and when a law has none.
+
+The commands v that the plant gets are its input, the commands w that the laws give its output, and L = -w / v is the loop transfer of negative feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+STABLE = 1e-8
+"""A pole this far beyond the border of stability still counts as on it: that of an angle that nobody measures."""
+
+
+class NoDerivative(Exception):
+    """A law without a derivative at steady running; its text says why. Never leaves this room."""
+
+
+@dataclass(frozen=True)
+class LinearLoop:
+    """A loop that is broken at its commands: xi+ = A xi + B v, w = C xi + D v in samples of `period`, or xi' = ... where `period` is None.
+
+    drives: names of the commands, in the order of v and w.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    drives: tuple[str, ...]
+    period: float | None = None
+
+    def transfer(self, frequency: np.ndarray) -> np.ndarray:
+        """L(i w), or L(exp(i w period)), at frequencies w [rad/s], shape (len(frequency), commands, commands)."""
+        w = np.asarray(frequency, float)
+        point = 1j * w if self.period is None else np.exp(1j * w * self.period)
+        inner = point[:, None, None] * np.eye(self.A.shape[0]) - self.A
+        return -(self.C @ np.linalg.solve(inner, np.broadcast_to(self.B.astype(complex), (w.size, *self.B.shape))) + self.D)
+
+    def poles(self, factor: complex | np.ndarray = 1.0) -> np.ndarray:
+        """Poles of the closed loop with every command multiplied by a factor; of samples where `period` is a number."""
+        k = np.diag(np.broadcast_to(np.asarray(factor), len(self.drives)))
+        return np.linalg.eigvals(self.A + self.B @ k @ np.linalg.solve(np.eye(len(self.drives)) - self.D @ k, self.C))
+
+    def growth(self, factor: complex | np.ndarray = 1.0) -> float:
+        """Largest real part of the poles [1/s], of log(z) / period for samples: positive where the loop is unstable."""
+        poles = self.poles(factor)
+        if self.period is None:
+            return float(poles.real.max(initial=-np.inf))
+        with np.errstate(divide="ignore"):
+            return float(np.log(np.abs(poles)).max(initial=-np.inf)) / self.period
+
+    @property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        scale = 1.0 if self.period is None else 1.0 / self.period
+        return self.growth() <= STABLE * scale
+
+    def alone(self, i: int) -> LinearLoop:
+        """The loop of one command with all the others closed."""
+        others = [j for j in range(len(self.drives)) if j != i]
+        inner = np.linalg.inv(np.eye(len(others)) - self.D[np.ix_(others, others)])
+        closing_c, closing_d = inner @ self.C[others], inner @ self.D[others, i : i + 1]
+        return LinearLoop(
+            self.A + self.B[:, others] @ closing_c,
+            self.B[:, [i]] + self.B[:, others] @ closing_d,
+            self.C[[i]] + self.D[[i]][:, others] @ closing_c,
+            self.D[[i]][:, [i]] + self.D[[i]][:, others] @ closing_d,
+            (self.drives[i],),
+            self.period,
+        )
+
+
+def held_step(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """exp(A period), and what an input held over the period adds: the integral of exp(A s) B over it."""
+    from scipy.linalg import expm
+
+    n, k = B.shape
+    whole = np.zeros((n + k, n + k))
+    whole[:n, :n], whole[:n, n:] = A, B
+    found = expm(whole * period)
+    return found[:n, :n], found[:n, n:]
+
+
+def acts(loop: LinearLoop) -> None:
+    """Raise NoDerivative where the commands do not answer to anything: a limit holds them."""
+    if (
+        not np.abs(
+            loop.transfer(np.geomspace(1e-3, 1e2, 7) if loop.period is None else np.geomspace(1e-4, 1.0, 7) * np.pi / loop.period)
+        ).max()
+        > 0.0
+    ):
+        raise NoDerivative(f"a limit holds {', '.join(f'`{name}`' for name in loop.drives)} at steady running")
+
+
+def checked_smooth(value: Callable[[np.ndarray], np.ndarray], slope: np.ndarray, q: np.ndarray) -> None:
+    """Raise NoDerivative where a function is not as smooth as its derivative says: the remainder of a smooth one falls with the square of the step."""
+    if not np.isfinite(slope).all():
+        raise NoDerivative("the slope of the law is not finite at steady running")
+    size = np.maximum(np.abs(q), 1e-3 * np.abs(q).max(initial=1e-9))
+    centre, rows = value(q), np.abs(slope) @ size + 1e-300
+    for direction in np.random.default_rng(0).standard_normal((6, q.size)):
+        step = 1e-6 * size * direction
+        remainder = np.abs(value(q + step) - centre - slope @ step)
+        bound = 1e-2 * np.abs(slope) @ np.abs(step) + 1e-12 * (np.abs(centre) + rows)
+        if (remainder > bound).any():
+            raise NoDerivative("the law has a kink or a jump at steady running")

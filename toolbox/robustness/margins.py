@@ -1,0 +1,220 @@
+"""What a closed loop bears at its working point: the margins of its linear loop, or, where it has none, those measured on the machine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from toolbox.arguments import is_finite_number, mapping
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Sampled
+from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
+from toolbox.robustness.loop import LinearLoop, NoDerivative
+from toolbox.robustness.measured import MeasuredMargins, measured_margins
+from toolbox.robustness.steady_loop import law_list, smooth_start, stand_ins, steady_loop
+from toolbox.simulation.request import Request
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
+
+    - title: the laws and how they run;
+    - stable: whether the linear loop is stable; False where there is none;
+    - loops: `LoopMargins` of every command, with the others closed;
+    - joint: `JointMargins` of several commands together; None for one;
+    - signals: {name: value} of commands and scalar states at the working point;
+    - reason: why there is no linear loop; empty where there is one;
+    - measured: margins found by simulation; None where they were not asked for;
+    - loop: the linear loop, for other tools.
+    """
+
+    title: str
+    stable: bool
+    loops: tuple[LoopMargins, ...]
+    joint: JointMargins | None = None
+    signals: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    reason: str = ""
+    measured: MeasuredMargins | None = None
+    loop: LinearLoop | None = field(default=None, repr=False)
+
+    def __getitem__(self, command: str) -> LoopMargins:
+        """The margins of one command; raises SceneError for a name that is none."""
+        for row in self.loops:
+            if row.command == command:
+                return row
+        raise SceneError(f"There are no margins of `{command}`: the commands are {', '.join(row.command for row in self.loops)}.")
+
+    @property
+    def disk_margin(self) -> float:
+        """The disk margin of all commands together, alpha [1]; 0 where the loop is unstable, nan where there is no linear loop."""
+        return self.joint.disk_margin if self.joint is not None else self.loops[0].disk_margin
+
+    @property
+    def peak_sensitivity(self) -> float:
+        """Largest gain of the sensitivity, M_s [1]."""
+        return self.joint.peak_sensitivity if self.joint is not None else self.loops[0].peak_sensitivity
+
+    @property
+    def delay_margin(self) -> float:
+        """Additional delay that makes the loop unstable [s], the smallest of any command alone."""
+        return min(row.delay_margin for row in self.loops)
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table as text: one line per command, and one for all together."""
+        lines: list[tuple[str, ...]] = [("command", "disk margin", "at [rad/s]", "M_s", "gain", "phase", "delay")]
+        for row in self.loops:
+            lines.append(
+                (
+                    row.command, _shown(row.disk_margin), _shown(row.disk_frequency), _shown(row.peak_sensitivity),
+                    _range(row.lowest_gain, row.highest_gain), "-" if math.isnan(row.phase_margin) else f"{math.degrees(row.phase_margin):.3g} deg",
+                    _time(row.delay_margin),
+                )
+            )  # fmt: skip
+        if self.joint is not None:
+            joint = self.joint
+            for label, value in (("all, each its own", joint.disk_margin), ("all, mixed", joint.unstructured_margin)):
+                lines.append((label, _shown(value), _shown(joint.disk_frequency), _shown(joint.peak_sensitivity), "", "", ""))
+        if self.measured is not None:
+            found = self.measured
+            lines.append(("measured", "-", "-", "-", _range(found.lowest_gain, found.highest_gain), "-", _time(found.delay)))
+        return lines
+
+    def __str__(self) -> str:
+        at = ", ".join(
+            f"{row.command} = {self.signals[row.command]:.4g} {self.units[row.command]}"
+            for row in self.loops
+            if row.command in self.signals
+        )
+        lines = [f"Margins of {self.title}" + (f" at {at}" if at else "")]
+        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
+        for row in self.rows:
+            cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
+            lines.append("  " + "  ".join(cells).rstrip())
+        if self.measured is not None and not math.isnan(self.measured.highest_inertia):
+            lines.append(
+                f"  measured: the inertia may be {_range(self.measured.lowest_inertia, self.measured.highest_inertia)} times what it is"
+            )
+        if self.reason:
+            lines.append(f"  There is no linear loop: {self.reason}.")
+        elif not self.stable:
+            lines.append("  The linear loop is unstable.")
+        return "\n".join(lines)
+
+    def plot(self, axes: Any = None) -> Any:
+        """The Nyquist curve with the disk that it must not enter, and the sensitivities; returns both axes.
+
+        See `toolbox.robustness.figures.margins_diagram`. Raises SceneError where there is no linear loop.
+        """
+        if self.loop is None:
+            raise SceneError(f"There is no linear loop to be drawn: {self.reason}.")
+        from toolbox.robustness.figures import margins_diagram
+
+        return margins_diagram(self.loop, self.loops, axes=axes)
+
+
+def margins(
+    plant: HybridSystem,
+    controller: Any,
+    *,
+    sample_time: float | None = None,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+    measured: bool | None = None,
+    inertia: str | None = None,
+    duration: float = 60.0,
+) -> Margins:
+    """Disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running, with sampling, hold and delay as they are.
+
+    The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is broken at every input that a law drives
+    (`toolbox.robustness.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder steps of `Sampled` are left out.
+
+    - plant, controller, sample_time, parameters: as in `simulate`; a law is designed on the declared plant;
+    - inputs: {signal: number}, such as another weight on bit or set-point;
+    - start: {state: value} near steady running, for laws about which nothing else tells where that is;
+    - measured: whether gain, delay and inertia at which the machine fails are also found by simulation (a few seconds); without, where there is
+      no linear loop: relays, ideal sliding modes, a limit that is active, laws in Python;
+    - inertia: name of the inertia that is varied then, such as "chain.inertia.0";
+    - duration: of each of these runs [s].
+
+    Returns `Margins`. Raises SceneError for arguments as `simulate` does, for laws of different periods, and where measured margins are needed but no
+    steady running is known: give `start`.
+    """
+    checked_plant(plant)
+    if not is_finite_number(duration) or not duration > 0:
+        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    laws = law_list(plant, controller, sample_time)
+    title = titled(laws, controller)
+    reason, found = "", None
+    try:
+        found = steady_loop(plant, laws, inputs=inputs, parameters=parameters, start=start)
+        loop = found.loop(0.0)
+    except NoDerivative as none:
+        reason = str(none)
+    if found is None:
+        system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked().system
+        drives = [name for name in plant.inputs if name not in system.inputs]
+        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason)
+    else:
+        late = found.loop if loop.period is not None else None
+        rows = tuple(
+            loop_margins(loop.alone(i), None if late is None else (lambda delay, i=i: _one_later(found.loop, i, delay)))  # type: ignore[misc]
+            for i in range(len(loop.drives))
+        )
+        joint = joint_margins(loop) if len(rows) > 1 else None
+        units = {name: plant.signal_unit(name) for name in loop.drives}
+        result = Margins(title, loop.stable, rows, joint, found.signals, units, "", None, loop)
+    if measured is None:
+        measured = found is None
+    if not measured:
+        return result
+    given = mapping("inputs", inputs), mapping("parameters", parameters)
+    held: Mapping[str, float] = {}
+    begin = mapping("start", start)
+    if found is not None:
+        begin, held = dict(found.start), stand_ins(plant, found.signals)
+    elif not begin:
+        begin, held = smooth_start(plant, laws, *given)
+    changed = {**held, **given[1]}
+    bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=changed, duration=float(duration), inertia=inertia)
+    return Margins(**{**result.__dict__, "measured": bears})
+
+
+def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:
+    """The loop of command i alone, which comes some delay later, with all others closed as they are."""
+    return loop(delay, only=i).alone(i)
+
+
+def titled(laws: Sequence[Any], controller: Any) -> str:
+    """Laws as they were given, and how they run, in words. laws: as designed."""
+    given = controller if isinstance(controller, (list, tuple)) else [controller]
+    return "; ".join(described(law, each) for law, each in zip(laws, given, strict=True))
+
+
+def described(law: Any, given: Any) -> str:
+    """A law and how it runs, in words."""
+    inner = given.law if isinstance(given, Sampled) else given
+    name = getattr(inner, "__name__", type(inner).__name__)
+    if not isinstance(law, Sampled):
+        return f"{name}, continuous"
+    return f"{name}, sampled every {_time(law.period)}" + (f" with a delay of {_time(law.delay)}" if law.delay else "")
+
+
+def _shown(value: float) -> str:
+    return "-" if math.isnan(value) else "inf" if math.isinf(value) else f"{value:.3g}"
+
+
+def _range(low: float, high: float) -> str:
+    return "-" if math.isnan(low) and math.isnan(high) else f"{_shown(low)} .. {_shown(high)}"
+
+
+def _time(value: float) -> str:
+    if math.isnan(value) or math.isinf(value):
+        return _shown(value)
+    return f"{value:.3g} s" if value >= 1.0 else f"{1e3 * value:.3g} ms"

@@ -1,0 +1,187 @@
+"""Margins of the machine itself: the gain, the delay and the inertia at which the closed loop stops running smoothly, found by simulation.
+
+They are for laws that no linear loop describes, relays and ideal sliding modes for instance, and say of any law what its linear margins leave out: limits,
+and the contact itself. A law whose memory at steady running is known starts with it, two percent below its speed; any other starts cold there and
+must take over before it must hold.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.measuring import measure
+from toolbox.modelling.components import Equations, Signal, Update
+from toolbox.modelling.elements import quantity
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.simulation.run import Budget
+from toolbox.simulation.simulate import simulate
+from toolbox.simulation.trajectory import Trajectory
+
+FACTORS = (1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
+"""Factors that are tried one after the other until one fails; then the last interval is halved."""
+RIPPLE = 0.05
+"""Part of its mean by which a command may swing to either side; twice what it does on the machine as it is, where that is more."""
+CLOSE = 0.01
+"""Part of its value to which a margin is measured."""
+
+
+@dataclass(frozen=True)
+class MeasuredMargins:
+    """What the machine bears in simulation, to one percent: factors and a delay [s] at which it fails, 0 or infinity where none was found, nan where not asked.
+
+    - lowest_gain, highest_gain: factors of all commands at once;
+    - delay: additional delay of all commands [s], nan for continuous laws;
+    - lowest_inertia, highest_inertia: factors of the inertia that was named.
+    """
+
+    lowest_gain: float = math.nan
+    highest_gain: float = math.nan
+    delay: float = math.nan
+    lowest_inertia: float = math.nan
+    highest_inertia: float = math.nan
+
+
+@dataclass(frozen=True)
+class Amplified(Controller):
+    """A law whose commands are multiplied by a factor on their way to the plant, of which it knows nothing."""
+
+    law: Controller = dataclasses.field(default_factory=Controller)
+    factor: float = quantity(1.0, "1", "factor of the commands")
+
+    @property
+    def drives(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What the law drives."""
+        return self.law.drives
+
+    def design(self, plant: HybridSystem) -> Amplified:
+        """The law designed on the plant, without the factor."""
+        return dataclasses.replace(self, law=designed(self.law, plant))
+
+    def continuous(self, signal: Signal) -> Equations:
+        equations = self.law.continuous(signal)
+        return dataclasses.replace(equations, gives=self._amplified(equations.gives))
+
+    def sampled(self, signal: Signal, period: Any) -> Update:
+        update = self.law.sampled(signal, period)
+        return dataclasses.replace(update, outputs=self._amplified(update.outputs))
+
+    def _amplified(self, given: Mapping[str, tuple[Any, str]]) -> dict[str, tuple[Any, str]]:
+        return {name: (self.factor * value if name in self.law.drives else value, unit) for name, (value, unit) in given.items()}
+
+
+class AmplifiedCallable:
+    """A Python law (t, y) -> u whose commands are multiplied by a factor."""
+
+    def __init__(self, law: Callable[..., Any], factor: float):
+        self.law, self.factor = law, factor
+        for name in ("measures", "drives", "stand_ins"):
+            if hasattr(law, name):
+                setattr(self, name, getattr(law, name))
+
+    def __call__(self, t: float, y: Any) -> Any:
+        return self.factor * np.asarray(self.law(t, y), float)
+
+
+def with_gain(law: Any, factor: float) -> Any:
+    """A law, `Sampled` or not, with its commands multiplied by a factor."""
+    if isinstance(law, Sampled):
+        return dataclasses.replace(law, law=with_gain(law.law, factor))
+    return Amplified(law, factor) if isinstance(law, Controller) else AmplifiedCallable(law, factor)
+
+
+def with_delay(law: Any, delay: float) -> Any:
+    """A `Sampled` law whose commands come some delay [s] later."""
+    return dataclasses.replace(law, delay=law.delay + delay) if isinstance(law, Sampled) else law
+
+
+def measured_margins(
+    plant: HybridSystem,
+    laws: Sequence[Any],
+    start: Mapping[str, Any],
+    *,
+    inputs: Mapping[str, float],
+    parameters: Mapping[str, Any],
+    duration: float,
+    inertia: str | None = None,
+    severity: float = 0.05,
+) -> MeasuredMargins:
+    """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
+
+    A run fails where it cannot be finished, or where in its second half a contact sticks, the severity of the speed of the first one is above `severity`,
+    or a command swings by more than RIPPLE.
+
+    - laws: designed, from `law_list`;  start: {state: value} of smooth running, of the plant and of the memory of laws;
+    - duration [s] of a run;  inertia: name of a parameter that is one number.
+
+    Raises SceneError for an unknown `inertia` and for a plant without a contact.
+    """
+    contacts = [element.name for element in plant.elements if element.law is not None]
+    if not contacts:
+        raise SceneError("The plant must have a contact with dry friction to be judged, but it has none.")
+    if inertia is not None and (
+        not plant.has_parameter(inertia) or (inertia in plant.parameters and plant.parameters[inertia].size is not None)
+    ):
+        raise SceneError(
+            f"Argument `inertia` must name one number of the plant, but it is {inertia!r}: {suggest(str(inertia), plant.parameters)}"
+        )
+    speed = f"{contacts[0]}.speed" if plant.has_signal(f"{contacts[0]}.speed") else f"{contacts[0]}.slip"
+
+    after = duration / 2
+
+    def run(gain: float, delay: float, factor: float) -> Trajectory:
+        controller = [with_delay(with_gain(law, gain), delay) for law in laws]
+        changed = dict(parameters)
+        if inertia is not None and factor != 1.0:
+            changed[inertia] = factor * float((plant.with_parameters(parameters) if parameters else plant).parameter(inertia))
+        return simulate(plant, duration, controller=controller, start=start, inputs=inputs, parameters=changed, budget=Budget(seconds=60.0))
+
+    def ripples(done: Trajectory) -> np.ndarray:
+        return np.array([measure.severity(done, name, after) for name in plant.inputs if name not in done.run.system.inputs])
+
+    swings: list[np.ndarray] = []
+
+    def fails(gain: float = 1.0, delay: float = 0.0, factor: float = 1.0) -> bool:
+        try:
+            done = run(gain, delay, factor)
+        except SimulationError:
+            return True
+        if any(done.time_in(name, "stick", after=after) > 0.0 for name in contacts) or not measure.severity(done, speed, after) < severity:
+            return True
+        swings.append(ripples(done))
+        return bool((swings[-1] > np.maximum(RIPPLE, 2.0 * swings[0])).any())
+
+    if fails():
+        none = 1.0 if inertia is not None else math.nan
+        return MeasuredMargins(1.0, 1.0, 0.0, none, none)
+    sampled = [law for law in laws if isinstance(law, Sampled)]
+    delay = math.nan
+    if len(sampled) == len(laws):
+        unit = min(law.period for law in sampled)
+        delay = border(lambda late: fails(delay=late), [0.0, *(unit * 2.0**k for k in range(-1, 12) if unit * 2.0**k < duration / 4)])
+    return MeasuredMargins(
+        lowest_gain=1.0 / border(lambda k: fails(gain=1.0 / k), [1.0, *FACTORS]),
+        highest_gain=border(lambda k: fails(gain=k), [1.0, *FACTORS]),
+        delay=delay,
+        lowest_inertia=math.nan if inertia is None else 1.0 / border(lambda k: fails(factor=1.0 / k), [1.0, *FACTORS]),
+        highest_inertia=math.nan if inertia is None else border(lambda k: fails(factor=k), [1.0, *FACTORS]),
+    )
+
+
+def border(fails: Callable[[float], bool], values: Sequence[float]) -> float:
+    """Where something begins to fail on the way through increasing values, of which the first does not: halved to `CLOSE`; infinity where none fails."""
+    for low, high in itertools.pairwise(values):
+        if fails(high):
+            while high - low > CLOSE * high:
+                middle = 0.5 * (low + high)
+                low, high = (low, middle) if fails(middle) else (middle, high)
+            return 0.5 * (low + high)
+    return math.inf

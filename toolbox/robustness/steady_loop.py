@@ -1,0 +1,432 @@
+"""The linear loop around steady running, broken at the inputs that control laws drive, with sampling, hold and delay as they are.
+
+    x' = f(x, h),   (z_(k+1), w_k) = update(x_k, h_k, z_k),   h(t) = w_(k-d) from t_k + e on,   delay = d period + e, 0 <= e < period
+
+Its state at a sample is (x, z, w_(k-1), ... w_(k-d-1)); the step of x from sample to sample is that of the matrix exponential, exact for a hold with any
+delay (K. J. Åström, B. Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, section 2.3). The loop is broken where a command leaves a law: the
+commands v that the plant gets are the input, the commands w that the laws give the output, and L = -w / v is the loop transfer of negative feedback.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import mapping
+from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.components import Equations, Signal
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.modelling.start import place_starts
+from toolbox.modelling.steady_point import Equilibrium, mode_numbers
+from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, held_step
+from toolbox.simulation.request import Request
+from toolbox.simulation.run import Budget
+from toolbox.simulation.simulate import simulate
+from toolbox.steady_states.linear import equilibrium, input_values, linearise
+from toolbox.steady_states.running import running
+
+KICK = 0.02
+"""Part of the states by which a run starts off steady running."""
+SETTLING = 5000
+"""Samples that a loop is given to show where it is steady."""
+
+
+@dataclass(frozen=True)
+class SteadyLoop:
+    """A closed loop at steady running: `loop(delay, only=i)` is its linear loop with some delay [s] of command i more, or of all, which only
+    sampled laws have.
+
+    signals: values of scalar states and commands at the point, by name;  drives: the commands;  start: states of the plant and memory of
+    the laws for a run that begins KICK off the point.
+    """
+
+    signals: Mapping[str, float]
+    drives: tuple[str, ...]
+    loop: Callable[..., LinearLoop]
+    start: Mapping[str, Any]
+
+
+# -------------------------------------------------------------------------------------------------------------------------------- continuous laws
+@dataclass(frozen=True)
+class Broken(Controller):
+    """A continuous law whose commands do not reach the plant: they are given as `broken.<signal>`."""
+
+    law: Controller = dataclasses.field(default_factory=Controller)
+
+    def continuous(self, signal: Signal) -> Equations:
+        equations = self.law.continuous(signal)
+        given = {f"broken.{name}" if name in self.law.drives else name: value for name, value in equations.gives.items()}
+        return dataclasses.replace(equations, gives=given)
+
+
+def continuous_steady_loop(
+    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any], start: Mapping[str, Any]
+) -> SteadyLoop:
+    """The loop of laws that all act continuously; raises NoDerivative where one switches or commands the same whatever happens."""
+    point = equilibrium(plant, inputs=inputs, parameters=parameters, controller=list(laws), start=start or None)
+    closed = point.plant
+    own = {element.name for element in plant.elements}
+    for element in closed.elements:
+        if element.name not in own:
+            raise NoDerivative(f"`{element.name}` of the law switches")
+    checked_smooth(
+        lambda x: np.array(closed.rhs(0.0, x, point.inputs, closed.values, mode_numbers(closed, point.modes))).ravel(),
+        _slope(closed, point),
+        point.states,
+    )
+    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=[Broken(law) for law in laws]).checked().system
+    drives = tuple(name for law in laws for name in law.drives)
+    commands = {plant.routes.get(name, name): point[plant.routes.get(name, name)] for name in drives}
+    state = {name: point[name] for name in closed.states}
+    linear = linearise(
+        system, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
+        mode={name: word for name, word in point.modes.items() if name in own},
+        inputs=tuple(commands), outputs=tuple(f"broken.{name}" for name in drives),
+    )  # fmt: skip
+    loop = LinearLoop(linear.A, linear.B, linear.C, linear.D, tuple(commands))
+    acts(loop)
+    start_of_run = {name: (1.0 - KICK) * point[name] if name in plant.states else point[name] for name in closed.states}
+    return SteadyLoop(commands | _scalars(closed, point.states), loop.drives, lambda delay=0.0, only=None: loop, start_of_run)
+
+
+def _slope(closed: HybridSystem, point: Equilibrium) -> np.ndarray:
+    from toolbox.steady_states.equilibria import flow_slopes
+
+    return flow_slopes(point)
+
+
+def _scalars(closed: HybridSystem, x: np.ndarray) -> dict[str, float]:
+    return {name: float(x[first]) for name, (first, size, _) in closed.states.items() if size is None}
+
+
+# ----------------------------------------------------------------------------------------------------------------------------------- sampled laws
+class SampledPoint:
+    """The steady running of sampled laws, and the slopes of plant and laws there.
+
+    Unknown are the states x, the held signals h that something reads, and the memories z: f(x, h) = 0, h = outputs(x, h, z), z = following(x, h, z).
+    """
+
+    def __init__(self, system: HybridSystem, plant: HybridSystem, clocks: Sequence[tuple[float, float]], inputs: Mapping[str, float]):
+        self.system, self.clocks = system, clocks
+        self.u = input_values(system, inputs)
+        field, force = system.switching.field, system.switching.force
+        following, outputs = (
+            [ca.substitute(ca.densify(each), system.F, force) if system.elements else ca.densify(each) for each in pair]
+            for pair in zip(*[(update.following, update.outputs) for update in system.updates], strict=True)
+        )
+        names, owners = [], []
+        for c, update in enumerate(system.updates):
+            entries = list(update.names) + [""] * (update.outputs.numel() - len(update.names))
+            names += entries
+            owners += [c] * len(entries)
+        everything = ca.vertcat(field, *following, *outputs)
+        used = np.any(np.array(ca.DM(ca.jacobian(everything, system.held).sparsity())) != 0, axis=0)
+        used |= np.array([name in plant.inputs for name in names])
+        self.places = np.flatnonzero(used)
+        self.names = tuple(names[k] for k in self.places)
+        self.owner = np.array([owners[k] for k in self.places])
+        self.driven = np.flatnonzero([name in plant.inputs for name in self.names])
+        held = system.held[self.places.tolist()]
+        memory = ca.vertcat(*[update.memory for update in system.updates])
+        noise = ca.vertcat(*[update.noise for update in system.updates])
+        self.n, self.h, self.z = system.x.numel(), len(self.places), memory.numel()
+        q = ca.vertcat(system.x, held, memory)
+        values = ca.vertcat(field, ca.vertcat(*outputs)[self.places.tolist()], *following)
+        values = ca.substitute(values, noise, ca.SX.zeros(noise.shape)) if noise.numel() else values
+        symbols = [q, system.t, system.u, system.p, system.m]
+        self._value = ca.Function("step", symbols, [ca.densify(values)])
+        self._slope = ca.Function("slope", symbols, [ca.densify(ca.jacobian(values, q))])
+        self.m = np.ones(len(system.elements))
+
+    def placed(self, states: Mapping[str, Any], memory: Mapping[str, Any], modes: Mapping[str, float]) -> bool:
+        """Set the modes to those given, the others by the direction of slip; False where a contact sticks, about which nothing is linear."""
+        x = np.zeros(self.n)
+        place_starts(self.system, x, states)
+        slips = np.array(self.system.slips(0.0, x, self.u, self.system.values, np.ones(self.m.size))).ravel()
+        self.m = np.array([modes.get(e.name, -1.0 if slip < 0 else 1.0) for e, slip in zip(self.system.elements, slips, strict=True)])
+        return not any(e.holds and not e.unilateral and mode == 0.0 for e, mode in zip(self.system.elements, self.m, strict=True))
+
+    def with_outputs(self, states: Mapping[str, Any], memory: Mapping[str, Any]) -> np.ndarray:
+        """q at states and memories given by name, zero where they are not, with the outputs that the laws then give."""
+        q = np.zeros(self.n + self.h + self.z)
+        place_starts(self.system, q[: self.n], states)
+        place = self.n + self.h
+        for update in self.system.updates:
+            for name, (first, size) in update.places.items():
+                q[place + first : place + first + (size or 1)] = memory.get(name, 0.0)
+            place += update.memory.numel()
+        for _ in range(2):
+            q[self.n : self.n + self.h] = self.value(q)[self.n : self.n + self.h]
+        return q
+
+    def start(self, plant: HybridSystem, q: np.ndarray) -> dict[str, Any]:
+        """Start values of a run: states of the plant KICK off the point, and the memory of the laws there."""
+        found = {}
+        for name, (first, size, _) in self.system.states.items():
+            value = q[first] if size is None else q[first : first + size]
+            found[name] = (1.0 - KICK) * value if name in plant.states else value
+        place = self.n + self.h
+        for update in self.system.updates:
+            for name, (first, size) in update.places.items():
+                found[name] = q[place + first] if size is None else q[place + first : place + first + size]
+            place += update.memory.numel()
+        return found
+
+    def value(self, q: np.ndarray) -> np.ndarray:
+        """(f, outputs, following) at q = (x, h, z)."""
+        return np.array(self._value(q, 0.0, self.u, self.system.values, self.m)).ravel()
+
+    def slope(self, q: np.ndarray) -> np.ndarray:
+        """Derivatives of `value` by q."""
+        return np.array(self._slope(q, 0.0, self.u, self.system.values, self.m))
+
+    def solved(self, guess: np.ndarray) -> np.ndarray | None:
+        """The steady q next to a guess; None where none is found."""
+        from scipy.optimize import least_squares
+
+        still = np.zeros((guess.size, guess.size))
+        still[self.n :, self.n :] = np.eye(guess.size - self.n)
+
+        def residual(q: np.ndarray) -> np.ndarray:
+            return self.value(q) - still @ q
+
+        def slope(q: np.ndarray) -> np.ndarray:
+            return self.slope(q) - still
+
+        q = guess
+        rows = np.abs(slope(q)) @ np.maximum(np.abs(q), 1.0) + np.abs(self.value(q)) + 1e-9
+        if not np.isfinite(rows).all():
+            raise NoDerivative("the slope of the law is not finite near steady running")
+        try:
+            q = least_squares(
+                lambda q: residual(q) / rows, q, lambda q: slope(q) / rows[:, None], x_scale="jac", method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15
+            ).x  # fmt: skip
+        except ValueError:  # values that are not finite on the way
+            return None
+        for _ in range(6):
+            a, b = slope(q), residual(q)
+            if not np.isfinite(a).all():
+                raise NoDerivative("the slope of the law is not finite at steady running")
+            size = np.maximum(np.abs(q), 1e-6)
+            step = size * np.linalg.lstsq(a * size / rows[:, None], -b / rows, rcond=1e-13)[0]
+            if not np.abs(residual(q + step) / rows).sum() < np.abs(b / rows).sum():
+                break
+            q = q + step
+        size = np.abs(slope(q)) @ np.abs(q) + np.abs(q) * (np.diag(still) > 0) + rows * 1e-12
+        return q if (np.abs(residual(q)) <= 1e-8 * size + 1e-12 * rows).all() else None
+
+    def loop(self, slope: np.ndarray, delay: float = 0.0, only: int | None = None) -> LinearLoop:
+        """The linear loop from the slopes at the steady q, with commands that come some delay [s] later than they do: all, or `only` one."""
+        period = self.clocks[0][0]
+        lags = []
+        for j in range(self.h):
+            later = delay if j in self.driven and only in (None, self.driven.tolist().index(j)) else 0.0
+            late = self.clocks[self.owner[j]][1] + later
+            whole = int(np.floor(late / period * (1.0 + 1e-12)))
+            lags.append((whole, max(late - whole * period, 0.0)))
+        n, h, z = self.n, self.h, self.z
+        depth = [whole + 1 for whole, _ in lags]
+        first = n + z + np.concatenate([[0], np.cumsum(depth)]).astype(int)
+        size = first[-1]
+        a, b = np.zeros((size, size)), np.zeros((size, h))  # b: of the newest entry of each line
+        drift, force = slope[:n, :n], slope[:n, n : n + h]
+        now, late_part = np.zeros((n, h)), np.zeros((n, h))
+        a[:n, :n], whole_part = held_step(drift, force, period)
+        for fraction in {fraction for _, fraction in lags}:
+            columns = [j for j in range(h) if lags[j][1] == fraction]
+            now[:, columns] = held_step(drift, force[:, columns], period - fraction)[1]
+        late_part[:] = whole_part - now
+        for j in range(h):
+            line = slice(first[j], first[j + 1])
+            a[:n, line.stop - 1] += late_part[:, j]
+            if depth[j] > 1:
+                a[:n, line.stop - 2] += now[:, j]
+                a[line.start + 1 : line.stop, line.start : line.stop - 1] = np.eye(depth[j] - 1)
+            else:
+                b[:n, j] += now[:, j]
+            b[line.start, j] = 1.0
+        law = np.zeros((h + z, size))  # outputs, then following
+        law[:, :n], law[:, n : n + z] = slope[n:, :n], slope[n:, n + h :]
+        for j in range(h):
+            law[:, first[j + 1] - 1] += slope[n:, n + j]
+        a[n : n + z] = law[h:]
+        own = [j for j in range(h) if j not in self.driven]
+        a += b[:, own] @ law[own]
+        return LinearLoop(
+            a, b[:, self.driven], law[self.driven], np.zeros((len(self.driven),) * 2), tuple(self.names[j] for j in self.driven), period
+        )
+
+
+def sampled_steady_loop(
+    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any], start: Mapping[str, Any]
+) -> SteadyLoop:
+    """The loop of sampled laws, with continuous ones as a part of the plant; raises NoDerivative where a law has none at steady running."""
+    exact = [dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in laws]
+    run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=exact).checked()
+    system = run.system
+    if any(update.external for update in system.updates):
+        raise NoDerivative("the law is a Python callable")
+    periods = {period for period, _ in run.clocks}
+    if len(periods) > 1:
+        raise SceneError(
+            f"Argument `controller` must hold laws of one period to have a linear loop, but their periods are {sorted(periods)} s."
+        )
+    point = SampledPoint(system, plant, run.clocks, inputs)
+    q, reason = None, "no steady running was found at which the law is smooth (where there is one, give a `start` near to it)"
+    for guess in _guesses(point, plant, exact, inputs, parameters, start):
+        q = point.solved(guess)
+        if q is not None:
+            break
+    if q is None:
+        raise NoDerivative(reason)
+    slips = np.array(system.slips(0.0, q[: point.n], point.u, system.values, point.m)).ravel()
+    for element, mode, slip in zip(system.elements, point.m, slips, strict=True):
+        if element.law is not None and element.holds and not element.unilateral and mode * slip <= 0.0:
+            raise SceneError(
+                f"Argument `controller` must keep `{element.name}` sliding at steady running, but its slip is {mode * slip:.3g} {element.slip_unit}."
+            )
+    slope = point.slope(q)
+    checked_smooth(point.value, slope, q)
+    acts(point.loop(slope))
+    signals = _scalars(system, q[: point.n]) | {name: float(q[point.n + j]) for j, name in enumerate(point.names) if name}
+    return SteadyLoop(
+        signals,
+        tuple(point.names[j] for j in point.driven),
+        lambda delay=0.0, only=None: point.loop(slope, delay, only),
+        point.start(plant, q),
+    )
+
+
+def _guesses(
+    point: SampledPoint, plant: HybridSystem, laws: Sequence[Any], inputs: Any, parameters: Any, start: Any
+) -> Iterator[np.ndarray]:
+    """Where to look for steady running: where the continuous forms are steady, where the set-points are kept, at the start, and where a run goes from there.
+
+    Sets the modes of `point` to those of each guess.
+    """
+    candidates = smooth_points(plant, point.system, laws, inputs, parameters, start)
+    for known in candidates:
+        states = {name: known[name] for name in plant.states}
+        memory = {name: known[name] for update in point.system.updates for name in update.places if name in known.plant.states}
+        if point.placed(
+            states,
+            memory,
+            {element.name: mode for element, mode in zip(known.plant.elements, mode_numbers(known.plant, known.modes), strict=True)},
+        ):
+            yield point.with_outputs(states, memory)
+    states = {name: value for name, value in start.items() if point.system.rows(name) is not None or name in point.system.signals}
+    states = states or ({name: candidates[-1][name] for name in plant.states} if candidates else {})
+    if point.placed(states, {}, {}):
+        yield point.with_outputs(states, {})
+    duration = SETTLING * max(period for period, _ in point.clocks)
+    try:
+        run = simulate(
+            plant, duration, controller=list(laws), inputs=inputs, parameters=parameters, start=states, budget=Budget(seconds=20.0)
+        )
+    except SimulationError:
+        return
+    recorded = run.at(np.linspace(0.5, 1.0, 501) * duration)
+    for reading in (lambda name: recorded[name][-1], lambda name: recorded[name].mean(axis=0)):
+        states = {name: reading(name) for name in plant.states}
+        memory = {name: reading(name) for update in point.system.updates for name in update.places}
+        if point.placed(states, memory, {}):
+            yield point.with_outputs(states, memory)
+
+
+def smooth_points(
+    plant: HybridSystem,
+    system: HybridSystem,
+    laws: Sequence[Any],
+    inputs: Mapping[str, float],
+    parameters: Mapping[str, Any],
+    start: Mapping[str, Any],
+) -> list[Equilibrium]:
+    """Steady running that is known before the loop is: that of the continuous forms, and that of the plant at the set-points of the laws.
+
+    system: the closed loop. A set-point is an input of it: `top.reference` is that of the signal `top.speed`.
+    """
+    alone = [law.law if isinstance(law, Sampled) else law for law in laws]
+    found: list[Equilibrium] = []
+    with contextlib.suppress(SceneError):
+        found.append(equilibrium(plant, inputs=inputs, parameters=parameters, controller=alone, start=start or None))
+    wanted = {}
+    for name, value in zip(system.inputs, input_values(system, inputs).tolist(), strict=True):
+        part, _, kind = name.rpartition(".")
+        if kind == "reference" and plant.has_signal(f"{part}.speed"):
+            wanted[f"{part}.speed"] = value
+    drives = tuple(name for name in plant.inputs if name not in system.inputs)
+    known = {name: value for name, value in inputs.items() if name in plant.inputs}
+    with contextlib.suppress(SceneError):
+        found.append(running(plant, wanted, drives, inputs=known, parameters=parameters))
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------- both kinds
+def steady_loop(
+    plant: HybridSystem,
+    controller: Any,
+    sample_time: float | None = None,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    start: Mapping[str, Any] | None = None,
+) -> SteadyLoop:
+    """The loop of a plant and its laws at steady running. Raises SceneError as `simulate` does, NoDerivative where there is no linear loop.
+
+    plant, controller, sample_time, parameters: as in `simulate`;  inputs: numbers;  start: states of the plant near steady running.
+    """
+    checked_plant(plant)
+    given = law_list(plant, controller, sample_time)
+    arguments = plant, given, mapping("inputs", inputs), mapping("parameters", parameters), mapping("start", start)
+    Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=given, start=start).checked()
+    if any(isinstance(law, Sampled) for law in given):
+        return sampled_steady_loop(*arguments)
+    return continuous_steady_loop(*arguments)
+
+
+def law_list(plant: HybridSystem, controller: Any, sample_time: float | None) -> list[Any]:
+    """Control laws as a list, each designed on the plant, and `Sampled` where `sample_time` says so. Raises SceneError where there is none."""
+    everything = list(controller) if isinstance(controller, (list, tuple)) else [] if controller is None else [controller]
+    if not everything:
+        raise SceneError("Argument `controller` must be a control law, but there is none.")
+    found: list[Any] = []
+    for given in everything:
+        law = given if isinstance(given, Sampled) or sample_time is None else Sampled(given, sample_time)
+        inner = law.law if isinstance(law, Sampled) else law
+        if isinstance(inner, Controller):
+            made = designed(inner, plant)
+            law = dataclasses.replace(law, law=made) if isinstance(law, Sampled) else made
+        found.append(law)
+    return found
+
+
+def smooth_start(
+    plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Start values of a run near smooth running, and the stand-ins of its commands, which late laws leave there until their first output arrives.
+
+    With the memory of the laws where their loop is linear, of the plant alone where it is not. Raises SceneError where no steady running is known.
+    """
+    with contextlib.suppress(NoDerivative, SceneError):
+        found = steady_loop(plant, list(laws), inputs=inputs, parameters=parameters)
+        return dict(found.start), stand_ins(plant, found.signals)
+    system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=list(laws)).checked().system
+    points = smooth_points(plant, system, laws, inputs, parameters or {}, {})
+    if not points:
+        raise SceneError(
+            "No steady running of this loop is known to begin from: give the states of the plant there, as `start` or `starts`."
+        )
+    commands = {name: points[0][name] for name in plant.inputs if name not in system.inputs}
+    return {name: points[0][name] for name in plant.states}, stand_ins(plant, commands)
+
+
+def stand_ins(plant: HybridSystem, values: Mapping[str, float]) -> dict[str, float]:
+    """Those of some values that are stand-ins of inputs, which are parameters of the plant."""
+    return {name: float(value) for name, value in values.items() if name in plant.inputs and name in plant.parameters}

@@ -1,0 +1,290 @@
+"""The worst case of a closed loop: the machine itself, with model errors, from phases of a stick-slip that exists, and with the noise of several seeds.
+
+Margins speak about a line at one point. What an engineer has to promise is another thing: a law that is switched on while the bit sticks and slips ends
+that, on a machine that is not the declared one, whatever the phase and whatever the noise. Every error is tried alone, then the corners, each from every
+start with every seed; the runs that differ by numbers alone step side by side (`sweep`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import finite_array, is_finite_number, mapping
+from toolbox.errors import SceneError, suggest
+from toolbox.measuring import measures
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import Sampled
+from toolbox.robustness.margins import titled
+from toolbox.robustness.steady_loop import law_list, smooth_start
+from toolbox.scenes.judged import judged_contact, judged_speed
+from toolbox.simulation.request import Request
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.steady_states.linear import input_values
+from toolbox.sweeps.sweep import sweep
+
+DELAY = "delay"
+"""The name by which the delay of sampled laws is varied."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One run: which error, start and seed, and what came of it in the judged window.
+
+    - error: in words, "declared" where there is none;  start: index of the start;  seed: of the noise;
+    - stuck: part of the window that the contact sticks [1];  mean_error: of the speed, as a part of its target [1];
+    - ripple: half the range of the command by its mean, the largest of any command [1];
+    - failure: why the run could not be finished, empty where it could;
+    - excess: the largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
+    """
+
+    error: str
+    start: int
+    seed: int
+    stuck: float
+    mean_error: float
+    ripple: float
+    failure: str
+    excess: float
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all."""
+
+    title: str
+    outcomes: tuple[Outcome, ...]
+    seconds: float = field(default=0.0, compare=False)
+
+    @property
+    def worst(self) -> Outcome:
+        """The outcome with the largest excess."""
+        return max(self.outcomes, key=_badness)
+
+    @property
+    def survives(self) -> bool:
+        """Whether every run is a success."""
+        return all(outcome.excess <= 1.0 for outcome in self.outcomes)
+
+    @property
+    def by_error(self) -> dict[str, Outcome]:
+        """{error: its worst outcome}, in the order in which errors were tried."""
+        found: dict[str, Outcome] = {}
+        for outcome in self.outcomes:
+            known = found.get(outcome.error)
+            found[outcome.error] = outcome if known is None else max(known, outcome, key=_badness)
+        return found
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table as text: the worst outcome of each error, and how many of its runs fail."""
+        lines: list[tuple[str, ...]] = [("error", "failed", "start", "seed", "stuck", "mean error", "ripple")]
+        for error, worst in self.by_error.items():
+            own = [outcome for outcome in self.outcomes if outcome.error == error]
+            failed = sum(outcome.excess > 1.0 for outcome in own)
+            numbers = [_percent(each) for each in (worst.stuck, worst.mean_error, worst.ripple)]
+            lines.append((error, f"{failed} of {len(own)}", str(worst.start), str(worst.seed), *numbers))
+        return lines
+
+    def __str__(self) -> str:
+        failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
+        verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
+        widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
+        lines = [f"Worst case of {self.title}: {verdict}"]
+        for row in self.rows:
+            cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
+            lines.append("  " + "  ".join(cells).rstrip())
+        return "\n".join(lines)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Time stuck and ripple of every run by its error; see `toolbox.robustness.figures.worst_case_diagram`. Returns both axes."""
+        from toolbox.robustness.figures import worst_case_diagram
+
+        rows = [(o.error, o.stuck, o.ripple, o.excess <= 1.0) for o in self.outcomes]
+        return worst_case_diagram(rows, axes=axes)
+
+
+def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) -> list[dict[str, Any]]:
+    """States of the plant at equal parts of the last whole stick-slip cycle of a run, from release to release, as starts of other runs.
+
+    - run: one that sticks and slips to its end, such as that of a stiff drive;
+    - count: number of phases, the first of which is the release;
+    - element: the contact; the first one without.
+
+    Returns `count` mappings {state: value}. Raises SceneError for a run without two releases, or for a count below 1.
+    """
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise SceneError(f"Argument `count` must be an integer >= 1, but it is {count!r}.")
+    contact = judged_contact(run.run.system, element)
+    releases = [event.time for event in run.events if event.element == contact and event.before == "stick" and event.after != "stick"]
+    if len(releases) < 2:
+        raise SceneError(
+            f"Argument `run` must stick and slip at `{contact}` at least twice to have phases, but it has {len(releases)} release(s)."
+        )
+    first, last = releases[-2:]
+    points = [run.at(first + (last - first) * k / count) for k in range(count)]
+    return [
+        {name: np.squeeze(point[name]) if size is None else np.ravel(point[name]) for name, (_, size, _) in run.run.plant.states.items()}
+        for point in points
+    ]
+
+
+def worst_case(
+    plant: HybridSystem,
+    controller: Any,
+    duration: float,
+    *,
+    errors: Mapping[str, float | Sequence[float]] | None = None,
+    corners: Sequence[Mapping[str, float]] = (),
+    starts: Sequence[Mapping[str, Any]] | None = None,
+    seeds: Sequence[int] = (0,),
+    sample_time: float | None = None,
+    inputs: Mapping[str, float] | None = None,
+    after: float | None = None,
+    target: float | None = None,
+    mean_within: float = 0.02,
+    ripple_within: float = 0.05,
+) -> WorstCase:
+    """Run a closed loop with every model error, from every start, with every seed of its noise, and judge the end of each run.
+
+    A run succeeds where, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its target, and no command swings by more than
+    `ripple_within` of its mean to either side.
+
+    - plant, controller, sample_time, inputs: as in `simulate`; a law is designed on the declared plant, and errors change the plant only;
+    - duration: of a run [s];  after: from when on it is judged [s], the last 30 % without;
+    - errors: {parameter or input: factor, or several}, each tried alone; "delay" is that of the sampled laws;
+    - corners: mappings {parameter or input: factor}, each of which is tried with all its errors at once;
+    - starts: {state: value} each, from `cycle_phases` for instance; smooth running without;
+    - seeds: of the noise of `Sampled`, which are used where it has any;
+    - target: of the mean speed of the judged contact; the set-point of the law without.
+
+    Returns a `WorstCase`. Raises SceneError for unknown names and for numbers that are none.
+    """
+    checked_plant(plant)
+    if not is_finite_number(duration) or not duration > 0:
+        raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
+    window = 0.7 * duration if after is None else after
+    laws = law_list(plant, controller, sample_time)
+    noisy = any(isinstance(law, Sampled) and law.noise for law in laws)
+    system = Request(plant, 0.0, inputs=inputs, controller=laws).checked().system
+    contact = judged_contact(system, None)
+    speed = judged_speed(system, contact)
+    drives = [name for name in plant.inputs if name not in system.inputs]
+    wanted = _set_point(system, inputs or {}) if target is None else float(target)
+    cases = _cases(errors, corners)
+    names = sorted({name for case in cases.values() for name in case if name != DELAY})
+    declared = {name: _declared(system, name, inputs or {}) for name in names}
+    if not declared:  # a sweep varies something
+        entry = next(entry for entry in plant.parameters.values() if entry.size is None)
+        declared = {entry.name: float(plant.parameter(entry.name))}
+    asked = {
+        "stuck": measures.stuck_ratio(contact, window),
+        "mean": measures.mean(speed, window),
+        **{f"low {name}": measures.minimum(name, window) for name in drives},
+        **{f"high {name}": measures.maximum(name, window) for name in drives},
+        **{f"mean {name}": measures.mean(name, window) for name in drives},
+    }
+    begins = list(starts or ())
+    held: dict[str, float] = {}
+    if starts is None:
+        smooth, held = smooth_start(plant, laws, inputs or {})
+        begins = [smooth]
+    found: list[Outcome] = []
+    seconds = 0.0
+    for late in sorted({case.get(DELAY, 1.0) for case in cases.values()}):
+        own = {label: case for label, case in cases.items() if case.get(DELAY, 1.0) == late}
+        rows = [{name: value * case.get(name, 1.0) for name, value in declared.items()} for case in own.values()]
+        for seed in seeds if noisy else (0,):
+            running = [_as_run(law, late, seed) for law in laws]
+            for k, begin in enumerate(begins):
+                done = sweep(plant, rows, duration, controller=running, start=begin, inputs=inputs, parameters=held, measures=asked)
+                seconds += done.seconds
+                for i, label in enumerate(own):
+                    numbers = {name: float(done[name][i]) for name in asked}
+                    found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
+    order = {label: i for i, label in enumerate(cases)}
+    found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
+    return WorstCase(titled(laws, controller), tuple(found), seconds)
+
+
+def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:
+    """{error in words: {name: factor}}, the declared machine first. Raises SceneError for factors that are no numbers > 0."""
+    found: dict[str, dict[str, float]] = {"declared": {}}
+    rows = [{name: factor} for name, given in mapping("errors", errors).items() for factor in _factors(name, given)]
+    rows += [{name: _factors(name, factor)[0] for name, factor in mapping("corners", corner).items()} for corner in corners]
+    for row in rows:
+        found[", ".join(f"{name} {100.0 * (factor - 1.0):+.3g} %" for name, factor in row.items())] = row
+    return found
+
+
+def _factors(name: str, given: Any) -> list[float]:
+    array = finite_array(given)
+    if array is None or not array.size or not (array > 0).all():
+        raise SceneError(f"Argument `{name}` must be a factor > 0, or several, but it is {given!r}.")
+    return [float(value) for value in np.atleast_1d(array).ravel()]
+
+
+def _declared(system: HybridSystem, name: str, inputs: Mapping[str, float]) -> float:
+    """The value of an input or of a parameter that is one number, as declared or given; raises SceneError for any other name."""
+    if name in system.inputs:
+        return float(input_values(system, inputs)[list(system.inputs).index(name)])
+    value = np.asarray(system.parameter(name))
+    if value.ndim:
+        raise SceneError(f"Argument `errors` must name one number, but `{name}` has {value.size} entries: name one, e.g. `{name}.0`.")
+    return float(value)
+
+
+def _set_point(system: HybridSystem, inputs: Mapping[str, float]) -> float:
+    """The set-point of the laws, the only input of the loop whose name ends so; nan where there is none."""
+    found = [name for name in system.inputs if name.endswith(".reference")]
+    return _declared(system, found[0], inputs) if len(found) == 1 else math.nan
+
+
+def _as_run(law: Any, late: float, seed: int) -> Any:
+    """A law with a factor of its delay and a seed of its noise."""
+    if not isinstance(law, Sampled):
+        if late != 1.0:
+            raise SceneError(
+                f"Argument `errors` must not hold `{DELAY}` for a law that acts continuously: {suggest(DELAY, ('sample_time',))}"
+            )
+        return law
+    return dataclasses.replace(law, delay=law.delay * late, seed=seed)
+
+
+def _outcome(
+    label: str,
+    start: int,
+    seed: int,
+    numbers: Mapping[str, float],
+    failure: str,
+    drives: Sequence[str],
+    target: float,
+    allowed: tuple[float, float],
+) -> Outcome:
+    """What came of a run, and by how much it is beyond what is allowed."""
+    if failure:
+        return Outcome(label, start, seed, math.nan, math.nan, math.nan, str(failure), math.inf)
+    error = numbers["mean"] / target - 1.0
+    ripple = 0.0
+    for name in drives:
+        swing = (numbers[f"high {name}"] - numbers[f"low {name}"]) / 2
+        mean = abs(numbers[f"mean {name}"])
+        ripple = max(ripple, swing / mean if mean > 0.0 else math.inf if swing > 0.0 else 0.0)
+    excess = math.inf if numbers["stuck"] > 0.0 else max(0.0 if math.isnan(error) else abs(error) / allowed[0], ripple / allowed[1])
+    return Outcome(label, start, seed, numbers["stuck"], error, ripple, "", excess)
+
+
+def _badness(outcome: Outcome) -> tuple[bool, float, float, float]:
+    """By what outcomes are compared: runs that fail, then the time stuck, then the excess."""
+    stuck = 0.0 if math.isnan(outcome.stuck) else outcome.stuck
+    finite = outcome.excess if math.isfinite(outcome.excess) else 0.0
+    return bool(outcome.failure), stuck, finite, outcome.ripple if math.isfinite(outcome.ripple) else 0.0
+
+
+def _percent(value: float) -> str:
+    return "-" if math.isnan(value) else f"{100.0 * value:.2g} %"

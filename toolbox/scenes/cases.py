@@ -1,0 +1,67 @@
+"""Cases of a scene: one controller with its numbers, inputs and reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from toolbox.errors import SceneError
+from toolbox.modelling import inputs as shapes
+from toolbox.modelling.laws import Controller, Sampled
+
+Number = float | tuple[float, ...]
+
+
+def _reference(law: Controller | None, unit: str) -> float | None:
+    """The set-point that a law declares in this unit; None without one."""
+    declared = {each.name: each.metadata.get("unit") for each in fields(law)} if law is not None else {}
+    return getattr(law, "reference", None) if declared.get("reference") == unit else None
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """An input in time as data: a shape of `toolbox.inputs` or "table", and its numbers by name in SI."""
+
+    shape: str
+    numbers: Mapping[str, Number]
+
+    def build(self) -> Any:
+        """What `simulate` takes as this input."""
+        if self.shape == "table":
+            return self.numbers["times"], self.numbers["values"]
+        return getattr(shapes, self.shape)(**self.numbers)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s.
+
+    noise, resolution: {measured signal: standard deviation, step} of a sampled law, and the seed of the noise, as in `Sampled`.
+    """
+
+    label: str
+    law: Controller | None = None
+    sample_time: float | None = None
+    delay: float = 0.0
+    inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+    resolution: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+
+    @property
+    def controller(self) -> Any:
+        """What `simulate` takes as controller."""
+        if self.law is None or self.sample_time is None:
+            return self.law
+        return Sampled(self.law, self.sample_time, self.delay, self.noise, self.resolution, self.seed)
+
+    @staticmethod
+    def of(label: str, controller: Controller | Sampled | None) -> Case:
+        """The case of a continuous law, of a sampled one, or of none. Raises SceneError for anything else, a Python function too."""
+        if controller is None or isinstance(controller, Controller):
+            return Case(label, controller)
+        if isinstance(controller, Sampled) and isinstance(controller.law, Controller):
+            c = controller
+            return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
+        raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")

@@ -1,0 +1,189 @@
+"""Carries a run out: calls the compiled loop until it is done, and between its calls grows arrays, asks laws in Python, and looks at the clock."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import dataclasses
+import time as clock
+from types import FunctionType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import finite_array
+from toolbox.compilation import loop_layout
+from toolbox.compilation.moreau_jean import Theta
+from toolbox.compilation.notices import announced
+from toolbox.compilation.program import Program, program_of
+from toolbox.errors import SimulationError
+from toolbox.modelling.laws import External
+from toolbox.modelling.regularisation import SmoothSystem, smoothed
+from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
+from toolbox.simulation.method_choice import cheapest_method
+from toolbox.simulation.methods import Automatic, EventExact, Implicit, Smoothing
+from toolbox.simulation.refinement import refined, tolerance
+from toolbox.simulation.run import Run
+from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
+from toolbox.simulation.trajectory import Stepped, Trajectory
+from toolbox.simulation.work_arrays import grown, work_arrays
+
+_LOADED: list[Any] = []
+
+
+def compiled_loop(run: Run, program: Program) -> Any:
+    """The loop that steps with this program: loaded by a run of no duration in each process.
+
+    Says so on stderr where this machine has to compile it first.
+    """
+    if isinstance(program.pair, Theta):
+        from toolbox.simulation.stepping_loop import advance  # here, because numba is slow to import
+
+        name = "loop of time stepping"
+    else:
+        from toolbox.simulation.event_loop import advance
+
+        name = "event loop"
+    if advance not in _LOADED:
+        _LOADED.append(advance)
+        announced(name, advance)
+        advance(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
+    return advance
+
+
+def _undecided(run: Run) -> bool:
+    """Whether the run may turn out to be stiff; a law in Python is asked once per sample, so that its runs do not begin anew."""
+    return isinstance(run.method, EventExact) and not run.laws
+
+
+def formulas_of(run: Run) -> Any:
+    """The formulas that a run steps with."""
+    return run.method.formulas(run.accuracy, bool(run.system.updates))
+
+
+def carry_out(run: Run) -> Trajectory:
+    """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
+    if isinstance(run.method, Automatic):
+        return cheapest_method(run)
+    if run.method.refines:
+        return refined(run)
+    if isinstance(run.method, Smoothing) and not isinstance(run.system, SmoothSystem):
+        sharp = Smoothing(run.method.width, run.method.tolerance or tolerance(run))
+        run = dataclasses.replace(run, system=smoothed(run.system, sharp.width or {}), method=sharp)
+    program = program_of(run.system, run.kinds, formulas_of(run))
+    advance = compiled_loop(run, program)
+    work = work_arrays(run, program)
+    began = clock.perf_counter()
+    laws = [_fresh(law) for law in run.laws]
+    answers: list[list[np.ndarray]] = [[] for _ in laws]
+    bar: Any = None
+    look = progress(work)
+    following = FIRST_LOOK if _undecided(run) else run.budget.steps
+    chunk = 200_000 if run.budget.seconds == np.inf else 100
+    try:
+        while True:
+            tried = progress(work)[1]
+            work.ints[loop_layout.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
+            status = advance(work)
+            spent = clock.perf_counter() - began
+            if spent > run.budget.seconds and status != loop_layout.DONE:
+                raise exhausted(run, program, work, began, answers)
+            if status == loop_layout.DONE:
+                done = trajectory_so_far(run, program, work, began, answers)
+                done.laws = tuple(laws)
+                return _sound(done, program) if isinstance(done, Stepped) else done
+            if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:
+                raise exhausted(run, program, work, began, answers)
+            if status == loop_layout.RECORDS_FULL or status == loop_layout.EVENTS_FULL:
+                work = grown(work, program, status == loop_layout.RECORDS_FULL, run.budget)
+            elif status == loop_layout.SAMPLE_DUE:
+                _sample(run, program, work, laws, answers, began)
+            elif status == loop_layout.PAUSED:
+                if progress(work)[1] >= run.budget.steps:
+                    raise exhausted(run, program, work, began, answers)
+                if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
+                    chunk = max(1, min(2 * chunk, int(0.1 * progress(work)[1] / spent)))
+                if progress(work)[1] >= following:
+                    if pays(run, program, work, look):
+                        left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
+                        return carry_out(dataclasses.replace(run, method=Implicit(), budget=left))
+                    look = progress(work)
+                    following = 2 * look[1]
+                if bar is None and spent > 1.0:
+                    from tqdm import tqdm
+
+                    bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
+                if bar is not None:
+                    bar.update(float(work.reals[loop_layout.TIME]) - bar.n)
+            else:
+                raise failure(status, run, program, work, began, answers)
+    except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
+        if getattr(error, "run", None) is None:
+            with contextlib.suppress(AttributeError):
+                error.run = trajectory_so_far(run, program, work, began, answers)  # type: ignore[attr-defined]
+        if getattr(error, "run", None) is not None:
+            error.run.laws = tuple(laws)  # type: ignore[attr-defined]
+        raise
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _fresh(law: Any) -> Any:
+    """A copy of a law that may have a state, so that every run starts alike; itself where it is a function or cannot be copied."""
+    if isinstance(law, FunctionType):
+        return law
+    try:
+        return copy.deepcopy(law)
+    except Exception:  # whatever an object that holds a lock or a solver raises
+        return law
+
+
+def _sound(run: Trajectory, program: Program) -> Trajectory:
+    """The run, unless a bound that varies in time was negative at a recorded time: friction would have driven the machine.
+
+    A step sees a contact open at its end, and takes no friction until then.
+    """
+    if program.varying:
+        names = [program.system.elements[i].name for i in program.varying]
+        expression = ca.vertcat(*[program.system.elements[i].static for i in program.varying])
+        bounds = np.atleast_2d(run.computed("varying bounds", expression).T)
+        wrong = bounds < -1e-9 * np.abs(bounds).max(axis=1, keepdims=True)
+        wrong[:, 2:] = wrong[:, 2:] & wrong[:, 1:-1] & wrong[:, :-2]
+        wrong[:, :2] = False
+        if wrong.any():
+            i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
+            raise SimulationError(
+                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
+            )
+    return run
+
+
+def _sample(
+    run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
+) -> None:
+    """Evaluate a Python controller at the current instant and queue its outputs."""
+
+    from toolbox.simulation.noise import normal  # here, because numba is slow to import
+
+    c = int(work.ints[loop_layout.CULPRIT])
+    row = work.samplers[c]
+    index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
+    part = [part for part in run.system.parts if isinstance(part, External)][index]
+    point = Trajectory.point(run, program, work.reals[loop_layout.TIME], work.x, work.m, work.p)
+    sensors, update = part.sensors, program.system.updates[c]
+    first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
+    noise = {name: normal(work.keys[first + i], row[loop_layout.TAKEN]) for i, name in enumerate(update.channels)}
+    y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
+    answer = laws[index](float(work.reals[loop_layout.TIME]), y)
+    u = finite_array(answer)
+    if u is None or u.size != row[loop_layout.OUTPUTS]:
+        raise SimulationError(
+            f"The controller must return {row[loop_layout.OUTPUTS]} finite value(s) for {', '.join(part.drives)}, but at "
+            f"t = {work.reals[loop_layout.TIME]:g} s it returned {answer!r}.",
+            trajectory_so_far(run, program, work, began, answers),
+        )
+    work.queue[c, row[loop_layout.TAKEN] % work.queue.shape[1], : u.size] = u.ravel()
+    answers[index].append(u.ravel())
+    row[loop_layout.TAKEN] += 1

@@ -1,0 +1,71 @@
+"""What happens at a located event: which guards fire, what switches, and whether switching has an end."""
+
+from __future__ import annotations
+
+from toolbox.compilation.loop_layout import (
+    BOUNDS,
+    CLOSE,
+    CULPRIT,
+    DONE,
+    END,
+    ENDLESS,
+    FRICTION,
+    IMPLICIT,
+    INCONSISTENT,
+    LAST_EVENT,
+    NE,
+    NEGATIVE_BOUND,
+    NG,
+    STEP_OLD,
+    STEP_SIZE,
+)  # fmt: skip
+from toolbox.compilation.numba_cache import inlined
+from toolbox.simulation.guards import flies, guard_size, project
+from toolbox.simulation.modes import fire, mark
+from toolbox.simulation.step_control import first_step, measure_round_off
+
+
+@inlined
+def project_event(w, t, again):
+    """Mark the guards that fire and set the slips that have just become zero to zero, so that they are so in the record, too."""
+    mark(w, again)
+    for i in range(w.ints[NE]):
+        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i):
+            w.m[i] = 0.0
+    project(w, t)
+    for i in range(w.ints[NE]):
+        w.m[i] = w.before[i]
+
+
+@inlined
+def after_event(w, t):
+    """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
+    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[END], 1.0)):
+        w.ints[CLOSE] += 1
+        if w.ints[CLOSE] > 50 + 20 * w.ints[NE]:
+            return ENDLESS
+    else:
+        w.ints[CLOSE] = 0
+    w.reals[LAST_EVENT] = t
+    if _bound_falls(w):
+        return NEGATIVE_BOUND
+    if not fire(w, t):
+        return INCONSISTENT
+    if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
+        w.reals[STEP_OLD] = 0.0
+        measure_round_off(w)
+    else:
+        first_step(w)
+    return DONE
+
+
+@inlined
+def _bound_falls(w):
+    """Whether a bound that fires becomes negative; one that only touches zero, with no rate to speak of, does not."""
+    ng = w.ints[NG]
+    for q in range(w.ints[BOUNDS]):
+        j = ng - w.ints[BOUNDS] + q
+        if w.fired[j] and w.g[ng + j] * max(w.reals[STEP_OLD], w.reals[STEP_SIZE]) < -1e-6 * guard_size(w, j):
+            w.ints[CULPRIT] = q
+            return True
+    return False

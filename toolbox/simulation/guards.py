@@ -1,0 +1,86 @@
+"""Guards of the event loop: their sizes, what counts as zero, and the armed flags at a point."""
+
+from __future__ import annotations
+
+from toolbox.compilation.calls import call
+from toolbox.compilation.loop_layout import BOUNDS, FIELD, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
+from toolbox.compilation.numba_cache import inlined
+
+
+@inlined
+def guard_size(w, j):
+    """Size of guard j so far; a contact's first guard is a speed in slip and a force in stick, so each has a slot per kind of mode."""
+    return w.guard_scale[w.slot[j]]
+
+
+@inlined
+def close_to_zero(w, j):
+    """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
+    return min(max(1e-5 * w.reals[RTOL], 1e-13), 1e-9) * guard_size(w, j)
+
+
+@inlined
+def flies(w, i):
+    """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
+    return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+
+
+@inlined
+def refresh(w):
+    """Slopes, guards and armed flags at the current point."""
+    n, ng = w.ints[N], w.ints[NG]
+    call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        w.k[i] = w.z[n + i]
+        size = abs(w.x[i])
+        if size > w.scale[i]:
+            w.scale[i] = size
+            if size > w.group_scale[w.group[i]]:
+                w.group_scale[w.group[i]] = size
+    for j in range(2 * ng):
+        w.g[j] = w.z[2 * n + j]
+    for j in range(ng):
+        w.slot[j] = j + ng if j < 2 * w.ints[NE] and w.m[j // 2] == 0.0 else j
+        size = abs(w.g[j])
+        if size > guard_size(w, j):
+            w.guard_scale[w.slot[j]] = size
+        w.armed[j] = w.side[j] * w.g[j] > 1e-13 * guard_size(w, j)
+
+
+@inlined
+def nudge(w):
+    """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
+    for i in range(w.ints[N]):
+        w.s[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
+    for i in range(w.p.size):
+        w.q[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
+
+
+@inlined
+def project(w, t):
+    """Set the slip of sticking elements to exactly zero, if there are any."""
+    for i in range(w.ints[NE]):
+        if w.m[i] == 0.0 and w.kind[i] != SWITCH:
+            call(w.ints[PROJECT], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+            for j in range(w.ints[N]):
+                w.x[j] = w.z[j]
+            return
+
+
+@inlined
+def accept_guard(w, j):
+    """Take in the value of guard j at the end of an accepted step: its size so far, and whether it is armed from now on."""
+    size = abs(w.g[j])
+    if size > guard_size(w, j):
+        w.guard_scale[w.slot[j]] = size
+    if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * guard_size(w, j):
+        w.armed[j] = True
+
+
+@inlined
+def bounds_hold(w):
+    """Whether no bound of friction is negative at the current guards, beyond round-off."""
+    hold = True
+    for j in range(w.ints[NG] - w.ints[BOUNDS], w.ints[NG]):
+        hold = hold and w.g[j] >= -1e-9 * guard_size(w, j)
+    return hold

@@ -1,0 +1,148 @@
+"""Methods of simulation: values with their own options, each with a plain string as its short form.
+
+    "event"          EventExact()       adaptive steps that end on every switch, explicit until implicit ones prove cheaper
+    "explicit"       Explicit()         the same with explicit steps only
+    "stiff"          Implicit()         the same with linearly implicit steps only
+    "time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
+    "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
+    "auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from toolbox.arguments import is_finite_number
+from toolbox.compilation.moreau_jean import MOREAU_JEAN, Theta
+from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
+from toolbox.compilation.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.errors import SceneError, suggest
+
+
+@dataclass(frozen=True)
+class Method:
+    """How a run steps. Every kind is a value: two of the same options are equal."""
+
+    text: ClassVar[str]
+    """The short form."""
+
+    def check(self, duration: float, steps: float) -> None:
+        """Raise SceneError for options with which a run of `duration` [s] cannot be stepped in at most `steps` steps."""
+
+    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+        """The formulas of a step for an accuracy, for a plant with or without sampled laws."""
+        if sampled:
+            return DOP853 if accuracy < 1e-9 else DOPRI5
+        return DOPRI5 if accuracy > 1e-5 else DOP853
+
+    @property
+    def refines(self) -> bool:
+        """Whether runs are repeated with a finer option until two agree to the accuracy."""
+        return False
+
+    def __str__(self) -> str:
+        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        options = ", ".join(f"{name}={value!r}" for name, value in given.items() if value is not None)
+        return f"{self.text} ({options})" if options else self.text
+
+
+@dataclass(frozen=True)
+class EventExact(Method):
+    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
+
+    text: ClassVar[str] = "event"
+
+
+@dataclass(frozen=True)
+class Explicit(Method):
+    """Adaptive explicit steps that end exactly on every switch."""
+
+    text: ClassVar[str] = "explicit"
+
+
+@dataclass(frozen=True)
+class Implicit(Method):
+    """Adaptive linearly implicit steps that end exactly on every switch, for stiff plants."""
+
+    text: ClassVar[str] = "stiff"
+
+    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+        """RODAS5P, of order 5."""
+        return RODAS5P
+
+
+@dataclass(frozen=True)
+class TimeStepping(Method):
+    """Fixed steps with implicit contact forces; no switch is located (see `toolbox.compilation.moreau_jean`).
+
+    step: length of a step [s]; None refines it until the accuracy is met.
+    """
+
+    text: ClassVar[str] = "time-stepping"
+    step: float | None = None
+
+    def check(self, duration: float, steps: float) -> None:
+        """Raise SceneError unless the step is a positive number and long enough for the budget."""
+        if self.step is not None and (not is_finite_number(self.step) or not self.step > 0 or duration / self.step > steps):
+            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / steps:.2g} s, {steps} steps, but it is {self.step!r}.")
+
+    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+        """The theta method of Moreau and Jean."""
+        return MOREAU_JEAN
+
+    @property
+    def refines(self) -> bool:
+        """Whether the step is to be found."""
+        return self.step is None
+
+
+@dataclass(frozen=True)
+class Smoothing(Method):
+    """Regularised friction, stepped by the linearly implicit method (see `toolbox.smoothed`).
+
+    width: slip speed, or {element: slip speed}, within which friction rises to its peak; None refines it until the accuracy is met.
+    tolerance: of the integrator; None takes what resolves the width.
+    """
+
+    text: ClassVar[str] = "smoothed"
+    width: float | Mapping[str, float] | None = None
+    tolerance: float | None = None
+
+    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+        """RODAS5P, because regularised friction is stiff."""
+        return RODAS5P
+
+    @property
+    def refines(self) -> bool:
+        """Whether the width is to be found."""
+        return self.width is None
+
+
+@dataclass(frozen=True)
+class Automatic(Method):
+    """The cheapest method by the rule of `toolbox.simulation.method_choice`; `run.why` says which it was, and why."""
+
+    text: ClassVar[str] = "auto"
+
+    @property
+    def refines(self) -> bool:
+        """Whether one of the methods that it may take does."""
+        return True
+
+
+METHODS: dict[str, Method] = {kind.text: kind() for kind in (EventExact, Explicit, Implicit, TimeStepping, Smoothing, Automatic)}
+"""{short form: method with its default options}."""
+
+
+def method_of(given: Any) -> Method:
+    """A method from a value or its short form; raises SceneError for anything else."""
+    if isinstance(given, Method):
+        return given
+    if isinstance(given, str) and given in METHODS:
+        return METHODS[given]
+    hint = f" {suggest(given, METHODS)}" if isinstance(given, str) else ""
+    known = ", ".join(map(repr, METHODS))
+    raise SceneError(f"Argument `method` must be one of {known}, or a value such as TimeStepping(step=1e-3), but it is {given!r}.{hint}")

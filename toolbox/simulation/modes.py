@@ -1,0 +1,288 @@
+"""Modes of the elements: decided by force, at the start and at every event."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from toolbox.compilation.calls import call
+from toolbox.compilation.loop_layout import (
+    BOUNDS,
+    COUPLED,
+    CULPRIT,
+    EPS,
+    EVENTS,
+    FIELD,
+    FRICTION,
+    LOCATED,
+    MERGED,
+    NE,
+    NG,
+    PROBE,
+    RIGID,
+    SWITCH,
+    TIME,
+    N,
+)
+from toolbox.compilation.numba_cache import inlined
+from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh
+from toolbox.simulation.impacts import impact
+
+
+@inlined
+def modes_consistent(w, t, change, one):
+    """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
+    ne = w.ints[NE]
+    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    consistent = True
+    for j in range(ne):
+        i = j if one < 0 else (j + one) % ne
+        if not w.zero[i]:
+            continue
+        rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+        if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
+            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[NG]]:
+                continue  # released where its force is zero, it may seem to close by the round-off of that zero
+            right = 1.0 - w.m[i]
+        elif flies(w, i):
+            if w.m[i] != 0.0:
+                continue
+            right = -1.0 if force > 0.0 else 1.0
+        elif w.m[i] == 0.0:
+            # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
+            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
+                continue
+            right = -1.0 if force > 0.0 else 1.0
+        else:
+            # a contact released exactly at its limit starts with zero slip rate and must not fall back
+            if w.m[i] * rate >= -1e-7 * abs(pace):
+                continue
+            right = 0.0
+        if not change:
+            return False
+        consistent = False
+        w.m[i] = right
+        if one >= 0:
+            return False
+    return consistent
+
+
+@inlined
+def decide(w, t):
+    """Modes of the elements marked in `zero`, by force: stick where the bound allows it, else slip in the direction of the excess.
+
+    Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
+    kinetic several sets can be consistent: what can stick beside the others does. Returns False where no consistent set is found.
+    """
+    ne = w.ints[NE]
+    together = 20 + 4 * ne
+    settled = False
+    for attempt in range(together + 60 + 20 * ne):
+        if modes_consistent(w, t, True, -1 if attempt < together else attempt % ne):
+            settled = True
+            break
+    if settled and w.ints[COUPLED] == 1:
+        for i in range(ne):
+            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == FRICTION:
+                mode = w.m[i]
+                w.m[i] = 0.0
+                if not modes_consistent(w, t, False, -1):
+                    w.m[i] = mode
+    return settled
+
+
+
+
+@inlined
+def turn_switches(w):
+    """Turn every switch whose threshold is passed at the current guards by more than events are located to; returns whether there was one."""
+    turned = False
+    for i in range(w.ints[NE]):
+        size = max(w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[NG]])  # in both positions: a position that is new has seen nothing yet
+        if w.kind[i] == SWITCH and w.g[2 * i] < -2e-9 * size:
+            w.m[i] = 1.0 - w.m[i]
+            turned = True
+    return turned
+
+
+@inlined
+def settle(w, t):
+    """Decide modes at the current point, note what changed, and make slopes and guards current. False where no modes are consistent.
+
+    A switch whose threshold is passed turns, too, which may change the forces that decide, and turn others.
+    """
+    for _ in range(2 * w.ints[NE] + 1):
+        if not decide(w, t):
+            return False
+        refresh(w)
+        if not bounds_hold(w):
+            return False
+        if not turn_switches(w):
+            break
+    for i in range(w.ints[NE]):
+        if w.m[i] != w.before[i] or w.bounced[i]:
+            w.bounced[i] = False
+            e = w.ints[EVENTS]
+            w.ev_t[e] = t
+            w.ev_i[e] = i
+            w.ev_m[e, 0] = np.int8(w.before[i])
+            w.ev_m[e, 1] = np.int8(w.m[i])
+            w.ev_m[e, 2] = 0
+            w.ints[EVENTS] = e + 1
+            w.ints[CULPRIT] = i
+    return True
+
+
+@inlined
+def mark(w, again):
+    """Mark the guards that fire now: the located one in any case, others if they are as near to zero and descending, unless it decides again.
+
+    A slip that passes through zero in flight fires alone: it concerns no other element.
+    """
+    ng = w.ints[NG]
+    first = w.ints[LOCATED] // 2 if w.ints[LOCATED] < 2 * w.ints[NE] else -1
+    alone = first >= 0 and w.m[first] != 0.0 and flies(w, first)
+    for i in range(w.ints[NE]):
+        w.before[i] = w.m[i]
+        w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
+    for j in range(ng):
+        rate = w.side[j] * w.g[ng + j]
+        # a kink that is at zero and stays there has not been crossed
+        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
+        flying = j < 2 * w.ints[NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
+        w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[LOCATED]
+
+
+@inlined
+def fire(w, t):
+    """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
+    ne, ng = w.ints[NE], w.ints[NG]
+    kink, strike = False, False
+    for j in range(2 * ne, ng - w.ints[BOUNDS]):
+        if w.fired[j]:
+            w.side[j] = -w.side[j]
+            kink = True
+    for i in range(ne):
+        w.forced[i] = False
+        if w.kind[i] == SWITCH and w.fired[2 * i]:
+            w.m[i] = 1.0 - w.m[i]
+        strike = strike or (w.kind[i] == RIGID and w.before[i] != 0.0 and w.fired[2 * i])
+    if strike:
+        impact(w, t)
+    for i in range(ne):
+        if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
+            if flies(w, i):
+                w.m[i] = -w.m[i]
+                continue
+            w.m[i] = 0.0  # its slip has been projected to zero already
+            w.zero[i] = True
+    for i in range(ne):
+        if w.kind[i] == FRICTION and not strike:
+            w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
+            if w.forced[i]:
+                w.m[i] = -1.0 if w.fired[2 * i] else 1.0
+        elif w.kind[i] == RIGID and w.before[i] == 0.0 and w.fired[2 * i] and not strike:
+            w.m[i], w.forced[i] = 1.0, True
+    events = w.ints[EVENTS]
+    if not settle(w, t):
+        return False
+    if w.ints[COUPLED] == 1:
+        for e in range(events, w.ints[EVENTS]):
+            w.ev_m[e, 2] = np.int8(_other_choice(w, t, w.ev_i[e]))
+    if w.ints[EVENTS] == events and not kink:
+        w.ints[MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
+    return True
+
+
+@inlined
+def _other_choice(w, t, i):
+    """Whether the contact i that has just switched could have done otherwise: stuck where it slides, or slid on or back where it sticks.
+
+    The others decide anew each time. Where forces hold each other and static friction is above kinetic both can be consistent. Leaves the modes in m.
+    """
+    ne = w.ints[NE]
+    if w.kind[i] != FRICTION or not w.zero[i]:
+        return False
+    for j in range(ne):
+        w.held[j] = w.m[j]
+    possible = False
+    for way in (-1.0, 0.0, 1.0):
+        if way == w.held[i] or (way != 0.0 and w.held[i] != 0.0) or possible:
+            continue
+        for j in range(ne):
+            w.m[j] = w.held[j]
+        w.m[i] = way
+        w.zero[i] = False
+        if decide(w, t):
+            w.zero[i] = True
+            if modes_consistent(w, t, False, -1):
+                rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
+                # clearly so: at its limit a contact is on the border of both
+                possible = abs(force) < (1.0 - 1e-6) * static if way == 0.0 else way * rate > 1e-6 * abs(pace)
+        w.zero[i] = True
+    for j in range(ne):
+        w.m[j] = w.held[j]
+    return possible
+
+
+@inlined
+def begin(w):
+    """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
+
+    An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
+    switches turn until their guards agree.
+    """
+    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
+    t = w.reals[TIME]
+    for i in range(ne):
+        w.m[i] = w.initial[i]
+    # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
+    nudge(w)
+    rigid = False
+    for i in range(ne):
+        rigid = rigid or w.kind[i] == RIGID
+    if rigid:
+        call(w.ints[FIELD], t, 0.0, w.s, w.k, w.q, w.m, w.z)
+        for i in range(ne):
+            w.held[i] = w.z[2 * n + 2 * i]
+        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        for i in range(ne):
+            gap = w.z[2 * n + 2 * i]
+            close = abs(gap) <= 4.0 * EPS * 1e7 * abs(w.held[i] - gap)
+            if w.kind[i] == RIGID and gap < 0.0 and not close:
+                w.ints[CULPRIT] = i
+                return False
+            w.held[i] = 1.0 if close else 0.0
+    call(w.ints[PROBE], t, 0.0, w.s, w.k, w.q, w.m, w.y)
+    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        slip = w.z[i]
+        if w.kind[i] == SWITCH:
+            w.zero[i] = False
+            continue
+        w.zero[i] = abs(slip) <= 4.0 * EPS * 1e7 * abs(w.y[i] - slip)
+        if w.kind[i] == RIGID:
+            w.zero[i] = w.zero[i] and w.held[i] == 1.0
+            w.m[i] = 0.0 if w.zero[i] else 1.0
+            continue
+        w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+    for _ in range(2 * ne):  # a switch may turn another
+        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        turned = False
+        for i in range(ne):
+            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
+            if w.kind[i] == SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
+                w.m[i] = 1.0 - w.m[i]
+                turned = True
+        if not turned:
+            break
+    project(w, t)
+    if not decide(w, t):
+        return False
+    call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for j in range(2 * ne, ng - w.ints[BOUNDS]):
+        g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
+        w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
+    refresh(w)
+    return bounds_hold(w)

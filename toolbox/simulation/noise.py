@@ -1,0 +1,32 @@
+"""Measurement noise: a standard normal number that is a function of channel and sample alone, so that every kind of run draws the same."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from toolbox.compilation.numba_cache import cached, inlined
+
+
+@inlined
+def scrambled(z):
+    """The 64 bits of an unsigned integer scrambled: the finaliser of splitmix64."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@cached
+def channel_key(seed, name):
+    """The key of a noise channel from a seed and the number of its name."""
+    return scrambled(scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
+
+
+@cached
+def normal(key, sample):
+    """A standard normal number that is a function of a channel's key and the number of the sample alone (splitmix64, Box and Muller)."""
+    counter = key + np.uint64(2 * sample + 1) * np.uint64(0x9E3779B97F4A7C15)
+    radius = (float(scrambled(counter) >> np.uint64(11)) + 0.5) * 2.0**-53
+    angle = float(scrambled(counter + np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(11)) * 2.0**-53
+    return math.sqrt(-2.0 * math.log(radius)) * math.cos(2.0 * math.pi * angle)

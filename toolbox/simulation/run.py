@@ -1,0 +1,74 @@
+"""A run: what is simulated, checked and resolved, so that it can be run again with another accuracy, method or output times."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.simulation.methods import Method, method_of
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
+
+    steps: tried, accepted or not;  events: switches of elements: a run that has exactly so many finishes, one that has more ends where the next is due and
+    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second.
+    Raises SceneError, when a run is given it, for anything but positive numbers.
+    """
+
+    steps: int = 20_000_000
+    events: float = np.inf
+    seconds: float = np.inf
+
+    def check(self) -> None:
+        """Raise SceneError unless all three are positive numbers; events and seconds may be infinite."""
+        for name in ("steps", "events", "seconds"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)) or not value > 0:
+                raise SceneError(f"Argument `budget.{name}` must be a number > 0, but it is {value!r}.")
+
+
+UNHURRIED = Budget()
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is simulated, checked and resolved.
+
+    plant, system: the plant, and the closed system that it makes with its laws;  duration: s;  start: {state: value};
+    inputs, kinds: values of the inputs, and how each is given, which is structure;  clocks: (period, delay) of each sampled law, s;
+    laws: the Python callables among them;  accuracy: target for the global error;  output_times: where it records, None for every step;
+    longest_step: s;  seeds: of the noise of each sampled law;  method: how it steps, with its options;  budget: what it may spend;
+    solver: the function that carries it out and returns a Trajectory;
+    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
+    """
+
+    plant: HybridSystem
+    system: HybridSystem
+    duration: float
+    start: dict[str, Any]
+    inputs: dict[str, Any]
+    kinds: tuple[tuple[str, Any], ...]
+    clocks: list[tuple[float, float]]
+    laws: list[Any]
+    accuracy: float
+    output_times: np.ndarray | None
+    longest_step: float
+    seeds: list[int]
+    method: Method
+    budget: Budget
+    solver: Callable[[Run], Any]
+    resume: tuple[np.ndarray, np.ndarray] | None = None
+
+    def again(self, **changes: Any) -> Any:
+        """The trajectory of the same run with some of its fields changed, for example another accuracy."""
+        if "method" in changes:
+            changes["method"] = method_of(changes["method"])
+        return self.solver(dataclasses.replace(self, **changes))

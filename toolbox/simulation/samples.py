@@ -1,0 +1,197 @@
+"""What a run holds: signals at times, events, and the modes in which its elements stay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import is_finite_number
+from toolbox.errors import SceneError, suggest
+
+
+class Event(NamedTuple):
+    """A switch of an element: time [s], element name, mode before and after."""
+
+    time: float
+    element: str
+    before: str
+    after: str
+
+
+class Stays:
+    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
+
+    end: float
+    events: list[Event]
+
+    @property
+    def _legends(self) -> dict[str, dict[int, str]]:
+        """{element: {mode: its word}}."""
+        raise NotImplementedError
+
+    def _at_last(self, element: str) -> str:
+        """Mode of an element at the end of the run."""
+        raise NotImplementedError
+
+    def intervals(self, element: str) -> list[tuple[float, float, str]]:
+        """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
+        if element not in self._legends:
+            raise SceneError(f"There is no element `{element}`: {suggest(element, self._legends)}")
+        own = [event for event in self.events if event.element == element]
+        end = self.end
+        mode = own[0].before if own else self._at_last(element)
+        out, begin = [], 0.0
+        for event in own:
+            out.append((begin, event.time, mode))
+            begin, mode = event.time, event.after
+        out.append((begin, end, mode))
+        return [piece for piece in out if piece[1] > piece[0]]
+
+    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
+        """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
+        intervals = self.intervals(element)
+        known = self._legends[element].values()
+        if mode not in known:
+            raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
+        for word, value in (("after", after), ("until", until)):
+            if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
+                raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
+        if after > self.end:  # no stick in no time would read as cured
+            raise SceneError(f"Argument `after` must be at most the end of the run at {self.end:g} s, but it is {after!r}.")
+        last = np.inf if until is None else until
+        return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
+
+
+class Modes(dict[str, Any]):
+    """Modes by element; an unknown element is an error that suggests the nearest."""
+
+    def __missing__(self, name: str) -> Any:
+        raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
+
+
+def short(value: Any) -> str:
+    """A value as it stands in an error message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) < 60 else text[:56] + " ..."
+
+
+class Samples:
+    """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
+
+    Taken at a single time, entries are floats (or shape (n,)).
+    """
+
+    def __init__(
+        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+    ):
+        self.program = program
+        self.time = time
+        self.states = states
+        self.mode = mode
+        self.held = held
+        self._constants = parameters[: program.first_held]
+        self._single = single
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all signals: of the plant, of its inputs and of its elements."""
+        system = self.program.system
+        return [*system.signals, *system.inputs]
+
+    def __contains__(self, name: object) -> bool:
+        return self.program.system.has_signal(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def unit(self, name: str) -> str:
+        """Unit of a signal; raises SceneError for an unknown name."""
+        return self.program.system.signal_unit(name)
+
+    @cached_property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
+        words = {}
+        for i, element in enumerate(self.program.system.elements):
+            modes, place = np.unique(self.mode[:, i], return_inverse=True)
+            words[element.name] = np.array([element.legend[int(mode)] for mode in modes], dtype=np.str_)[place]
+        return Modes(words)
+
+    @property
+    def _elements(self) -> list[str]:
+        return [element.name for element in self.program.system.elements]
+
+    def __getitem__(self, name: str) -> Any:
+        rows = self.program.system.rows(name)
+        if rows is None:
+            values = self.computed(name)
+        else:
+            first, size, _ = rows
+            values = self.states[:, first] if size is None else self.states[:, first : first + size]
+        if self._single:
+            return float(values[0]) if values.ndim == 1 else values[0]
+        return values
+
+    def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
+        """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
+        function = output_function(self.program, name, expression)
+        if not self.time.size:
+            return np.empty(0)
+        # casadi maps over columns
+        result = function(self.time[None, :], self.states.T, self._constants, self.held.T, self.mode.T.astype(float))
+        values = np.array(result)
+        return values[0] if values.shape[0] == 1 else values.T
+
+
+def output_function(program: Any, name: str, expression: ca.SX | None = None) -> ca.Function:
+    """casadi Function (t, x, constants, held, m) -> signal of a program; raises SceneError for an unknown name."""
+    system = program.system
+    found = program.outputs.get(name) if isinstance(name, str) else None
+    if found is not None:
+        return found
+    p, u, force = program.expressions
+    if expression is None:
+        expression = system.expression(name)
+    expression = ca.densify(ca.SX(expression))
+    if system.elements:
+        expression = ca.substitute(expression, system.F, force)
+    if system.inputs:
+        expression = ca.substitute(expression, system.u, u)
+    first = program.first_held
+    arguments = [system.t, system.x, p[:first], p[first:], system.m]
+    made = program.outputs[name] = ca.Function("signal", arguments, [expression])
+    return made
+
+
+# ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
+def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
+    """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
+    check_run(run)
+    last = float(run.nodes.time[-1])
+    if last == 0.0:
+        raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
+    if not is_finite_number(after) or not 0 <= after < last:
+        raise SceneError(f"Argument `after` must be >= 0 s and before the end of the run at {last:g} s, but it is {after!r}.")
+    if until is None:
+        return float(after), last
+    if not is_finite_number(until) or not after < until <= last:
+        raise SceneError(f"Argument `until` must be after {after:g} s and at most {last:g} s, but it is {until!r}.")
+    return float(after), float(until)
+
+
+def check_run(run: Any) -> None:
+    """Raise SceneError for anything but a trajectory."""
+    if not (isinstance(run, Stays) and isinstance(run, Samples)):
+        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
+
+
+def scalar(samples: Samples, signal: str) -> np.ndarray:
+    """Values of a signal, shape (nt,); raises SceneError for an unknown name or a vector."""
+    values = np.asarray(samples[signal])
+    if values.ndim != 1:
+        raise SceneError(f"Argument `signal` must be a scalar, but `{signal}` has {values.shape[1]} entries: name one, e.g. `{signal}.0`.")
+    return values

@@ -1,0 +1,148 @@
+"""Step sizes of the event loop: scaled error, first step, round-off of the slopes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from toolbox.compilation.calls import call
+from toolbox.compilation.loop_layout import (
+    ACCEPTED,
+    BURDEN,
+    END,
+    EPS,
+    FIELD,
+    IMPLICIT,
+    NG,
+    ORDER,
+    RTOL,
+    STEP_OLD,
+    STEP_SIZE,
+    TIME,
+    TWO_ERRORS,
+    N,
+)
+from toolbox.compilation.numba_cache import inlined
+from toolbox.simulation.guards import nudge
+
+
+@inlined
+def log2(x):
+    """Binary logarithm of a positive number to one part in a hundred, which is all that step sizes need."""
+    bits = np.float64(x).view(np.int64)
+    fraction = np.int64((bits & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000).view(np.float64) - 1.0
+    return float((bits >> 52) - 1023) + fraction * (1.3465 - 0.3465 * fraction)
+
+
+@inlined
+def exp2(x):
+    """Two to the power of x, |x| < 1000, to one part in two hundred."""
+    whole = math.floor(x)
+    fraction = x - whole
+    return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
+
+
+@inlined
+def tolerance(w, i):
+    """Local tolerance of state i: the accuracy asked times its size, with floors for states that are still small."""
+    return w.reals[RTOL] * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
+
+
+@inlined
+def measure_round_off(w):
+    """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
+    nudge(w)
+    call(w.ints[FIELD], w.reals[TIME] * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.z)
+    for i in range(w.ints[N]):
+        w.noise[i] = 1e7 * abs(w.z[w.ints[N] + i] - w.k[i]) * 32.0 * EPS
+    call(w.ints[BURDEN], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(w.ints[N]):
+        w.noise[i] += w.z[i] * 32.0 * EPS
+
+
+@inlined
+def spread_round_off(w, h):
+    """Add to the noise of every slope what the noise that an explicit step h leaves in the states does to it.
+
+    A position whose speed is only the round-off of balanced forces has no scale of its own: without this its error would be held to one. States of a size
+    that round-off does not reach are left alone.
+    """
+    n = w.ints[N]
+    if w.ints[IMPLICIT] == 1:
+        return
+    for i in range(n):
+        w.s[i] = w.x[i] + w.noise[i] * h
+    call(w.ints[FIELD], w.reals[TIME], 0.0, w.s, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        spread = abs(w.z[n + i] - w.k[i])
+        if 0.0 < w.scale[i] <= 1e6 * spread * h:
+            w.noise[i] += spread
+
+
+@inlined
+def first_step(w):
+    """A first step size by Hairer's rule."""
+    n, t = w.ints[N], w.reals[TIME]
+    d0, d1, d2 = 0.0, 0.0, 0.0
+    for i in range(n):
+        tol = tolerance(w, i)
+        d0 += (w.x[i] / tol) ** 2
+        d1 += (w.k[i] / tol) ** 2
+    measure_round_off(w)
+    h0 = 1e-6 if d0 < 1e-10 or d1 < 1e-10 else 0.01 * math.sqrt(d0 / d1)
+    h0 = min(h0, w.reals[END] - t)
+    for i in range(n):
+        w.y[i] = w.x[i] + h0 * w.k[i]
+    call(w.ints[FIELD], t + h0, 0.0, w.y, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        d2 += ((w.z[n + i] - w.k[i]) / tolerance(w, i)) ** 2
+    d1 = math.sqrt(d1 / n)
+    d2 = math.sqrt(d2 / n) / h0 if h0 > 0.0 else 0.0
+    top = max(d1, d2)
+    h1 = (0.01 / top) ** (1.0 / w.ints[ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
+    # states that are still zero would make the rule absurdly careful; a step too long is only rejected
+    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[END])
+    w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
+    w.reals[STEP_OLD] = 0.0
+    spread_round_off(w, w.reals[STEP_SIZE])
+
+
+@inlined
+def scaled_error(w, h):
+    """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
+
+    A step may add its share of time to the global error (error per unit step): the phase error of a limit cycle adds up over the run. A step of an
+    implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
+    count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
+    """
+    hidden = w.excited.size
+    n = w.ints[N] - hidden
+    base = 2 * w.ints[N] + 2 * w.ints[NG]
+    two = w.ints[TWO_ERRORS] == 1
+    sum1, sum2 = 0.0, 0.0
+    portion = h
+    if w.ints[IMPLICIT] == 1:
+        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    for i in range(n):
+        size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+            size = max(size, 1e-4 * w.group_scale[w.group[i]])
+        tol = 1.0 / (share * size + w.noise[i] * h)
+        e = w.y[base + i] * tol
+        sum1 += e * e
+        if two:
+            e = w.y[base + w.ints[N] + i] * tol
+            sum2 += e * e
+    if two:
+        bottom = sum1 + 0.01 * sum2
+        error = 0.0 if bottom == 0.0 else sum1 / math.sqrt(bottom * n)  # NaN stays NaN
+    else:
+        error = math.sqrt(sum1 / n)
+    lowest = base + w.ints[N] if two else base
+    for q in range(hidden):
+        # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)
+        error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
+    return error

@@ -1,0 +1,80 @@
+"""Steady running that is asked for by what it does, such as a speed, instead of by what drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import is_finite_number, mapping
+from toolbox.errors import SceneError, suggest
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
+from toolbox.modelling.laws import names
+from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
+from toolbox.steady_states.equilibria import state_values
+from toolbox.steady_states.linear import equilibrium, input_values
+
+
+def running(
+    plant: HybridSystem,
+    at: Mapping[str, float],
+    drives: str | Sequence[str],
+    *,
+    inputs: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Any] | None = None,
+) -> Equilibrium:
+    """The steady state in which signals have given values, with every contact sliding forwards, and the inputs that keep it there.
+
+    - at: {signal: value}, such as {"top.speed": 5.0};
+    - drives: the inputs that are sought, as many as there are signals, such as "top.torque";
+    - inputs: {signal: number} of the others, at their stand-ins without;
+    - parameters: {name: value} of the plant.
+
+    Returns an `Equilibrium`, whose `inputs` hold those found. Raises SceneError where there is none, or where names are unknown.
+    """
+    checked_plant(plant)
+    plant = plant.with_parameters(parameters) if parameters else plant
+    driven = names(drives)
+    wanted = mapping("at", at)
+    for name in driven:
+        if name not in plant.inputs:
+            raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+    if len(driven) != len(wanted) or not all(is_finite_number(value) for value in wanted.values()):
+        raise SceneError(f"Argument `at` must give a number for {len(driven)} signal(s), as many as `drives` has, but it is {at!r}.")
+    u = input_values(plant, {name: value for name, value in (inputs or {}).items() if name not in driven})
+    columns = [list(plant.inputs).index(name) for name in driven]
+    target = np.array(list(wanted.values()), float)
+    n, k = plant.x.numel(), len(driven)
+
+    def expressions() -> list[ca.SX]:
+        values = ca.vertcat(plant.switching.field, *[closed_signal(plant, name) for name in wanted])
+        return [values, ca.jacobian(values, plant.x), ca.jacobian(values, plant.u)]
+
+    function = function_of(plant, ("running", *wanted), expressions)
+    q, m = np.concatenate([np.zeros(n), u[columns]]), np.ones(len(plant.elements))
+    for _ in range(50):
+        u[columns] = q[n:]
+        value, of_x, of_u = (np.array(each) for each in function(0.0, q[:n], u, plant.values, m))
+        residual = value.ravel() - np.concatenate([np.zeros(n), target])
+        slope = np.hstack([of_x, of_u[:, columns]])
+        scale = np.abs(slope).max(axis=0)
+        scale[scale == 0.0] = 1.0
+        rows = np.abs(slope / scale).max(axis=1)
+        step = np.linalg.lstsq(slope / scale / rows[:, None], -residual / rows, rcond=1e-13)[0] / scale
+        if not np.isfinite(step).all():
+            break
+        q = q + step
+        if np.abs(step * scale).max() <= 1e-13 * np.abs(q * scale).max():
+            break
+    asked = ", ".join(f"{name} = {value:g} {plant.signal_unit(name)}" for name, value in wanted.items())
+    found = dict(zip(plant.inputs, u.tolist(), strict=True)) | dict(zip(driven, q[n : n + k].tolist(), strict=True))
+    try:
+        point = equilibrium(plant, inputs=found, start=state_values(plant, q[:n]))
+    except SceneError as error:
+        raise SceneError(f"There is no steady running at {asked}: {error}") from None
+    reached = np.array([point[name] for name in wanted])
+    if not (np.abs(reached - target) <= 1e-6 * np.maximum(np.abs(target), np.abs(reached))).all():
+        raise SceneError(f"There is no steady running at {asked} that `{'`, `'.join(driven)}` can keep.")
+    return point

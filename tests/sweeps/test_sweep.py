@@ -298,7 +298,7 @@ def test_what_is_saved_comes_back(tmp_path):
     assert data["bit.weight"].attrs["units"] == "N"
     assert float(data["severity"].sel({"bit.weight": 97e3, "pi.reference": 12.0})) == found["severity"][1, 2]
     (tmp_path / "text.npz").write_text("nothing")
-    with pytest.raises(SceneError, match="There is no sweep"):
+    with pytest.raises(SceneError, match="File `.*text.npz` must be a sweep written by `Sweep.save`"):
         Sweep.load(tmp_path / "text.npz")
 
 

@@ -12,7 +12,6 @@ one point of a line of equally good ones. The singular values of J show that, an
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,9 @@ from toolbox.arguments import is_finite_number, mapping, whole
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.residuals import Loop, Simulated, residuals
 from toolbox.calibration.resting import resting
+from toolbox.calibration.trust import Residual, residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files import tables
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start
@@ -47,28 +48,14 @@ DRAWS = 10
 
 
 @dataclass(frozen=True)
-class Residual:
-    """What is left of one signal: rms in its unit, its part of the measured range, and the p-value of whiteness (Ljung and Box 1978).
-
-    p below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
-    """
-
-    signal: str
-    unit: str
-    rms: float
-    part: float
-    whiteness: float
-    correlation: float
-
-
-@dataclass(frozen=True)
 class Fit:
     """Estimates: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
 
     names, units, values, errors: of the estimates (errors are standard deviations), shapes (k,);  covariance: (k, k);  confidence, factor: of the
     intervals, estimate +- factor * error;  residuals: one per measured output;  condition: of the scaled Jacobian;  at_bounds: names that ended at
     a bound, or at another number;  agreeing: how many of `starts` ended at this optimum;  misfit: model and data;  resting: {name: why it cannot go on to its
-    optimum} of those that rest on another number;  mute: names without influence where others rest, which so have no estimate.
+    optimum} of those that rest on another number;  mute: names without influence where others rest, which so have no estimate;
+    sampling: about how far each estimate is off because measured inputs are known at their samples only, shape (k,).
     """
 
     names: tuple[str, ...]
@@ -86,6 +73,7 @@ class Fit:
     misfit: Any = field(repr=False)
     resting: Mapping[str, str] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
+    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -147,14 +135,7 @@ class Fit:
         lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
         lines.append("")
         for left in self.residuals:
-            verdict = (
-                "white"
-                if left.whiteness >= 0.05
-                else f"NOT white: neighbours correlate by {left.correlation:.2f}, so intervals are too narrow"
-            )
-            lines.append(
-                f"  left of {left.signal}: rms {left.rms:.4g} {left.unit}, {100 * left.part:.2g} % of its range; {verdict} (p = {left.whiteness:.2g})"
-            )
+            lines += left.lines()
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(
@@ -164,18 +145,21 @@ class Fit:
             where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
             lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
         lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
+        for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
+            if abs(shift) > self.factor * error:
+                lines.append(
+                    f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
+                    f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
+                )
         if not self.misfit.exact:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:
         """Write estimates, deviations and intervals as csv in SI units."""
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(["name", "unit", "estimate", "standard deviation", "low", "high"])
-            for name, unit, value, error in zip(self.names, self.units, self.values, self.errors, strict=True):
-                table.writerow([name, unit, float(value), float(error), *self.interval(name)])
-        return Path(path)
+        estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
+        headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
+        return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
 
     def plot(self) -> Any:
         """Measured against model: traces, what is left of them, and the loop of friction; returns the axes."""
@@ -388,9 +372,10 @@ class _Search:
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
         return Fit(
             self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
-            tuple(_residual(misfit, name, left[name]) for name in misfit.outputs), condition,
+            tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs), condition,
             tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), agreeing, len(found), misfit,
             {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
+            ways @ sampling_error(misfit, values, jacobian, scales),
         )  # fmt: skip
 
     def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
@@ -488,20 +473,3 @@ class _Search:
                 f"leave every residual as it is (singular values {singular[-1]:.1e} : {singular[0]:.1e}). Fix all of them but one."
             )
         return float(singular[0] / singular[-1])
-
-
-def _residual(misfit: Any, name: str, left: np.ndarray) -> Residual:
-    from scipy.stats import chi2
-
-    measured = misfit.measured[name]
-    n = left.size
-    centred = left - left.mean()
-    power = float(centred @ centred)
-    lags = max(1, min(20, n // 5))
-    correlations = [float(centred[i:] @ centred[:-i]) / power if power else 0.0 for i in range(1, lags + 1)]
-    portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
-    span = float(np.ptp(measured))
-    rms = float(np.sqrt(np.mean(left**2)))
-    return Residual(
-        name, misfit.plant.unit(name), rms, rms / span if span else math.nan, float(chi2.sf(portmanteau, lags)), correlations[0]
-    )

@@ -22,6 +22,9 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.saved_run import SavedRun
 from toolbox.simulation.trajectory import Trajectory
 
+NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0)
+"""Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
+
 _NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
 
@@ -115,8 +118,24 @@ def _of_table(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None
         for name, heading in columns.items():
             if name != "time":
                 wanted.append(table.Column(name, plant.signal_unit(name), (heading,)))
-    rows = table.read(path, wanted, others=columns is not None).rows
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    found = table.read(path, wanted, others=columns is not None)
+    values = {name: np.array([row[name] for row in found.rows]) for name in found.rows[0]}
+    for name, array in values.items():
+        match = _NAMED.fullmatch(found.headings[name])
+        factor = parse(f"1 {match[2]}", "s" if name == "time" else plant.unit(name), name) if match and match[2] else 1.0
+        _check_nulls(array / factor, f"Table `{path}`, column `{found.headings[name]}`,")
+    return values
+
+
+def _check_nulls(numbers: np.ndarray, where: str) -> None:
+    """Raise SceneError for the numbers by which logs say that they have none."""
+    for null in NULLS:
+        places = np.flatnonzero(np.isclose(numbers, null, rtol=1e-12, atol=0.0))
+        if places.size:
+            raise SceneError(
+                f"{where} must hold measured numbers, but {places.size} are {null:g}, the sign of logs for none, the first in sample {int(places[0]) + 1}: "
+                "leave those samples out."
+            )
 
 
 def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[str, np.ndarray]:
@@ -170,7 +189,9 @@ def _of_arrays(given: Mapping[str, Any], where: str, plant: HybridSystem, column
         if name != "time" and columns is None and not plant.has_signal(name):
             raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _known(plant))}")
         own = "s" if name == "time" else _scalar_unit(plant, name)
-        values[name] = _numbers(given[column], f"{where}, column `{column}`,") * (1.0 if unit is None else parse(f"1 {unit}", own, column))
+        numbers = _numbers(given[column], f"{where}, column `{column}`,")
+        _check_nulls(numbers, f"{where}, column `{column}`,")
+        values[name] = numbers * (1.0 if unit is None else parse(f"1 {unit}", own, column))
     sizes = {name: array.size for name, array in values.items()}
     for name, size in sizes.items():
         if size != sizes["time"]:

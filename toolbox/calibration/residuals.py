@@ -71,6 +71,16 @@ class Simulated:
         ]
         return [*shorter, self]
 
+    def thinned(self) -> Simulated | None:
+        """The misfit with every other sample of its measured inputs left out; None where no input is measured."""
+        given = self.arguments["inputs"]
+        measured = [name for name in self.recording.signals if name in given and isinstance(given[name], tuple)]
+        if not measured:
+            return None
+        keep = np.unique(np.append(np.arange(0, self.recording.time.size, 2), self.recording.time.size - 1))
+        fewer = {name: tuple(np.asarray(row)[keep] for row in given[name]) for name in measured}
+        return Simulated(self.plant, self.recording, self.names, {**self.arguments, "inputs": {**given, **fewer}})
+
     def trial(self) -> Simulated:
         """The misfit itself: a simulation needs every sample of its inputs."""
         return self
@@ -194,6 +204,10 @@ class Loop:
     def horizons(self) -> list[Loop]:
         """The misfit itself: samples of a loop do not know of each other."""
         return [self]
+
+    def thinned(self) -> None:
+        """None: a loop asks for its inputs at the samples only."""
+        return
 
     def trial(self) -> Loop:
         """The misfit of at most about `TRIAL` samples, all break-aways among them: enough to find what is then fitted to all."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.sweeps import store
@@ -129,19 +130,10 @@ class Sweep:
         return path
 
     def _write_table(self, path: Path) -> None:
-        import csv
-        import io
-
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
         units = [*self.units, *self.measure_units.values()]
-        table.writerow([*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"])
-        columns = [values.ravel() for values in self.measures.values()]
-        for i, point in enumerate(self.points):
-            values = [*point.tolist(), *(float(column[i]) for column in columns)]
-            table.writerow([*("" if value != value else value for value in values), self.errors.get(i, "")])
-        with replaced(path) as file:
-            file.write(text.getvalue().encode())
+        headings = [*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"]
+        columns = [*self.points.T, *(values.ravel() for values in self.measures.values())]
+        tables.write(path, headings, ([*map(float, row), self.errors.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))))
 
     @staticmethod
     def load(path: str | Path) -> Sweep:

@@ -102,7 +102,7 @@ def settling(
     was = made.loaded()
     renewed = _renewed(made, was, firing.side, x, chosen, settled)
     noise = _round_off(made, was, x, chosen, renewed)
-    h, noise = _first_step(made, x, chosen, renewed, noise)
+    h = _first_step(made, x, chosen, renewed)
     columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
                "other_scale": renewed.other_scale, "scale": renewed.scale, "group_scale": renewed.group_scale, "noise": noise}  # fmt: skip
     body, was = made.body, made.loaded()
@@ -212,8 +212,8 @@ def _round_off(made: Event, was: Rows, x: list[Value], chosen: list[Value], rene
     return [(1e7 * abs(a - b) + c) * (32.0 * 2.220446049250313e-16) for a, b, c in zip(moved, renewed.k, cancelled, strict=True)]
 
 
-def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renewed, noise: list[Value]) -> tuple[Value, list[Value]]:
-    """A first step by Hairer's rule, and the round-off of the slopes over it."""
+def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renewed) -> Value:
+    """A first step by Hairer's rule."""
     body, n, t, end, k = made.body, made.n, made.t, made.end, renewed.k
     was = made.loaded()
     d0, d1, d2 = made.zero, made.zero, made.zero
@@ -235,8 +235,4 @@ def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renew
     h1 = Value(body, body.rough_exp2((Value(body, body.rough_log2((0.01 / largest(top, 1e-15)).name)) * (1 / order)).name))
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))
     h = largest(smallest(100.0 * h0, h1), 1e-9 * end)
-    h = ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)
-    spread = made.call(made.field, t, [a + b * h for a, b in zip(x, noise, strict=True)], was["p"], chosen)[:n]
-    reached = [abs(b - c) for b, c in zip(spread, k, strict=True)]
-    rows = zip(noise, reached, renewed.scale, strict=True)
-    return h, [((size > 0.0) & (size <= 1e6 * more * h)).choose(a + more, a) for a, more, size in rows]
+    return ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)

@@ -390,7 +390,10 @@ def _unit_at(element: Element, unit: str) -> str:
         return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
     if unit == "s2/m2" and element.slip_unit == "rad/s":
         return "s2/rad2"
-    return element.force_unit if unit in ("N", "N m") else unit
+    if unit in ("N", "N m"):  # of a law that is a force by itself, where the load is 1; under one that is computed it is a coefficient
+        load = ca.SX(getattr(element, "load", 1.0))
+        return element.force_unit if load.is_symbolic() or load.is_constant() else "1"
+    return unit
 
 
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:

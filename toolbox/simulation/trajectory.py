@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -266,22 +264,15 @@ class Trajectory(Stays, Samples):
         Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
         that times increase; `save` keeps both sides, and the modes.
         """
-        from toolbox.files.atomic import replaced
+        from toolbox.files import tables
 
         columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
         for name in self.names:
             values, unit = self[name], self.unit(name)
             columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
         once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
-        target = Path(path)
-        with replaced(target) as file:
-            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-            table = csv.writer(text, lineterminator="\n")
-            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
-            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
-            text.flush()
-            text.detach()
-        return target
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
+        return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())
 
     def save(self, path: str | Path) -> Path:
         """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.

@@ -29,7 +29,7 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import run_lanes
 from toolbox.lanes.loop import begin, scalar_address
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.modelling.start import place_start
 from toolbox.simulation.carry_out import formulas_of
 from toolbox.simulation.methods import Explicit
@@ -91,10 +91,10 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
     state, (_, size, _) = next(iter(run.system.states.items()))
     signal = "bit.speed" if "bit.speed" in run.system.signals else state if size is None else f"{state}.0"
     alone, together, swept, measured = [], [], [], []
-    measures = (tally.minimum(signal), tally.maximum(signal), tally.mean(signal))
+    asked = (measures.minimum(signal), measures.maximum(signal), measures.mean(signal))
     numbers = np.tile(numbers_of_run(run), (min(SWEPT, count), 1))
     numbers[:, : parameters.shape[1]] = parameters[: len(numbers)]
-    task = Task(run, numbers, measures, starts[: len(numbers)])
+    task = Task(run, numbers, asked, starts[: len(numbers)])
     finished(task)
     finished(dataclasses.replace(task, lanes=True))
     for _ in range(5):

@@ -26,7 +26,7 @@ import numpy as np
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, Scene, compose, sweep, tune
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.scenes.cases import Case
 from toolbox.sweeps.sweep import uniform
 
@@ -36,8 +36,8 @@ RUNS = 1_000_000
 def million(runs: int, out: str | None) -> dict[str, float]:
     """Seconds, peak of memory [MB], files and their size [MB] of so many runs, and how many of them were done by this call."""
     design = uniform({"block.mass": (0.7, 1.3), "block.belt_speed": (0.1, 0.3)}, runs)
-    measures = {"end": tally.final("block.position"), "stuck": tally.stuck_ratio("belt")}
-    found = sweep(compose(BlockOnBelt()), design, duration=1.0, start={"block.position": 0.5}, measures=measures, out=out)
+    asked = {"end": measures.final("block.position"), "stuck": measures.stuck_ratio("belt")}
+    found = sweep(compose(BlockOnBelt()), design, duration=1.0, start={"block.position": 0.5}, measures=asked, out=out)
     files = [path for path in Path(out).rglob("*") if path.is_file()] if out else []
     return {
         "seconds": found.seconds, "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "files": len(files),

@@ -38,7 +38,7 @@ from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.questions.disks import braking_decision, critical_drop
 from toolbox import Component, Equations, HybridSystem, Sampled, compose, plot, quantity, sweep, time
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
 from toolbox.sweeps.sweep import Sweep, Variations
@@ -69,7 +69,7 @@ def caught(points: np.ndarray) -> np.ndarray:
         return {"disks.rotor_speed": 1.0, "disks.stator_speed": 1.0, "disks.stator_angle": angle}
 
     rows = Variations(("disks.damping", "disks.friction.static"), np.stack([damping, static], axis=1), (len(points),))
-    found = sweep(compose(disks), rows, duration=4 * math.pi / w_n, start=released, measures={"sticks": tally.stays("disks")})
+    found = sweep(compose(disks), rows, duration=4 * math.pi / w_n, start=released, measures={"sticks": measures.stays("disks")})
     return found["sticks"] > 1
 
 
@@ -103,8 +103,8 @@ def averaged_slope(velocity: float, belt_speed: float) -> float:
 def dithered(variations: Any) -> Sweep:
     """Sweep of the dithered block over `dither.frequency` [rad/s] and `dither.amplitude` [N]: its swing after 200 s [m]."""
     plant = compose(LEINE, Dither())
-    measures = {"low": tally.minimum("block.position", 200.0), "high": tally.maximum("block.position", 200.0)}
-    return sweep(plant, variations, duration=230.0, measures=measures, accuracy=1e-5)
+    asked = {"low": measures.minimum("block.position", 200.0), "high": measures.maximum("block.position", 200.0)}
+    return sweep(plant, variations, duration=230.0, measures=asked, accuracy=1e-5)
 
 
 def slow_swing(found: Sweep) -> np.ndarray:
@@ -154,7 +154,7 @@ def touching(points: np.ndarray, start: Any) -> np.ndarray:
         rows,
         duration=TURNS,
         start=start,
-        measures={"wall": tally.time_in("wall", "closed", TURNS / 2), "hits": tally.stays("wall", "closed", TURNS / 2)},
+        measures={"wall": measures.time_in("wall", "closed", TURNS / 2), "hits": measures.stays("wall", "closed", TURNS / 2)},
     )
     failed = np.isnan(found["wall"])
     if failed.any():

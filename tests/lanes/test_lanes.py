@@ -14,7 +14,7 @@ from studies.benchmarks.cases import cases
 from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
 from toolbox.compilation.loop_layout import INCONSISTENT, UNDERFLOW
 from toolbox.lanes.lanes import run_lanes
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.measuring.measure import extent
 from toolbox.modelling.start import place_start
 from toolbox.simulation.request import Request
@@ -126,8 +126,8 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
     count = 21  # not a multiple of any width
     parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
     sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
-    measures = [tally.time_in(name) for name in sticks]
-    found = batch(plant, duration, parameters, count, measures=measures, most_events=2000, **arguments)
+    asked = [measures.time_in(name) for name in sticks]
+    found = batch(plant, duration, parameters, count, measures=asked, most_events=2000, **arguments)
     assert (found.statuses == 0).all()
     for s in (0, 7, 15, 16, 20):
         own = {key: column[s] for key, column in parameters.items()}
@@ -152,9 +152,9 @@ def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
 def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_where_signals_are_measured():
     plant, duration, ranges, arguments = PLANTS["disc brake"]
     forces = {name: np.linspace(*bounds, 20) for name, bounds in ranges.items()}
-    measures = (tally.minimum("pad.speed"), tally.maximum("pad.speed"))
+    asked = (measures.minimum("pad.speed"), measures.maximum("pad.speed"))
     usual = batch(plant, duration, forces, 20, most_events=500, **arguments)
-    found = batch(plant, duration, forces, 20, measures=measures, most_events=500, **arguments)
+    found = batch(plant, duration, forces, 20, measures=asked, most_events=500, **arguments)
     assert usual.alone.mean() > 2.0
     assert found.alone.mean() < 0.1
     np.testing.assert_array_equal(found.event_elements, usual.event_elements)
@@ -224,15 +224,15 @@ def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_on
 
 def test_stick_is_measured_in_the_window_asked():
     run = simulate(RIG, 60.0, controller=PI(), method="explicit")
-    measures = (tally.time_in("bit", "stick", 21.5), tally.last_stay("bit"))
-    found = batch(RIG, 60.0, count=1, controller=PI(), measures=measures)
+    asked = (measures.time_in("bit", "stick", 21.5), measures.last_stay("bit"))
+    found = batch(RIG, 60.0, count=1, controller=PI(), measures=asked)
     assert found.values[0, 0] == pytest.approx(run.time_in("bit", "stick", after=21.5), abs=1e-5)
     assert found.values[0, 0] > 1.0
     last = [event.time for event in run.events if event.before == "stick"][-1]
     ends = run.modes["bit"][-1] == "stick"
     assert found.values[0, 1] == pytest.approx(60.0 if ends else last, abs=1e-5)
     turning = {"chain.speed": (8.0, 8.0), "chain.twist": 20.0}
-    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), measures=measures[1:]).values[0, 0])
+    assert np.isnan(batch(RIG, 1.0, count=1, start=turning, controller=PI(), measures=asked[1:]).values[0, 0])
 
 
 MEASURED = {
@@ -249,9 +249,9 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name)
     plant, duration, ranges, arguments = PLANTS[name]
     parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
     after = 0.37 * duration
-    words = (tally.minimum, tally.maximum, tally.mean)
-    measures = [word(signal, after) for signal in MEASURED[name] for word in words]
-    found = batch(plant, duration, parameters, 5, measures=measures, **arguments)
+    words = (measures.minimum, measures.maximum, measures.mean)
+    asked = [word(signal, after) for signal in MEASURED[name] for word in words]
+    found = batch(plant, duration, parameters, 5, measures=asked, **arguments)
     for s in range(5):
         run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
         for q, signal in enumerate(MEASURED[name]):
@@ -280,7 +280,7 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
         {"mass.frequency": frequency},
         17,
         {"mass.position": 1.0},
-        measures=[word("mass.position", 1.0) for word in (tally.minimum, tally.maximum, tally.mean)],
+        measures=[word("mass.position", 1.0) for word in (measures.minimum, measures.maximum, measures.mean)],
         accuracy=1e-8,
     )
     np.testing.assert_allclose(found.values[:, 1], 1.0, atol=1e-7)
@@ -295,6 +295,6 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
     with pytest.raises(SceneError, match="`starts`"):
         run_lanes(run, run.system.values[None], np.zeros((2, 3)))
     with pytest.raises(SceneError, match="scalar"):
-        batch(RIG, 1.0, measures=[tally.mean("chain.speed")])
+        batch(RIG, 1.0, measures=[measures.mean("chain.speed")])
     with pytest.raises(SceneError, match="`parameters`"):
         run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))

@@ -30,7 +30,7 @@ from toolbox import (
     sweep,
 )  # fmt: skip
 from toolbox.lanes.lanes import Lanes
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.onsets.severity_map import STICK_SLIP
 from toolbox.simulation import noise
 from toolbox.simulation.carry_out import carry_out
@@ -198,12 +198,12 @@ def task_of(name, runs, accuracy=1e-6, measured=True):
     after, until = 0.3141 * duration, 0.8765 * duration
     for signal in signals:
         for window in ((after, until), (0.0, duration / 8)):
-            asked += [tally.minimum(signal, *window), tally.maximum(signal, *window), tally.mean(signal, *window)]
-        asked += [tally.final(signal), tally.severity(signal, after, until=until)]
+            asked += [measures.minimum(signal, *window), measures.maximum(signal, *window), measures.mean(signal, *window)]
+        asked += [measures.final(signal), measures.severity(signal, after, until=until)]
     if element:
         mode = run.system.elements[[e.name for e in run.system.elements].index(element)].legend[0]
-        asked += [tally.time_in(element, mode, after, until), tally.stuck_ratio(element, after)] if mode == "stick" else []
-        asked += [tally.stays(element, mode, after, until), tally.events(element)]
+        asked += [measures.time_in(element, mode, after, until), measures.stuck_ratio(element, after)] if mode == "stick" else []
+        asked += [measures.stays(element, mode, after, until), measures.events(element)]
     return Task(run, varied_numbers(run, variations)[0], tuple(asked) if measured else ())
 
 
@@ -253,7 +253,7 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
         if size is None:
             size = np.max([np.abs(column) for m, column in values.items() if m.of == asked.of and m.kind in ("minimum", "maximum")], axis=0)
         if asked.kind == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
-            average = np.abs(values[tally.mean(asked.of, asked.after, asked.until)])
+            average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))
         # the accuracy asked is kept within ten
@@ -273,7 +273,7 @@ def test_a_counter_in_lanes_of_any_width_counts_as_its_closed_form_does(width):
     # u_k = k, applied a delay of 2.5 periods later: x(n h) = rate h (0 + 1 + ... + n - 4 + (n - 3) / 2)
     variations = uniform({"tank.rate": (0.5, 2.0)}, 19)
     run = varied_run(compose(Tank()), variations, 5.0, method="explicit", controller=Sampled(Counter(), 0.1, delay=0.25))
-    task = Task(run, varied_numbers(run, variations)[0], (tally.final("tank.inflow"),))
+    task = Task(run, varied_numbers(run, variations)[0], (measures.final("tank.inflow"),))
     found = lanes_of(task, width)
     n = 50
     expected = variations.points[:, 0] * 0.1 * ((n - 4) * (n - 3) / 2 + (n - 3) / 2)
@@ -329,8 +329,8 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
     laws = [Sampled(Setpoint(), 1.0, delay=0.2), Sampled(PI(), 0.01, delay=0.004)]
     variations = uniform(WEIGHT, 20)
     run = varied_run(RIG, variations, 30.0, method="explicit", controller=laws)
-    measures = (tally.maximum("bit.speed", 3.0), tally.mean("top.torque", 3.0), tally.final("top.reference"), tally.events("bit"))
-    task = Task(run, varied_numbers(run, variations)[0], measures)
+    asked = (measures.maximum("bit.speed", 3.0), measures.mean("top.torque", 3.0), measures.final("top.reference"), measures.events("bit"))
+    task = Task(run, varied_numbers(run, variations)[0], asked)
     found, expected = finished(dataclasses.replace(task, lanes=True)), finished(task)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-6)
     assert found.values[:, -1].max() > 3
@@ -343,14 +343,14 @@ def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     run = varied_run(
         compose(Oscillator()), variations, 2 * math.pi, method="explicit", controller=Idle(), sample_time=1.0, start={"mass.position": 1.0}, accuracy=1e-7,
     )  # fmt: skip
-    asked = (tally.mean("mass.wave"), tally.minimum("mass.wave"), tally.maximum("mass.wave"))
+    asked = (measures.mean("mass.wave"), measures.minimum("mass.wave"), measures.maximum("mass.wave"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found = lanes_of(task)
     assert not found.doubtful.any()
     np.testing.assert_allclose(found.values[:, 0], j0(variations.points[:, 0]), atol=1e-6)
     np.testing.assert_allclose(found.values[:, 1], -1.0, atol=1e-6)
     np.testing.assert_allclose(found.values[:, 2], 1.0, atol=1e-6)
-    plain = lanes_of(dataclasses.replace(task, measures=(tally.mean("mass.position"),)))
+    plain = lanes_of(dataclasses.replace(task, measures=(measures.mean("mass.position"),)))
     assert plain.steps.max() < found.steps.min()
 
 
@@ -359,7 +359,10 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
     assert 0.0 < 111 * 0.1 - 11.1 < 1e-14
     variations = uniform(WEIGHT, 17)
     run = varied_run(RIG, variations, 20.0, method="explicit", controller=PI(), sample_time=0.1)
-    asked = (tally.minimum("bit.speed", 11.1), tally.maximum("top.torque", 11.1), tally.mean("top.torque", 0.0, 11.1), tally.minimum("top.torque", 2.0, 11.1))
+    asked = (
+        measures.minimum("bit.speed", 11.1), measures.maximum("top.torque", 11.1), measures.mean("top.torque", 0.0, 11.1),
+        measures.minimum("top.torque", 2.0, 11.1),
+    )  # fmt: skip
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found = lanes_of(task)
     assert found.alone.sum() == 0
@@ -369,7 +372,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
 def test_what_is_held_from_the_end_on_counts_as_the_last_value():
     # u_k = k arrives two periods late, at the end as well
     run = Request(compose(Tank()), 10.0, controller=Sampled(Counter(), 0.25, delay=0.5), method="explicit").checked()
-    asked = (tally.final("tank.inflow"), tally.maximum("tank.inflow", 5.0), tally.maximum("tank.inflow", 5.0, 9.0))
+    asked = (measures.final("tank.inflow"), measures.maximum("tank.inflow", 5.0), measures.maximum("tank.inflow", 5.0, 9.0))
     task = Task(run, run.system.values[None], asked)
     np.testing.assert_array_equal(lanes_of(task).values, [[38.0, 38.0, 33.0]])
     np.testing.assert_array_equal(finished(task).values, [[38.0, 38.0, 33.0]])
@@ -394,7 +397,7 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
 
     def pays(controller):
         run = varied_run(RIG, uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit", controller=controller)
-        return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (tally.mean("bit.speed"),)), 1_000_000), run
+        return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (measures.mean("bit.speed"),)), 1_000_000), run
 
     assert pays(Sampled(PI(), 0.01))[0]
     refused, run = pays(Sampled(law, 0.01))

@@ -35,7 +35,7 @@ from toolbox import (
     state,
     sweep,
 )
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
 from toolbox.sweeps import chunks as columns
 from toolbox.sweeps import executors as workers
@@ -74,8 +74,8 @@ def test_measures_of_a_harmonic_motion_are_those_on_paper():
     found = sweep(
         compose(Spring()), {"mass.frequency": w}, duration=10.0, start={"mass.position": 1.0}, accuracy=1e-10,
         measures={
-            "mean": tally.mean("mass.position", after, until), "high": tally.maximum("mass.square"), "low": tally.minimum("mass.position"),
-            "square": tally.mean("mass.square", after, until), "end": tally.final("mass.speed"),
+            "mean": measures.mean("mass.position", after, until), "high": measures.maximum("mass.square"), "low": measures.minimum("mass.position"),
+            "square": measures.mean("mass.square", after, until), "end": measures.final("mass.speed"),
         },
     )  # fmt: skip
     span = until - after
@@ -128,9 +128,9 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
     found = sweep(
         plant, {name: values}, duration=duration, accuracy=accuracy, **arguments,
         measures={
-            "minimum": tally.minimum(signal, after, until), "maximum": tally.maximum(signal, after, until), "mean": tally.mean(signal, after, until),
-            "severity": tally.severity(signal, after, until=until), "final": tally.final(signal), "time": tally.time_in(element, mode, after, until),
-            "stays": tally.stays(element, mode, after, until), "last": tally.last_stay(element, mode), "events": tally.events(element),
+            "minimum": measures.minimum(signal, after, until), "maximum": measures.maximum(signal, after, until), "mean": measures.mean(signal, after, until),
+            "severity": measures.severity(signal, after, until=until), "final": measures.final(signal), "time": measures.time_in(element, mode, after, until),
+            "stays": measures.stays(element, mode, after, until), "last": measures.last_stay(element, mode), "events": measures.events(element),
         },
     )  # fmt: skip
     assert not found.errors
@@ -156,7 +156,7 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
 
 def test_node_values_alone_would_miss_the_peak():
     run = simulate(RIG, 60.0, controller=StiffPI())
-    found = sweep(RIG, {"bit.weight": [97_347.0]}, duration=60.0, controller=StiffPI(), measures={"peak": tally.maximum("bit.speed", 30.0)})
+    found = sweep(RIG, {"bit.weight": [97_347.0]}, duration=60.0, controller=StiffPI(), measures={"peak": measures.maximum("bit.speed", 30.0)})
     peak = measure.extent(run, "bit.speed", 30.0).maximum
     assert found["peak"][0] == pytest.approx(peak, rel=1e-6)
     assert peak - run["bit.speed"][run.time >= 30.0].max() > 1e-4 * peak
@@ -164,7 +164,7 @@ def test_node_values_alone_would_miss_the_peak():
 
 def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
     class Brake:
-        measures, drives = "top.speed", "top.torque"
+        asked, drives = "top.speed", "top.torque"
 
         def __call__(self, t, y):
             return 1e4 * (8.0 - y[0])
@@ -172,7 +172,7 @@ def test_functions_of_the_trajectory_and_laws_in_python_see_the_same_runs():
     weights = [60e3, 97e3]
     found = sweep(
         RIG, {"bit.weight": weights}, duration=20.0, controller=Sampled(Brake(), 0.05), executor=ThreadPoolExecutor(2),
-        measures={"called": lambda run: measure.severity(run, after=10.0), "read": tally.severity("bit.speed", 10.0), "steps": lambda run: run.steps[0]},
+        measures={"called": lambda run: measure.severity(run, after=10.0), "read": measures.severity("bit.speed", 10.0), "steps": lambda run: run.steps[0]},
     )  # fmt: skip
     for i, weight in enumerate(weights):
         run = simulate(RIG, 20.0, controller=Sampled(Brake(), 0.05), inputs={"bit.weight": weight})
@@ -218,7 +218,7 @@ def test_a_run_that_fails_is_recorded_and_the_others_are_not_touched():
         duration=1.0,
         start={"growth.size": 1.0},
         accuracy=1e-10,
-        measures={"x": tally.final("growth.size")},
+        measures={"x": measures.final("growth.size")},
     )
     assert list(found.errors) == [2]
     assert "growth.size" in found.errors[2]
@@ -231,7 +231,7 @@ def test_numbers_that_contradict_each_other_fail_alone():
     diameters = [0.15, 0.18, 0.22]
     found = sweep(
         rubbing(), {"collar.outer_diameter": diameters, "collar.hole_diameter": [0.20, 0.23]}, duration=0.05, start={"chain.speed": (24.0, 24.0)},
-        measures={"r": tally.maximum("collar.radius")},
+        measures={"r": measures.maximum("collar.radius")},
     )  # fmt: skip
     assert list(found.errors) == [4]
     assert "must increase" in found.errors[4]
@@ -270,12 +270,12 @@ def test_designs_that_make_no_sense_are_refused(design, arguments, message):
 
 
 def test_rows_and_grids_give_the_same_runs():
-    measures = {"severity": tally.severity("bit.speed", 10.0)}
-    over = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, controller=StiffPI(), measures=measures)
+    asked = {"severity": measures.severity("bit.speed", 10.0)}
+    over = sweep(RIG, {"bit.weight": [60e3, 97e3], "pi.reference": [5.0, 9.0]}, duration=20.0, controller=StiffPI(), measures=asked)
     rows = [{"bit.weight": w, "pi.reference": r} for w in (60e3, 97e3) for r in (5.0, 9.0)]
-    alone = sweep(RIG, rows, duration=20.0, controller=StiffPI(), measures=measures)
+    alone = sweep(RIG, rows, duration=20.0, controller=StiffPI(), measures=asked)
     pandas = pytest.importorskip("pandas")
-    table = sweep(RIG, pandas.DataFrame(rows), duration=20.0, controller=StiffPI(), measures=measures)
+    table = sweep(RIG, pandas.DataFrame(rows), duration=20.0, controller=StiffPI(), measures=asked)
     np.testing.assert_array_equal(over["severity"].ravel(), alone["severity"])
     np.testing.assert_array_equal(table["severity"], alone["severity"])
     assert over["severity"].shape == (2, 2)
@@ -363,7 +363,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": tally.final("growth.size")}}
+GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": measures.final("growth.size")}}
 
 
 def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):
@@ -496,7 +496,7 @@ def test_a_swept_sine_is_asked_for_where_it_is():
 def test_the_budget_of_a_run_counts_all_its_events(monkeypatch):
     # a block on a belt sticks and slips once a period: two events, of which the loop hands over a buffer at a time
     plant, budget = compose(BlockOnBelt()), Budget(events=1000)
-    found = sweep(plant, {"block.mass": [0.9, 1.1]}, duration=1e5, budget=budget, measures={"events": tally.events("belt")})
+    found = sweep(plant, {"block.mass": [0.9, 1.1]}, duration=1e5, budget=budget, measures={"events": measures.events("belt")})
     for i, mass in enumerate((0.9, 1.1)):
         with pytest.raises(BudgetError) as alone:
             simulate(plant, 1e5, parameters={"block.mass": mass}, budget=budget)
@@ -560,11 +560,11 @@ def test_variations_that_make_no_sense_are_refused_by_name(vary, message):
     ("measures", "message"),
     [
         ("severety", "There is no measure `severety`: did you mean `severity`"),
-        ({"a": tally.maximum("bit.sped")}, "There is no signal `bit.sped`"),
-        ({"a": tally.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
-        ({"a": tally.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 s and before the end"),
-        ({"a": tally.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
-        ({"a": tally.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
+        ({"a": measures.maximum("bit.sped")}, "There is no signal `bit.sped`"),
+        ({"a": measures.maximum("chain.speed")}, "must be a scalar, but `chain.speed` has several entries"),
+        ({"a": measures.mean("bit.speed", 2.0)}, "Argument `after` must be >= 0 s and before the end"),
+        ({"a": measures.stays("bot")}, "There is no element `bot`: did you mean `bit`"),
+        ({"a": measures.stays("bit", "stuck")}, "There is no mode `stuck` of `bit`: did you mean `stick`"),
         ({"a": 3}, "must be a measure of `toolbox.measuring.measures` or a function"),
         ({}, "must hold at least one measure"),
         ({"error": "mean"}, "must use names that are free, without a slash, but one is `error`"),
@@ -638,7 +638,7 @@ def test_runs_may_begin_each_in_its_own_state():
     w = np.array([1.0, 2.0, 3.0])
     found = sweep(
         compose(Spring()), {"mass.frequency": w}, duration=2.0, start=lambda row: {"mass.speed": row["mass.frequency"]}, accuracy=1e-10,
-        measures={"end": tally.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
+        measures={"end": measures.final("mass.position"), "called": lambda run: run["mass.position"][-1]},
     )  # fmt: skip
     np.testing.assert_allclose(found["end"], np.sin(2 * w), atol=1e-8)
     np.testing.assert_array_equal(found["called"], found["end"])

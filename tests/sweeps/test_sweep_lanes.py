@@ -15,7 +15,7 @@ from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, DiscBrake, TorsionalChain, wells
 from toolbox import Component, DryFriction, Equations, Sampled, compose, measure, quantity, simulate, state, sweep, time
 from toolbox.lanes.lanes import Lanes
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
 from toolbox.sweeps import batch, store
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
@@ -92,10 +92,10 @@ def task_of(name, accuracy, runs, seed=1):
     asked = []
     for signal in signals:
         for window in ((after, until), (0.0, duration / 8)):
-            asked += [tally.minimum(signal, *window), tally.maximum(signal, *window), tally.mean(signal, *window)]
-        asked += [tally.final(signal), tally.severity(signal, after, until=until)]
-    asked += [tally.time_in(element, "stick", after, until), tally.stuck_ratio(element, after), tally.last_stay(element)]
-    asked += [tally.stays(element, "stick", after, until), tally.events(element)]
+            asked += [measures.minimum(signal, *window), measures.maximum(signal, *window), measures.mean(signal, *window)]
+        asked += [measures.final(signal), measures.severity(signal, after, until=until)]
+    asked += [measures.time_in(element, "stick", after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
+    asked += [measures.stays(element, "stick", after, until), measures.events(element)]
     variations = uniform(ranges, runs, seed)
     run = varied_run(plant, variations, duration, method="explicit", accuracy=accuracy, **arguments)
     return Task(run, varied_numbers(run, variations)[0], tuple(asked))
@@ -118,7 +118,7 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
             extremes = [np.abs(column) for m, column in values.items() if m.of == asked.of and m.kind in ("minimum", "maximum")]
             size = np.max(extremes, axis=0)
         if asked.kind == "severity":  # swing over twice the mean: an error of the mean counts more the smaller it is
-            average = np.abs(values[tally.mean(asked.of, asked.after, asked.until)])
+            average = np.abs(values[measures.mean(asked.of, asked.after, asked.until)])
             size = np.maximum(1.0, values[asked]) * size / average
         assert np.array_equal(np.isnan(found.values[:, q]), np.isnan(values[asked]))
         # the accuracy asked is kept within ten
@@ -154,7 +154,7 @@ def test_a_sweep_that_was_interrupted_ends_with_the_same_bits(tmp_path, monkeypa
 def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
     rates = np.linspace(0.0, 0.9, FEWEST_LANES + 7)
     rates[[5, 60]] = 3.0
-    given = {"duration": 1.0, "start": {"growth.size": 1.0}, "accuracy": 1e-10, "measures": {"x": tally.final("growth.size")}}
+    given = {"duration": 1.0, "start": {"growth.size": 1.0}, "accuracy": 1e-10, "measures": {"x": measures.final("growth.size")}}
     alone = sweep(compose(Growth()), {"growth.rate": rates}, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     found = sweep(compose(Growth()), {"growth.rate": rates}, **given)
@@ -168,7 +168,7 @@ def test_a_failed_run_fails_in_the_words_of_a_run_alone(monkeypatch):
 def test_a_bound_that_turns_negative_is_reported_and_one_that_does_not_is_not(monkeypatch):
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     frequency = np.linspace(0.1, 1.0, FEWEST_LANES)
-    found = sweep(compose(FadingBrake()), {"mass.frequency": frequency}, duration=3.0, measures={"v": tally.final("mass.speed")})
+    found = sweep(compose(FadingBrake()), {"mass.frequency": frequency}, duration=3.0, measures={"v": measures.final("mass.speed")})
     assert sorted(found.errors) == np.flatnonzero(frequency * 3.0 > math.pi / 2).tolist()
     assert all("The bound of `brake` must be >= 0" in text for text in found.errors.values())
 
@@ -177,24 +177,24 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
     # mean of cos(k cos t) over whole turns is J_0(k)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)
     waves = np.linspace(20.0, 40.0, FEWEST_LANES)
-    measures = {"mean": tally.mean("mass.wave"), "low": tally.minimum("mass.wave"), "high": tally.maximum("mass.wave")}
+    asked = {"mean": measures.mean("mass.wave"), "low": measures.minimum("mass.wave"), "high": measures.maximum("mass.wave")}
     given = {"duration": 2 * math.pi, "start": {"mass.position": 1.0}, "accuracy": 1e-7}
     variations = {"mass.waves": waves}
-    found = sweep(compose(Oscillator()), variations, measures=measures, **given)
+    found = sweep(compose(Oscillator()), variations, measures=asked, **given)
     np.testing.assert_allclose(found["mean"], j0(waves), atol=1e-5)
     np.testing.assert_allclose(found["low"], -1.0, atol=1e-6)
     np.testing.assert_allclose(found["high"], 1.0, atol=1e-6)
     run = varied_run(compose(Oscillator()), uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **given)
     starts = np.tile([1.0, 0.0], (8, 1))
     numbers = np.tile(run.system.values, (8, 1))
-    assert Lanes(run, tuple(measures.values())).run(numbers, starts).doubtful.all()
-    assert not Lanes(run, (tally.mean("mass.position"),)).run(numbers, starts).doubtful.any()
+    assert Lanes(run, tuple(asked.values())).run(numbers, starts).doubtful.all()
+    assert not Lanes(run, (measures.mean("mass.position"),)).run(numbers, starts).doubtful.any()
 
 
 def test_lanes_are_taken_for_many_runs_of_what_they_carry():
     def pays(plant, runs, steps=1_000_000, **arguments):
         run = varied_run(plant, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **{"method": "explicit", **arguments})
-        return pays_in_lanes(Task(run, np.zeros((runs, 1)), (tally.mean("bit.speed"),)), steps)
+        return pays_in_lanes(Task(run, np.zeros((runs, 1)), (measures.mean("bit.speed"),)), steps)
 
     assert pays(RIG, FEWEST_LANES)
     assert not pays(RIG, FEWEST_LANES - 1)
@@ -207,7 +207,7 @@ def test_lanes_are_taken_for_many_runs_of_what_they_carry():
 def test_an_input_may_vary_as_well_as_a_parameter():
     weights = {"bit.weight": (9e4, 1e5)}
     task = Task(
-        varied_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (tally.severity("bit.speed", 10.0),), lanes=True
+        varied_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (measures.severity("bit.speed", 10.0),), lanes=True
     )
     found = finished(dataclasses.replace(task, numbers=varied_numbers(task.run, uniform(weights, 2))[0]))
     for weight, severity in zip(uniform(weights, 2).points[:, 0], found.values[:, 0], strict=True):

@@ -242,17 +242,17 @@ class Readings:
 
 
 # ---------------------------------------------------------------------------------------------------------------------------------- one by one
-class Tally:
+class RunningMeasures:
     """Reads the measures of runs of one program, one run after the other: `begin()`, `read(work)` whenever the event loop returns, `values()`.
 
     One for each thread.
     """
 
     def __init__(self, program: Program, measures: Sequence[Measure], duration: float, accuracy: float):
-        from toolbox.measuring import measuring_loop as tally_loop
+        from toolbox.measuring import measuring_loop
 
-        announced("reader of measures", tally_loop.read_nodes, tally_loop.read_events)
-        self.loops, self.program = tally_loop, program
+        announced("reader of measures", measuring_loop.read_nodes, measuring_loop.read_events)
+        self.loops, self.program = measuring_loop, program
         self.layout = Layout(program, measures, duration)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
@@ -260,15 +260,15 @@ class Tally:
         field, step, project, *_ = program.machine.addresses
         addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0], np.int64)
         machine = program.machine
-        self.reader = tally_loop.Reader(
+        self.reader = measuring_loop.Reader(
             addresses, machine.states, machine.elements, machine.guards, count, np.empty(program.p_size), program.first_held, _tolerance(accuracy)
         )
         when = np.empty(by_window)
-        self.extremes = tally_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
+        self.extremes = measuring_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
         self.size = np.zeros(count)
         self.since = np.zeros(machine.elements)
         found = self.found
-        self.stays = tally_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
+        self.stays = measuring_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
 
     def begin(self) -> None:
         """Forget the run before."""

@@ -53,7 +53,7 @@ class Steps:
 
 
 def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
-    """The steps of a run with every step recorded, read as those of a `Tally` are; those of time stepping are straight from node to node."""
+    """The steps of a run with every step recorded, read as those of a `RunningMeasures` are; those of time stepping are straight from node to node."""
     first = max(int(np.searchsorted(nodes.time, begin, side="right")) - 1, 0)
     last = int(np.searchsorted(nodes.time, end, side="left")) + 1
     time, rows = nodes.time[first:last], slice(first, last)
@@ -74,17 +74,17 @@ def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
             highest[higher, 0], when_highest[higher, 0] = values[higher], when[higher]
         integral[:, 0] = 0.5 * (left + right) * np.diff(edges)
     else:
-        from toolbox.measuring import measuring_loop as tally_loop
+        from toolbox.measuring import measuring_loop
 
-        announced("reader of measures", tally_loop.read_steps)
+        announced("reader of measures", measuring_loop.read_steps)
         program, machine = nodes.program, nodes.program.machine
         addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
-        reader = tally_loop.Reader(
+        reader = measuring_loop.Reader(
             addresses, machine.states, machine.elements, machine.guards, 1, nodes.parameters.copy(), program.first_held, _tolerance(nodes.accuracy)
         )
-        recorded = tally_loop.Nodes(time, nodes.states[rows], nodes.mode[rows], nodes.held[rows])
-        found = tally_loop.Extremes(lowest, highest, when_lowest, when_highest, integral)
-        tally_loop.read_steps(reader, recorded, begin, end, found)
+        recorded = measuring_loop.Nodes(time, nodes.states[rows], nodes.mode[rows], nodes.held[rows])
+        found = measuring_loop.Extremes(lowest, highest, when_lowest, when_highest, integral)
+        measuring_loop.read_steps(reader, recorded, begin, end, found)
     long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
     return Steps(
         np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,
@@ -94,7 +94,7 @@ def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
 
 def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] = ()) -> int:
     """Address of the function (t, x, p, m) -> signals and bounds of elements, then their first and second derivatives in time."""
-    key = f"tally of {signals} and {list(bounds)}"
+    key = f"measures of {signals} and {list(bounds)}"
     found = program.outputs.get(key)
     if found is None:
         body = plain_body(with_derivatives(program, signals, bounds), 0)

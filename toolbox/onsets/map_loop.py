@@ -11,7 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import Knob
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -246,21 +246,21 @@ class MapLoop:
         time to the last, when all but the least damped motion have died.
         """
         end, middle = self.run.duration, (self.after + self.run.duration) / 2
-        measures = {
-            "severity": tally.severity(self.signal, self.after), "stuck_ratio": tally.stuck_ratio(self.element, self.after),
-            "late_stuck_ratio": tally.stuck_ratio(self.element, end - 0.25 * (end - self.after)),
-            "early_minimum": tally.minimum(self.signal, self.after, middle),
-            "early_maximum": tally.maximum(self.signal, self.after, middle), "minimum": tally.minimum(self.signal, middle),
-            "maximum": tally.maximum(self.signal, middle),
+        asked = {
+            "severity": measures.severity(self.signal, self.after), "stuck_ratio": measures.stuck_ratio(self.element, self.after),
+            "late_stuck_ratio": measures.stuck_ratio(self.element, end - 0.25 * (end - self.after)),
+            "early_minimum": measures.minimum(self.signal, self.after, middle),
+            "early_maximum": measures.maximum(self.signal, self.after, middle), "minimum": measures.minimum(self.signal, middle),
+            "maximum": measures.maximum(self.signal, middle),
         }  # fmt: skip
-        task, variations, broken = self.task(points, stopped, tuple(measures.values()))
+        task, variations, broken = self.task(points, stopped, tuple(asked.values()))
         store = None
         if path is not None:
             sheet = Sweep(
                 self.title, self.names, self.units, points, variations.shape, (), {}, {name: each.unit(self.run.system) for name, each in
-                measures.items()}, duration=end, accuracy=self.run.accuracy,
+                asked.items()}, duration=end, accuracy=self.run.accuracy,
             )  # fmt: skip
-            store = Store(path, sheet, run_fingerprint(task, variations, tuple(measures)))
+            store = Store(path, sheet, run_fingerprint(task, variations, tuple(asked)))
         result, errors, _ = evaluated(task, broken, executor, store, label="map")
         severity, ratio, late, low0, high0, low, high = result.T
         with np.errstate(invalid="ignore"):

@@ -21,7 +21,7 @@ from toolbox.compilation.kernel import UNROLLED
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SimulationError
-from toolbox.measuring.measures import Measure, Tally
+from toolbox.measuring.measures import Measure, RunningMeasures
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
 from toolbox.simulation.methods import Automatic, Explicit, Smoothing, TimeStepping
@@ -62,7 +62,7 @@ class Task:
 
     run: everything they share;  numbers: parameters and coefficients of inputs, shape (n, first_held) in the layout of `Program`;  starts: shape (n,
     states), None for that of `run`;  memories: of the sampled laws, shape (n, m);  held: signals held at the start, shape (n, h), None for those
-    of `run`;  measures: read by a `Tally`, or called with the trajectory;  first: index of the first run among all;  lanes: whether the
+    of `run`;  measures: read by a `RunningMeasures`, or called with the trajectory;  first: index of the first run among all;  lanes: whether the
     runs are to step side by side.
     """
 
@@ -171,7 +171,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
     with _PREPARING:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
-        tally = Tally(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
+        readings = RunningMeasures(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
         work = whole = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
@@ -186,8 +186,8 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             work.memory[:] = task.memories[i]
         if task.held is not None:
             work.p[held] = task.held[i]
-        tally.begin()
-        switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what the tally has read
+        readings.begin()
+        switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
         work = whole
         while True:
             work.ints[loop_layout.BUDGET] = run.budget.steps - int(work.ints[loop_layout.ACCEPTED] + work.ints[loop_layout.REJECTED])
@@ -200,12 +200,12 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
                 break
             if run.budget.events < np.inf:
                 switches += np.bincount(work.ev_i[: work.ints[loop_layout.EVENTS]], minlength=switches.size)
-            tally.read(work, status == loop_layout.DONE)
+            readings.read(work, status == loop_layout.DONE)
             work = limited(whole, program, run.budget, int(switches.sum()))
             if status == loop_layout.DONE:
-                broken = tally.broken_bound
+                broken = readings.broken_bound
                 if broken is None:
-                    values[i] = tally.values()
+                    values[i] = readings.values()
                 else:
                     errors[task.first + i] = broken
                 break

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.measuring import measures as tally
+from toolbox.measuring import measures
 from toolbox.measuring.measures import Measure
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import Knob
@@ -40,16 +40,16 @@ if TYPE_CHECKING:
 __all__ = ["STANDARD", "Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
 
 STANDARD: Mapping[str, Callable[[str, str, float], Measure]] = {
-    "severity": lambda signal, element, after: tally.severity(signal, after),
-    "minimum": lambda signal, element, after: tally.minimum(signal, after),
-    "maximum": lambda signal, element, after: tally.maximum(signal, after),
-    "mean": lambda signal, element, after: tally.mean(signal, after),
-    "final": lambda signal, element, after: tally.final(signal),
-    "stuck": lambda signal, element, after: tally.time_in(element, "stick", after),
-    "stuck_ratio": lambda signal, element, after: tally.stuck_ratio(element, after),
-    "sticks": lambda signal, element, after: tally.stays(element, "stick", after),
-    "last_stick": lambda signal, element, after: tally.last_stay(element),
-    "events": lambda signal, element, after: tally.events(element),
+    "severity": lambda signal, element, after: measures.severity(signal, after),
+    "minimum": lambda signal, element, after: measures.minimum(signal, after),
+    "maximum": lambda signal, element, after: measures.maximum(signal, after),
+    "mean": lambda signal, element, after: measures.mean(signal, after),
+    "final": lambda signal, element, after: measures.final(signal),
+    "stuck": lambda signal, element, after: measures.time_in(element, "stick", after),
+    "stuck_ratio": lambda signal, element, after: measures.stuck_ratio(element, after),
+    "sticks": lambda signal, element, after: measures.stays(element, "stick", after),
+    "last_stick": lambda signal, element, after: measures.last_stay(element),
+    "events": lambda signal, element, after: measures.events(element),
 }
 """Measures by name, of the judged signal and element from the judged time on; `last_stick` and `events` of the whole run."""
 

@@ -19,7 +19,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
 from toolbox.onsets.search import ROUNDS, End, Search, mode_codes
-from toolbox.steady_states.equilibria import Followed
+from toolbox.steady_states.equilibria import EquilibriumBranch
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
 """How far beyond the edge of a range stick-slip is looked for: towards zero by these parts of the edge, away from it to 1/(1 - part) times the edge."""
@@ -37,7 +37,7 @@ class Inside:
     """
 
     search: Search
-    rest: Followed
+    rest: EquilibriumBranch
     cycling: dict[float, End] = field(default_factory=dict)
     standing: dict[float, End] = field(default_factory=dict)
     found: dict[float, Judged] = field(default_factory=dict)
@@ -48,7 +48,7 @@ class Inside:
     def of(search: Search) -> Inside:
         """Nothing found yet, but what smooth running that was lost has led to."""
         old = search.followed
-        rest = Followed(old.closed, old.knob, old.inputs, {**(old.mode or {}), search.element: "stick"})
+        rest = EquilibriumBranch(old.closed, old.knob, old.inputs, {**(old.mode or {}), search.element: "stick"})
         ends = {word: {value: end for value, (verdict, end) in search.led.items() if verdict == word} for word in STICKING}
         return Inside(search, rest, ends["stick-slip"], ends["stuck"])
 

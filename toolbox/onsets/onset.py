@@ -32,7 +32,7 @@ from toolbox.onsets.report import PERIODS, Onset
 from toolbox.onsets.search import Search, swing_period
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request, continuous_loop
-from toolbox.steady_states.equilibria import Followed, state_values
+from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
 from toolbox.steady_states.hopf import HopfPoint, hopf_points
 from toolbox.steady_states.linear import input_values
 
@@ -97,7 +97,7 @@ def onset(
             accuracy=1e-6 if asked.accuracy is None else asked.accuracy,
         ).checked(),
         knob=knob,
-        followed=Followed(closed, knob, given or {}, mode, guess),
+        followed=EquilibriumBranch(closed, knob, given or {}, mode, guess),
         element=contact,
         signal=speed,
         perturbation=float(perturbation),

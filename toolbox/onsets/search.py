@@ -24,7 +24,7 @@ from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
+from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import state_labels
 from toolbox.steady_states.poles import critical_pole
 
@@ -47,7 +47,7 @@ class Search:
 
     base: Run
     knob: Knob
-    followed: Followed
+    followed: EquilibriumBranch
     element: str
     signal: str
     perturbation: float

@@ -72,7 +72,7 @@ def flow_slopes(point: Equilibrium) -> np.ndarray:
     return np.array(residual_functions(plant)[1](0.0, point.states, point.inputs, plant.values, mode_numbers(plant, point.modes))[0])
 
 
-class Followed:
+class EquilibriumBranch:
     """The steady states of a closed loop over one knob, each found once, from its neighbour where it is not found by itself."""
 
     def __init__(

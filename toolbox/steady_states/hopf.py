@@ -30,7 +30,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
 from toolbox.simulation.request import continuous_loop
-from toolbox.steady_states.equilibria import Followed, flow_slopes, state_values
+from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes, state_values
 from toolbox.steady_states.linear import equilibrium, holding_elements
 
 
@@ -95,7 +95,7 @@ def hopf_points(
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     knob = Knob.of(closed, parameter)
-    followed = Followed(closed, knob, inputs or {}, mode, guess)
+    followed = EquilibriumBranch(closed, knob, inputs or {}, mode, guess)
     grid = np.linspace(low, high, whole("values", values, 2))
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
         followed(float(value))
@@ -154,7 +154,7 @@ def hopf_curve(
     return np.array(curve)
 
 
-def _crossing(followed: Followed, k: int, a: float, b: float) -> float | None:
+def _crossing(followed: EquilibriumBranch, k: int, a: float, b: float) -> float | None:
     """A value near which the k-th pair crosses the axis between a and b, to a few digits; None where the pair ends there."""
     from scipy.optimize import brentq
 
@@ -170,7 +170,7 @@ def _crossing(followed: Followed, k: int, a: float, b: float) -> float | None:
     return value if growths is not None and k < growths.size and abs(growths[k]) < 1e-4 * (abs(growth(a)) + abs(growth(b))) else None
 
 
-def _solved(followed: Followed, guess: float, stable: str) -> HopfPoint:
+def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint:
     """The Hopf point next to a value, from the extended system."""
     from scipy.optimize import root
 

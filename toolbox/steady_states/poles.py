@@ -15,7 +15,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
 from toolbox.simulation.request import continuous_loop
-from toolbox.steady_states.equilibria import Followed, flow_slopes
+from toolbox.steady_states.equilibria import EquilibriumBranch, flow_slopes
 from toolbox.steady_states.linear import holding_elements, linearise
 
 
@@ -77,7 +77,7 @@ def pole_locus(
 
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    followed = Followed(closed, Knob.of(closed, parameter), inputs or {}, mode)
+    followed = EquilibriumBranch(closed, Knob.of(closed, parameter), inputs or {}, mode)
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
     for value in numbers("values", values):

@@ -37,7 +37,7 @@ from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
-from toolbox.sweeps.sweep import uniform, varied_numbers, varied_run
+from toolbox.sweeps.sweep import shared_run, uniform, varied_numbers
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -193,7 +193,7 @@ PLANTS = {
 def task_of(name, runs, accuracy=1e-6, measured=True):
     plant, ranges, duration, laws, arguments, signals, element = PLANTS[name]
     variations = uniform(ranges, runs, 1)
-    run = varied_run(plant, variations, duration, method="explicit", accuracy=accuracy, controller=laws, **arguments)
+    run = shared_run(plant, variations, duration, method="explicit", accuracy=accuracy, controller=laws, **arguments)
     asked = []
     after, until = 0.3141 * duration, 0.8765 * duration
     for signal in signals:
@@ -272,7 +272,7 @@ def test_neighbours_change_nothing_to_the_last_bit(name):
 def test_a_counter_in_lanes_of_any_width_counts_as_its_closed_form_does(width):
     # u_k = k, applied a delay of 2.5 periods later: x(n h) = rate h (0 + 1 + ... + n - 4 + (n - 3) / 2)
     variations = uniform({"tank.rate": (0.5, 2.0)}, 19)
-    run = varied_run(compose(Tank()), variations, 5.0, method="explicit", controller=Sampled(Counter(), 0.1, delay=0.25))
+    run = shared_run(compose(Tank()), variations, 5.0, method="explicit", controller=Sampled(Counter(), 0.1, delay=0.25))
     task = Task(run, varied_numbers(run, variations)[0], (measures.final("tank.inflow"),))
     found = lanes_of(task, width)
     n = 50
@@ -285,7 +285,7 @@ def test_the_noise_of_a_sample_is_that_of_the_scalar_loop_to_the_last_bit():
     # x_(k+1) = x_k - h gain (x_k + sigma n_k), with the same n_k in every lane
     variations = uniform({"proportional.gain": (0.1, 2.0)}, 17)
     law = Sampled(Proportional(), 0.25, noise={"tank.level": 0.3}, seed=7)
-    run = varied_run(compose(Tank()), variations, 100.0, method="explicit", controller=law)
+    run = shared_run(compose(Tank()), variations, 100.0, method="explicit", controller=law)
     task = Task(run, varied_numbers(run, variations)[0], ())
     made = Lanes(run)
     keys = made.work.keys[made.work.keys != 0]
@@ -328,7 +328,7 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
 
     laws = [Sampled(Setpoint(), 1.0, delay=0.2), Sampled(PI(), 0.01, delay=0.004)]
     variations = uniform(WEIGHT, 20)
-    run = varied_run(RIG, variations, 30.0, method="explicit", controller=laws)
+    run = shared_run(RIG, variations, 30.0, method="explicit", controller=laws)
     asked = (measures.maximum("bit.speed", 3.0), measures.mean("top.torque", 3.0), measures.final("top.reference"), measures.events("bit"))
     task = Task(run, varied_numbers(run, variations)[0], asked)
     found, expected = finished(dataclasses.replace(task, lanes=True)), finished(task)
@@ -340,7 +340,7 @@ def test_laws_with_different_periods_and_delays_share_a_lane():
 def test_a_signal_that_turns_faster_than_the_samples_is_measured_all_the_same():
     # mean of cos(k cos t) over whole turns is J_0(k), on steps that could be as long as the period of 1 s
     variations = uniform({"mass.waves": (20.0, 40.0)}, 33)
-    run = varied_run(
+    run = shared_run(
         compose(Oscillator()), variations, 2 * math.pi, method="explicit", controller=Idle(), sample_time=1.0, start={"mass.position": 1.0}, accuracy=1e-7,
     )  # fmt: skip
     asked = (measures.mean("mass.wave"), measures.minimum("mass.wave"), measures.maximum("mass.wave"))
@@ -358,7 +358,7 @@ def test_a_sample_nearer_to_the_edge_of_a_window_than_can_be_resolved_is_taken_t
     # 111 periods of 0.1 s end one unit in the last place behind 11.1 s
     assert 0.0 < 111 * 0.1 - 11.1 < 1e-14
     variations = uniform(WEIGHT, 17)
-    run = varied_run(RIG, variations, 20.0, method="explicit", controller=PI(), sample_time=0.1)
+    run = shared_run(RIG, variations, 20.0, method="explicit", controller=PI(), sample_time=0.1)
     asked = (
         measures.minimum("bit.speed", 11.1), measures.maximum("top.torque", 11.1), measures.mean("top.torque", 0.0, 11.1),
         measures.minimum("top.torque", 2.0, 11.1),
@@ -396,7 +396,7 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
         return 8000.0
 
     def pays(controller):
-        run = varied_run(RIG, uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit", controller=controller)
+        run = shared_run(RIG, uniform(WEIGHT, FEWEST_LANES), 10.0, method="explicit", controller=controller)
         return pays_in_lanes(Task(run, np.zeros((FEWEST_LANES, 1)), (measures.mean("bit.speed"),)), 1_000_000), run
 
     assert pays(Sampled(PI(), 0.01))[0]

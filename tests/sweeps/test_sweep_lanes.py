@@ -20,7 +20,7 @@ from toolbox.modelling.inputs import sine
 from toolbox.sweeps import batch, store
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
 from toolbox.sweeps.sweep import Sweep, uniform
-from toolbox.sweeps.variants import varied_numbers, varied_run
+from toolbox.sweeps.variants import shared_run, varied_numbers
 
 pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -97,7 +97,7 @@ def task_of(name, accuracy, runs, seed=1):
     asked += [measures.time_in(element, "stick", after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
     asked += [measures.stays(element, "stick", after, until), measures.events(element)]
     variations = uniform(ranges, runs, seed)
-    run = varied_run(plant, variations, duration, method="explicit", accuracy=accuracy, **arguments)
+    run = shared_run(plant, variations, duration, method="explicit", accuracy=accuracy, **arguments)
     return Task(run, varied_numbers(run, variations)[0], tuple(asked))
 
 
@@ -184,7 +184,7 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
     np.testing.assert_allclose(found["mean"], j0(waves), atol=1e-5)
     np.testing.assert_allclose(found["low"], -1.0, atol=1e-6)
     np.testing.assert_allclose(found["high"], 1.0, atol=1e-6)
-    run = varied_run(compose(Oscillator()), uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **given)
+    run = shared_run(compose(Oscillator()), uniform({"mass.waves": (20.0, 40.0)}, 8), method="explicit", **given)
     starts = np.tile([1.0, 0.0], (8, 1))
     numbers = np.tile(run.system.values, (8, 1))
     assert Lanes(run, tuple(asked.values())).run(numbers, starts).doubtful.all()
@@ -193,7 +193,7 @@ def test_a_signal_that_turns_faster_than_the_steps_is_measured_alone(monkeypatch
 
 def test_lanes_are_taken_for_many_runs_of_what_they_carry():
     def pays(plant, runs, steps=1_000_000, **arguments):
-        run = varied_run(plant, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **{"method": "explicit", **arguments})
+        run = shared_run(plant, uniform({"bit.weight": (5e4, 1e5)}, runs), 10.0, **{"method": "explicit", **arguments})
         return pays_in_lanes(Task(run, np.zeros((runs, 1)), (measures.mean("bit.speed"),)), steps)
 
     assert pays(RIG, FEWEST_LANES)
@@ -207,7 +207,7 @@ def test_lanes_are_taken_for_many_runs_of_what_they_carry():
 def test_an_input_may_vary_as_well_as_a_parameter():
     weights = {"bit.weight": (9e4, 1e5)}
     task = Task(
-        varied_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (measures.severity("bit.speed", 10.0),), lanes=True
+        shared_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (measures.severity("bit.speed", 10.0),), lanes=True
     )
     found = finished(dataclasses.replace(task, numbers=varied_numbers(task.run, uniform(weights, 2))[0]))
     for weight, severity in zip(uniform(weights, 2).points[:, 0], found.values[:, 0], strict=True):

@@ -26,7 +26,7 @@ from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, varied_numbers, varied_run
+from toolbox.sweeps.variants import run_fingerprint, shared_run, varied_numbers
 
 SMOOTH, SWING, STICK_SLIP, STUCK, NONE = 0, 1, 2, 3, -1
 VERDICTS = {SMOOTH: "smooth", SWING: "swing", STICK_SLIP: "stick-slip", STUCK: "stuck", NONE: "none"}
@@ -117,7 +117,7 @@ class MapLoop:
             raise SceneError(f"Argument `{moving}` must be a number for a steady state to exist, but it varies in time.")
         own = {name: value for name, value in (parameters or {}).items() if name not in names}
         middle = np.array([(low + high) / 2 for low, high in over.values()])
-        run = varied_run(
+        run = shared_run(
             plant, Variations(names, middle[None, :], (1,)), float(duration), inputs=fixed, parameters=own, controller=law, sample_time=sample_time,
             accuracy=1e-6 if accuracy is None else accuracy,
         )  # fmt: skip

@@ -32,7 +32,7 @@ from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, so
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, stand_ins, start_states, varied_numbers, varied_run
+from toolbox.sweeps.variants import run_fingerprint, shared_run, stand_ins, start_states, varied_numbers
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -142,7 +142,7 @@ def sweep(
     if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     begin = start if callable(start) else None
-    run = varied_run(
+    run = shared_run(
         plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
         method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
     )  # fmt: skip

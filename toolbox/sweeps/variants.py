@@ -24,7 +24,7 @@ from toolbox.sweeps.batch import Numbers, Task, numbers_of_run, slots
 from toolbox.sweeps.designs import Variations
 
 
-def varied_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:
+def shared_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:
     """The run that all variations share, with what is varied as inputs given as numbers. Raises SceneError as `simulate` does."""
     arguments["inputs"] = {name: v for name, v in mapping("inputs", arguments.get("inputs")).items() if name not in variations.names}
     arguments["parameters"] = {

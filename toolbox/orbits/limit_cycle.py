@@ -80,7 +80,7 @@ def limit_cycle(
     orbit = Orbit.of(run, (), accuracy, period)
     if orbit.forced:
         given = forcing_period(orbit.run) if period is None else float(period)
-        if given is None and orbit.clocked and not orbit.variation.forced:
+        if given is None and orbit.clocked and not orbit.variational.forced:
             raise SceneError(
                 "Argument `controller` must act continuously for a free cycle: a sampled law comes round with it only where the period is a whole multiple of "
                 "the sample time. Leave out `sample_time`; or give such a `period`, where the machine is driven or its cycle has locked to the clock."

@@ -129,7 +129,7 @@ class Orbit:
     """
 
     run: Run
-    variation: Any
+    variational: Any
     columns: tuple[int, ...]
     returning: np.ndarray
     forced: bool
@@ -141,7 +141,7 @@ class Orbit:
     @staticmethod
     def of(run: Trajectory, names: tuple[str, ...], accuracy: float, period: float | None = None) -> Orbit:
         """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
-        from toolbox.orbits.variational import variation_of
+        from toolbox.orbits.variational import variational_equations
 
         check_laws(run)
         for sample_time, delay in run.run.clocks:
@@ -164,18 +164,18 @@ class Orbit:
             if column is None:
                 raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
         # a coarse run, or a stiff one, has another program
-        variation = variation_of(arguments.again().program, columns)  # type: ignore[arg-type]
-        returning = np.flatnonzero(~variation.drifting)
+        variational = variational_equations(arguments.again().program, columns)  # type: ignore[arg-type]
+        returning = np.flatnonzero(~variational.drifting)
         size = [np.abs(run.states).max(axis=0)]
         read = np.empty(0, int)
-        if variation.laws is not None:
+        if variational.laws is not None:
             late = [
                 update.first_held + np.arange(len(update.names))
                 for update, (_, delay) in zip(run.program.system.updates, run.run.clocks, strict=True)
                 if delay > 0.0
             ]
-            read = np.unique(np.concatenate([variation.laws.read, *late]))
-            returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + read.size))
+            read = np.unique(np.concatenate([variational.laws.read, *late]))
+            returning = np.append(returning, run.states.shape[1] + np.arange(variational.laws.memory + read.size))
             for update in run.program.system.updates:
                 first = update.first_held + len(update.names)
                 found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
@@ -186,7 +186,7 @@ class Orbit:
         scale = np.concatenate(size)
         scale[scale == 0.0] = 1.0
         held = begun(run.run, run.program.system)[1]
-        return Orbit(arguments, variation, columns, returning, variation.forced or variation.laws is not None, scale, held, read)  # type: ignore[arg-type]
+        return Orbit(arguments, variational, columns, returning, variational.forced or variational.laws is not None, scale, held, read)  # type: ignore[arg-type]
 
     @property
     def _holding(self) -> np.ndarray:
@@ -195,7 +195,7 @@ class Orbit:
     @property
     def clocked(self) -> bool:
         """Whether sampled laws act."""
-        return self.variation.laws is not None
+        return self.variational.laws is not None
 
     def whole(self, period: float) -> float:
         """The period, to the last bit that of the samples; raises SceneError unless it is a whole multiple of every sample time."""
@@ -239,20 +239,20 @@ class Orbit:
         """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
         if not np.isfinite(x).all() or not 0.0 < period < np.inf:
             raise CycleError("The search for a cycle diverges.")
-        system, n = self.run.system, self.variation.plant
+        system, n = self.run.system, self.variational.plant
         start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
         if not self.clocked:
             run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
-            tangent = self.variation.along(run, np.eye(x.size))
+            tangent = self.variational.along(run, np.eye(x.size))
             self.approach = tangent.approach
             return run, tangent.end
-        laws, every = self.variation.laws, np.eye(x.size)
+        laws, every = self.variational.laws, np.eye(x.size)
         behind, held = n + laws.memory, self.held.copy()
         held[self.read] = x[behind:]
         run = self.run.again(start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
         first = np.zeros((held.size, x.size))
         first[self.read] = every[behind:]
-        tangent = self.variation.along(run, every[:n], memory=every[n:behind], held_first=first)
+        tangent = self.variational.along(run, every[:n], memory=every[n:behind], held_first=first)
         self.approach, self.held = tangent.approach, run.held[-1, : held.size].copy()
         return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][self.read]])
 
@@ -262,8 +262,8 @@ class Orbit:
         for row in (0, -1):
             p = run.parameters.copy()
             p[run.program.first_held :] = run.held[row]
-            whole = self.variation.whole(run, [row])[0]
-            rate = self.variation.slope_at(run.time[row], whole, p, run.mode[row])[: self.variation.plant]
+            whole = self.variational.whole(run, [row])[0]
+            rate = self.variational.slope_at(run.time[row], whole, p, run.mode[row])[: self.variational.plant]
             rows.append(np.append(rate, np.zeros(self.scale.size - rate.size)))
         return rows[0], rows[1]
 
@@ -271,14 +271,14 @@ class Orbit:
         """A start whose sticking elements have no slip at all."""
         from toolbox.compilation.loop_layout import SWITCH
 
-        mode, n = like.mode[0].astype(float), self.variation.plant
+        mode, n = like.mode[0].astype(float), self.variational.plant
         if not ((like.program.kind != SWITCH) & (mode == 0)).any():
             return x
-        modes = np.concatenate([mode, np.ones(self.variation.sides.numel())])
+        modes = np.concatenate([mode, np.ones(self.variational.sides.numel())])
         p = like.parameters.copy()
         p[like.program.first_held :] = like.held[0]
         whole = np.concatenate([x[:n], like.held[0, : self.held.size]])
-        return np.concatenate([np.array(self.variation.project(0.0, whole, p, modes)).ravel()[:n], x[n:]])
+        return np.concatenate([np.array(self.variational.project(0.0, whole, p, modes)).ravel()[:n], x[n:]])
 
     def solved(self, x: np.ndarray, period: float, most: int = 25) -> Cycle:
         """The cycle near a start and a period, by Newton's method."""

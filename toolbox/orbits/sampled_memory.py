@@ -34,7 +34,7 @@ class Waiting:
     tangent: np.ndarray
 
 
-class Remembered:
+class SampledLaws:
     """The sampled laws of a program, with compiled derivatives of their updates with respect to states, held signals, memory and parameters.
 
     held, memory: sizes of h and z;  read: entries of h that a law reads before they are held again;  angles: which states a law reads, by row.
@@ -64,10 +64,10 @@ class Remembered:
         self.read = np.flatnonzero(reads[self.n :])
 
 
-class Walk:
+class SampledTangent:
     """Sampled laws on their way along a run, from derivatives (memory, k) of their memory: `due` holds the nodes at which they act, `act(k, ...)` lets them."""
 
-    def __init__(self, laws: Remembered, nodes: Trajectory, memory: np.ndarray, own: int):
+    def __init__(self, laws: SampledLaws, nodes: Trajectory, memory: np.ndarray, own: int):
         from toolbox.simulation.noise import channel_key
         from toolbox.simulation.work_arrays import begun
 

@@ -85,10 +85,10 @@ class Sensitivity:
         return slope.reshape(slope.shape[0], samples.time.size, -1).transpose(1, 0, 2)
 
     def _between(self, times: np.ndarray) -> np.ndarray:
-        from toolbox.orbits.variational import variation_of
+        from toolbox.orbits.variational import variational_equations
 
         nodes = self.run.nodes
-        return variation_of(nodes.program, self._columns).between(nodes, self._tangent.nodes, self._own, times)
+        return variational_equations(nodes.program, self._columns).between(nodes, self._tangent.nodes, self._own, times)
 
     def time_in(self, element: str, mode: str, after: float = 0.0) -> np.ndarray:
         """Derivatives of `run.time_in(element, mode, after)`, shape (k,)."""
@@ -155,11 +155,11 @@ class Sensitivity:
 
     def _rate(self, name: str, t: float) -> float:
         """Time derivative of a scalar signal at an instant between switches."""
-        from toolbox.orbits.variational import variation_of
+        from toolbox.orbits.variational import variational_equations
 
         nodes = self.run.nodes
         slope = self._slopes(name, nodes.at([t]))[0, 0]
-        flow = variation_of(nodes.program, self._columns).flow(nodes, t)
+        flow = variational_equations(nodes.program, self._columns).flow(nodes, t)
         return float(slope[0] + slope[1 : 1 + flow.size] @ flow)
 
     def __str__(self) -> str:
@@ -183,7 +183,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
     check_laws(run)
-    from toolbox.orbits.variational import variation_of
+    from toolbox.orbits.variational import variational_equations
 
     if isinstance(run.run.method, Implicit):  # derivatives follow explicit steps, stage by stage
         run = run.run.again(method=Explicit())
@@ -201,9 +201,9 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
             order.append(("parameter", len(columns) - 1))
     own = len(starts)
     n = run.program.system.x.numel()
-    variation = variation_of(run.program, tuple(columns))
+    variational = variational_equations(run.program, tuple(columns))
     begin = np.array(starts).reshape(own, -1).T if own else np.zeros((n, 0))
-    tangent = variation.along(run, begin[:n], keep=True, memory=begin[n:] if own else None)
+    tangent = variational.along(run, begin[:n], keep=True, memory=begin[n:] if own else None)
     return Sensitivity(run, wanted, np.array([i if kind == "start" else own + i for kind, i in order]), tuple(columns), tangent)
 
 

@@ -26,7 +26,7 @@ from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
-from toolbox.orbits.sampled_memory import Remembered, Walk, stand_in_slopes
+from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, stand_in_slopes
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
 
@@ -132,7 +132,7 @@ def transport(tableau, steps, first_parameter, tangent, first, last, kept):
                     kept[k + 1, i, d] = tangent[i, d]
 
 
-class Variation:
+class VariationalEquations:
     """Compiled derivatives of a program with respect to its states and to the entries `columns` of its parameter vector.
 
     What sampled laws hold counts as states that rest between samples: plant is the number of states without them, states with them.
@@ -145,7 +145,7 @@ class Variation:
         held = system.held
         x = ca.vertcat(system.x, held)
         self.plant, self.states, self.columns = system.x.numel(), x.numel(), columns
-        self.laws = Remembered(program, columns) if system.updates else None
+        self.laws = SampledLaws(program, columns) if system.updates else None
         n, count = self.states, len(program.system.elements)
         chosen = ca.vertcat(*[p[c] for c in columns]) if columns else ca.SX(0, 1)
         z = ca.vertcat(x, chosen)
@@ -216,17 +216,17 @@ class Variation:
         tangent[: self.plant, :own] = starts
         held = np.ascontiguousarray(nodes.held)
         first_held = self.program.first_held
-        walk, acts = None, list[int]()
+        sampled, acts = None, list[int]()
         if self.laws is not None:
-            remembers = np.zeros((self.laws.memory, tangent.shape[1]))
+            remembered = np.zeros((self.laws.memory, tangent.shape[1]))
             if memory is not None:
-                remembers[:, :own] = memory
+                remembered[:, :own] = memory
             if held_first is not None:
                 tangent[self.plant :, :own] = held_first
             tangent[self.plant :, own:] = stand_in_slopes(nodes.run, self.program, self.columns)
-            walk = Walk(self.laws, nodes, remembers, own)
-            walk.checked_holds(self.guards, state, modes)
-            acts = list(walk.due)
+            sampled = SampledTangent(self.laws, nodes, remembered, own)
+            sampled.checked_holds(self.guards, state, modes)
+            acts = list(sampled.due)
         if ((self.program.kind != SWITCH) & (nodes.mode[0] == 0)).any():
             p[first_held:] = held[0]
             tangent = self._applied(np.array(self.projection(time[0], state[0], p, modes[0])), tangent, own)
@@ -240,8 +240,8 @@ class Variation:
         for k in sorted({*pairs, *acts, time.size - 1}):
             transport(self.tableau, steps, own, tangent, place, k, kept)
             begin, place = place, k
-            if walk is not None and k in walk.due:
-                tangent = np.ascontiguousarray(walk.act(k, p, tangent))
+            if sampled is not None and k in sampled.due:
+                tangent = np.ascontiguousarray(sampled.act(k, p, tangent))
                 if keep:
                     kept[k] = tangent
             if k in pairs:
@@ -256,7 +256,7 @@ class Variation:
         times = np.zeros((event_time.size, tangent.shape[1]))
         for k, dt in dated:
             times[event_time == time[k]] = dt
-        return Tangent(kept, tangent, times, np.empty((0, tangent.shape[1])) if walk is None else walk.memory, approach)
+        return Tangent(kept, tangent, times, np.empty((0, tangent.shape[1])) if sampled is None else sampled.memory, approach)
 
     def between(self, nodes: Trajectory, kept: np.ndarray, own: int, times: np.ndarray) -> np.ndarray:
         """Derivatives at any times within the run, each by one step from the node at or before it, shape (times, n, k)."""
@@ -423,12 +423,12 @@ def _drifting(of_field: ca.SX, of_guards: ca.SX) -> np.ndarray:
         drifts |= more
 
 
-def variation_of(program: Program, columns: tuple[int, ...]) -> Variation:
+def variational_equations(program: Program, columns: tuple[int, ...]) -> VariationalEquations:
     """The compiled derivatives of a program; kept with it."""
-    key = ("variation", columns)
+    key = ("variational", columns)
     found = program.outputs.get(key)  # type: ignore[call-overload]
     if found is None:
-        found = program.outputs[key] = Variation(program, columns)  # type: ignore[index]
+        found = program.outputs[key] = VariationalEquations(program, columns)  # type: ignore[index]
     return found
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from models import Coulomb, PressedDisks, TwoDisks
 from studies.questions.critical_curve import critical_curve
 from toolbox import compose, measure, plot, ramp, simulate
-from toolbox.measuring.measure import Cycle
+from toolbox.measuring.measure import StickSlipPeriod
 from toolbox.simulation.trajectory import Trajectory
 
 FIGURES = Path(__file__).parents[1] / "figures"
@@ -86,7 +86,7 @@ class Stop:
     """A braking stop: its whole cycles while the rotor turns forward, and the period T_n [s] that they are compared with."""
 
     run: Trajectory
-    cycles: list[Cycle]
+    cycles: list[StickSlipPeriod]
     component_period: float
 
     @property

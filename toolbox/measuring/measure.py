@@ -60,7 +60,7 @@ def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float 
 
 
 @dataclass(frozen=True)
-class Cycle:
+class StickSlipPeriod:
     """One cycle of stick-slip [s]: it slips from the release at `start` for `slip`, then sticks for `stick`, until the next release."""
 
     start: float
@@ -73,7 +73,7 @@ class Cycle:
         return self.slip + self.stick
 
 
-def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[Cycle]:
+def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[StickSlipPeriod]:
     """Every whole cycle of stick-slip of an element between `after` and `until` [s] (the end of the run), from release to release.
 
     A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip. Raises SceneError as `stick_intervals` does.
@@ -81,7 +81,7 @@ def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | Non
     begin, end = window(run, after, until)
     stays = stick_intervals(run, element, begin, end)
     return [
-        Cycle(start=release, slip=caught - release, stick=leaves - caught)
+        StickSlipPeriod(start=release, slip=caught - release, stick=leaves - caught)
         for (_, release), (caught, leaves) in itertools.pairwise(stays)
         if leaves < end
     ]

@@ -19,8 +19,8 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 @dataclass(frozen=True)
-class Need:
-    """One part of a plant: what it adds, and the measures that depend on it (none: it can be left out)."""
+class Dependency:
+    """One component: how many states and elements it adds, and which measures depend on it; if none does, it can be removed from the plant."""
 
     part: str
     states: int
@@ -29,38 +29,38 @@ class Need:
 
 
 @dataclass(frozen=True)
-class Needs:
+class Dependencies:
     """What every part of a plant is needed for; `print` it for the table.
 
-    parts: one `Need` each, in the order of the plant;  idle: share of the operations of the right-hand side and guards, 0 to 1, that no measure needs.
+    parts: one `Dependency` each, in the order of the plant;  idle: share of the operations of the right-hand side and guards, 0 to 1, that no measure needs.
     """
 
-    parts: tuple[Need, ...]
+    parts: tuple[Dependency, ...]
     idle: float
 
     @property
-    def unused(self) -> tuple[Need, ...]:
+    def unused(self) -> tuple[Dependency, ...]:
         """Parts that no measure depends on."""
-        return tuple(need for need in self.parts if not need.measures)
+        return tuple(dependency for dependency in self.parts if not dependency.measures)
 
     @property
     def warning(self) -> str:
         """One sentence about parts that no measure looks at; empty where every part is needed."""
         if not self.unused:
             return ""
-        parts = ", ".join(f"{need.part} ({need.states} states, {need.elements} elements)" for need in self.unused)
+        parts = ", ".join(f"{dependency.part} ({dependency.states} states, {dependency.elements} elements)" for dependency in self.unused)
         return f"No measure depends on {parts}: leaving out what nobody looks at would save {100 * self.idle:.0f} % of the operations."
 
     def __str__(self) -> str:
-        width = max(len(need.part) for need in self.parts)
+        width = max(len(dependency.part) for dependency in self.parts)
         lines = [
-            f"{need.part:<{width}}  {need.states:>4} states  {need.elements:>4} elements  {', '.join(need.measures) or 'no measure depends on it'}"
-            for need in self.parts
+            f"{each.part:<{width}}  {each.states:>4} states  {each.elements:>4} elements  {', '.join(each.measures) or 'no measure depends on it'}"
+            for each in self.parts
         ]
         return "\n".join([*lines, *filter(None, [self.warning])])
 
 
-def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Needs:
+def dependencies_of(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: int | None = None) -> Dependencies:
     """What the first `count` parts of a plant (all) are needed for.
 
     measures: {measure: names of the signals and elements that it reads}. Raises SceneError for a name that the plant does not have.
@@ -122,8 +122,8 @@ def needs(system: HybridSystem, measures: Mapping[str, Sequence[str]], count: in
         own = [name for name, owner in system.owners.items() if owner == i]
         states = sum(system.states[name][1] or 1 for name in own if name in system.states)
         read_by = tuple(measure for measure in measures if measure in chosen[i])
-        parts.append(Need(type(part).__name__, states, sum(name in elements for name in own), read_by))
-    return Needs(tuple(parts), 1.0 - spent / total if total else 0.0)
+        parts.append(Dependency(type(part).__name__, states, sum(name in elements for name in own), read_by))
+    return Dependencies(tuple(parts), 1.0 - spent / total if total else 0.0)
 
 
 def _columns(expression: ca.SX, symbols: ca.SX) -> set[int]:

@@ -24,7 +24,7 @@ from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from toolbox.modelling.dependencies import Needs
+    from toolbox.modelling.dependencies import Dependencies
 
 
 
@@ -168,22 +168,22 @@ class Scene:
         stuck = {"stuck": (self.element,)} if self.element is not None else {}
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
-    def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Needs:
+    def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
         """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
 
         measures: {measure: names of the signals and elements it reads}; without, those of the verdict. Raises SceneError for unknown names.
         """
-        from toolbox.modelling.dependencies import Need, Needs, needs
+        from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 
         plant, asked = self.plant(), self.measures if measures is None else measures
-        found = [needs(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts)) for case in self.cases]
+        found = [dependencies_of(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts)) for case in self.cases]
         parts = tuple(
-            Need(
+            Dependency(
                 same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))
             )
             for same in zip(*(each.parts for each in found), strict=True)
         )
-        return Needs(parts, min(each.idle for each in found))
+        return Dependencies(parts, min(each.idle for each in found))
 
     def check(self) -> None:
         """Raise SceneError unless every case could be simulated and what is to be looked at exists; nothing is compiled."""

@@ -7,7 +7,7 @@ import pytest
 
 from models import BitRock, BlockOnBelt, TorsionalChain
 from toolbox import Scene, SceneError, Update, compose, simulate, state
-from toolbox.modelling.dependencies import needs
+from toolbox.modelling.dependencies import dependencies_of
 from toolbox.modelling.laws import Controller
 
 SCENES = Path(__file__).parents[2] / "studies" / "scenes"
@@ -37,7 +37,7 @@ def test_a_part_that_no_measure_looks_at_is_named_with_its_cost_and_leaving_it_o
 def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_laws():
     chain = TorsionalChain(inertia=(2000.0, 300.0), stiffness=(500.0,), damping=(20.0,))
     system = compose(chain, BitRock(), BlockOnBelt())
-    (first, rock, belt) = needs(system, {"top": ("top.speed",), "belt": ("belt.force",)}).parts
+    (first, rock, belt) = dependencies_of(system, {"top": ("top.speed",), "belt": ("belt.force",)}).parts
     assert first.measures == rock.measures == ("top",)
     assert belt.measures == ("belt",)
 
@@ -52,7 +52,7 @@ def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_
     from toolbox.modelling.laws import Held
 
     looped = compose(chain, BitRock(), BlockOnBelt(), Held(Echo()))
-    assert "top" in needs(looped, {"top": ("top.speed",)}).parts[2].measures
+    assert "top" in dependencies_of(looped, {"top": ("top.speed",)}).parts[2].measures
 
 
 def test_unknown_names_are_errors():
@@ -63,4 +63,4 @@ def test_unknown_names_are_errors():
 @pytest.mark.parametrize("measures", [["bit.speed"], {"severity": "bit.speed"}])
 def test_measures_that_are_no_map_to_lists_of_names_are_refused(measures):
     with pytest.raises(SceneError, match="Argument `measures` must map"):
-        needs(compose(TorsionalChain(), BitRock(weight=5e4)), measures)
+        dependencies_of(compose(TorsionalChain(), BitRock(weight=5e4)), measures)

@@ -43,7 +43,7 @@ def run(given: argparse.Namespace) -> int:
     """Find the borders of stick-slip. Returns the exit code."""
     from toolbox.errors import SimulationError
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import Knob
+    from toolbox.modelling.free_parameter import FreeParameter
     from toolbox.onsets.onset import onset
     from toolbox.onsets.report import Comparison
     from toolbox.scenes.scene import Scene
@@ -58,7 +58,7 @@ def run(given: argparse.Namespace) -> int:
         try:
             loop = continuous_loop(scene.plant(), scene.case(label).controller)
             known |= {*loop.parameters, *loop.inputs}
-            units[label] = Knob.of(loop, given.parameter).unit
+            units[label] = FreeParameter.of(loop, given.parameter).unit
         except SceneError as error:
             reasons[label] = str(error)
     if not units:

@@ -234,8 +234,8 @@ def _closed(scene: Any, label: str) -> HybridSystem:
 def _ends(scene: Any, label: str, name: str, ends: Sequence[str]) -> tuple[float, float]:
     """Both ends of the range of what varies under one controller, in SI; raises SceneError for an unknown name or unit."""
     from toolbox.files.units import parse
-    from toolbox.modelling.free_parameter import Knob
+    from toolbox.modelling.free_parameter import FreeParameter
 
-    unit = Knob.of(_closed(scene, label), name).unit
+    unit = FreeParameter.of(_closed(scene, label), name).unit
     low, high = (parse(plain(end.strip()), unit, name) for end in ends)
     return low, high

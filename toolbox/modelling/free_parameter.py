@@ -13,7 +13,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 @dataclass(frozen=True)
-class Knob:
+class FreeParameter:
     """A number of a plant that is varied: an input, or a parameter of the plant or its law."""
 
     name: str
@@ -21,17 +21,17 @@ class Knob:
     is_input: bool
 
     @staticmethod
-    def of(plant: HybridSystem, name: str) -> Knob:
-        """The knob of that name; raises SceneError where there is neither such an input nor such a parameter, or it is a vector."""
+    def of(plant: HybridSystem, name: str) -> FreeParameter:
+        """The free parameter of that name; raises SceneError where there is neither such an input nor such a parameter, or it is a vector."""
         if isinstance(name, str) and name in plant.inputs:
-            return Knob(name, plant.inputs[name].unit, True)
+            return FreeParameter(name, plant.inputs[name].unit, True)
         try:
             entry = plant._parameter(name)
         except SceneError:
             raise SceneError(f"There is no parameter or input `{name}`: {suggest(str(name), [*plant.parameters, *plant.inputs])}") from None
         if entry.size is not None:
             raise SceneError(f"Argument `parameter` must be one number, but `{name}` has {entry.size} entries: name one, e.g. `{name}.0`.")
-        return Knob(name, entry.unit, False)
+        return FreeParameter(name, entry.unit, False)
 
     def declared(self, plant: HybridSystem, inputs: Mapping[str, float]) -> float:
         """Its value as declared, or as given among the inputs."""
@@ -42,7 +42,7 @@ class Knob:
         return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(self.name)])
 
     def arguments(self, value: float, inputs: Mapping[str, float]) -> dict[str, Any]:
-        """`inputs` and `parameters` of `equilibrium` with the knob at a value."""
+        """`inputs` and `parameters` of `equilibrium` with the free at a value."""
         if self.is_input:
             return {"inputs": {**inputs, self.name: value}, "parameters": None}
         return {"inputs": dict(inputs), "parameters": {self.name: value}}

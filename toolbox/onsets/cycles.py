@@ -58,7 +58,7 @@ def followed(search: Search, begin: End, origin: float, goal: float, width: floa
         return None
     low, high = min(origin, goal), max(origin, goal)
     try:
-        return follow(limit_cycle(run), search.knob.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low)))
+        return follow(limit_cycle(run), search.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low)))
     except (SceneError, SimulationError):
         return None
 

@@ -48,7 +48,7 @@ class Inside:
     def of(search: Search) -> Inside:
         """Nothing found yet, but what smooth running that was lost has led to."""
         old = search.followed
-        rest = EquilibriumBranch(old.closed, old.knob, old.inputs, {**(old.mode or {}), search.element: "stick"})
+        rest = EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})
         ends = {word: {value: end for value, (verdict, end) in search.led.items() if verdict == word} for word in STICKING}
         return Inside(search, rest, ends["stick-slip"], ends["stuck"])
 

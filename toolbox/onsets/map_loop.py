@@ -13,7 +13,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.measuring import measures
 from toolbox.modelling.components import law_of
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.modelling.steady_point import closed_signal, function_of, mode_numbers
@@ -123,9 +123,9 @@ class MapLoop:
         )  # fmt: skip
         laws = law if isinstance(law, (list, tuple)) or law is None else [law]
         closed = continuous_loop(plant, laws, inputs=fixed, parameters=own)
-        knobs = [Knob.of(closed, name) for name in names]
-        here = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if k.is_input}
-        there = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if not k.is_input}
+        free_parameters = [FreeParameter.of(closed, name) for name in names]
+        here = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if k.is_input}
+        there = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if not k.is_input}
         rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=asked.mode, start=asked.guess)
         contact = judged_contact(closed, element)
         m = mode_numbers(closed, rest.modes)
@@ -138,26 +138,26 @@ class MapLoop:
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return MapLoop(
             title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
-            units=(knobs[0].unit, knobs[1].unit), run=run, closed=closed, element=contact, signal=speed, after=float(after),
+            units=(free_parameters[0].unit, free_parameters[1].unit), run=run, closed=closed, element=contact, signal=speed, after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip
 
     def _numbers(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Parameters and inputs of the continuous form at all points, one column each."""
         values = np.repeat(self.closed.values[:, None], len(points), axis=1)
-        knobs = [Knob.of(self.closed, name) for name in self.names]
-        for knob, column in zip(knobs, points.T, strict=True):
-            if not knob.is_input:
-                values[self.closed._parameter(knob.name).offset] = column
+        free_parameters = [FreeParameter.of(self.closed, name) for name in self.names]
+        for free, column in zip(free_parameters, points.T, strict=True):
+            if not free.is_input:
+                values[self.closed._parameter(free.name).offset] = column
         u = np.array(self.closed.input_defaults(values)).reshape(-1, len(points))
         names = list(self.closed.inputs)
         if self.inputs:
             input_values(self.closed, self.inputs)  # raises for unknown names
         for name, value in self.inputs.items():
             u[names.index(name)] = value
-        for knob, column in zip(knobs, points.T, strict=True):
-            if knob.is_input:
-                u[names.index(knob.name)] = column
+        for free, column in zip(free_parameters, points.T, strict=True):
+            if free.is_input:
+                u[names.index(free.name)] = column
         return values, u
 
     def steady(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ import numpy as np
 from toolbox.arguments import checked_range, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.modelling.components import law_of
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.onsets.cycles import exact
@@ -81,23 +81,23 @@ def onset(
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     plant, law, given = asked.plant, asked.law, asked.inputs
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
-    knob = Knob.of(closed, parameter)
+    free = FreeParameter.of(closed, parameter)
     input_values(closed, given or {})
     contact = judged_contact(closed, asked.element)
     speed = asked.signal or judged_speed(closed, contact)
     closed.signal_unit(speed)
-    at = knob.declared(closed, given or {}) if at is None else float(at)
+    at = free.declared(closed, given or {}) if at is None else float(at)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
     laws = law if isinstance(law, (list, tuple)) or law is None else [law]
     search = Search(
         base=Request(
-            plant, 0.0, inputs={**(given or {}), **({parameter: low} if knob.is_input else {})}, parameters=asked.parameters, controller=laws,
+            plant, 0.0, inputs={**(given or {}), **({parameter: low} if free.is_input else {})}, parameters=asked.parameters, controller=laws,
             accuracy=1e-6 if asked.accuracy is None else asked.accuracy,
         ).checked(),
-        knob=knob,
-        followed=EquilibriumBranch(closed, knob, given or {}, mode, guess),
+        free=free,
+        followed=EquilibriumBranch(closed, free, given or {}, mode, guess),
         element=contact,
         signal=speed,
         perturbation=float(perturbation),
@@ -108,7 +108,7 @@ def onset(
         search.followed(at)  # first, because a guess is near this one
     steady = [point for point in (search.followed(float(value)) for value in grid) if point is not None]
     if not steady:
-        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {search.followed.reason}")
+        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}: {search.followed.reason}")
     try:
         hopf = hopf_points(closed, parameter, (low, high), inputs=given, mode=mode, guess=state_values(closed, steady[-1].states))
     except SceneError as error:
@@ -192,8 +192,8 @@ def _both_branches(
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
     return Onset(
         title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
-        parameter=search.knob.name,
-        unit=search.knob.unit,
+        parameter=search.free.name,
+        unit=search.free.unit,
         element=search.element,
         signal=search.signal,
         values=np.array(numbers),

@@ -1,10 +1,10 @@
 """From the accuracy asked to the step, or the width, of a method whose error falls slowly: refine until two runs agree.
 
-The error of such a method is about c k^q with its knob k, q = 1 for a step, 2/3 for a width. Of two runs with knobs k and k/r the finer one has the error
+The error of such a method is about c k^q with its setting k, q = 1 for a step, 2/3 for a width. Of two runs with settings k and k/r the finer one has the error
 
     e = |x_k - x_(k/r)| / (r^q - 1)
 
-scaled as `run.error` is. The knob is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
+scaled as `run.error` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
 price beyond the budget ends in an AccuracyError at once, with the best run.
 """
 
@@ -39,26 +39,26 @@ def refined(run: Run) -> Trajectory:
     stepping = isinstance(run.method, TimeStepping)
     order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
     if stepping:
-        knob = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
+        setting = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
         sizes = {}
     else:
-        knob, sizes = 0.03, slips(run)
+        setting, sizes = 0.03, slips(run)
 
     left = run.budget.seconds
 
-    def attempt(knob: float, output_times: Any = None) -> Trajectory:
+    def attempt(setting: float, output_times: Any = None) -> Trajectory:
         nonlocal left
         budget = dataclasses.replace(run.budget, seconds=max(left, 1e-9))
         if stepping:
-            done = run.again(method=TimeStepping(knob), output_times=output_times, budget=budget)
+            done = run.again(method=TimeStepping(setting), output_times=output_times, budget=budget)
         else:
-            widths = {name: knob * size for name, size in sizes.items()}
-            method = Smoothing(widths, max(min(run.accuracy / 10, SHARE * knob), 1e-13))
+            widths = {name: setting * size for name, size in sizes.items()}
+            method = Smoothing(widths, max(min(run.accuracy / 10, SHARE * setting), 1e-13))
             done = run.again(method=method, output_times=output_times, budget=budget)
         left -= done.wall_time
         return done
 
-    coarse, error, price, falls, before = attempt(knob), math.inf, 0.0, 1.0, 4.0
+    coarse, error, price, falls, before = attempt(setting), math.inf, 0.0, 1.0, 4.0
     if run.duration == 0.0:
         return coarse
     for trial in range(40):
@@ -71,25 +71,25 @@ def refined(run: Run) -> Trajectory:
             ratio = min(max(missing, 2.0), 16.0) if falls > 0.3 else 4.0
             if (stepping and wanted > most and falls > 0.3 and error < 0.1 and trial >= 3) or steps * ratio**dearer > most:
                 coarse.__dict__["error"] = error
-                raise AccuracyError(_dear(run, coarse, error, knob, wanted), coarse)
+                raise AccuracyError(_dear(run, coarse, error, setting, wanted), coarse)
         before, price = ratio, coarse.steps[0]
         try:
-            fine = attempt(knob / ratio)
+            fine = attempt(setting / ratio)
         except SimulationError as failed:
             coarse.__dict__["error"] = error
-            raise AccuracyError(f"{_dear(run, coarse, error, knob, math.inf)} A finer run failed: {failed}", coarse) from None
+            raise AccuracyError(f"{_dear(run, coarse, error, setting, math.inf)} A finer run failed: {failed}", coarse) from None
         found = coarse.difference(fine) / (ratio**order - 1.0)
         if error < math.inf:
             found = max(found, min(error, 1.0) / ratio ** (1.5 * order))  # two runs may agree by chance
         falls = math.log(error / found, ratio) if found > 0.0 and 0.0 < error < math.inf else 1.0
-        knob, coarse, error = knob / ratio, fine, found
+        setting, coarse, error = setting / ratio, fine, found
         if trial >= 1 and error <= run.accuracy:
             break
     else:
         coarse.__dict__["error"] = error
-        raise AccuracyError(_dear(run, coarse, error, knob, math.inf), coarse)
+        raise AccuracyError(_dear(run, coarse, error, setting, math.inf), coarse)
     if run.output_times is not None:
-        coarse = attempt(knob, run.output_times)
+        coarse = attempt(setting, run.output_times)
     coarse.__dict__["error"] = error
     return coarse
 
@@ -115,11 +115,11 @@ def slips(run: Run) -> dict[str, float]:
     return {name: float(value) if value > 1e-9 * largest else 1.0 for name, value in zip(names, values, strict=True)}
 
 
-def _dear(run: Run, best: Trajectory, error: float, knob: float, steps: float) -> str:
+def _dear(run: Run, best: Trajectory, error: float, setting: float, steps: float) -> str:
     what = (
-        f"{best.steps[0]} steps of {knob:.3g} s"
+        f"{best.steps[0]} steps of {setting:.3g} s"
         if isinstance(run.method, TimeStepping)
-        else f"widths of {knob:.1e} of the slips and {best.steps[0]} steps"
+        else f"widths of {setting:.1e} of the slips and {best.steps[0]} steps"
     )
     price = f"it would take about {steps:.1e} steps" if math.isfinite(steps) else "no finer run tells more"
     argument = "TimeStepping(step=...)" if isinstance(run.method, TimeStepping) else "Smoothing(width=...)"

@@ -10,7 +10,7 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
@@ -73,17 +73,17 @@ def flow_slopes(point: Equilibrium) -> np.ndarray:
 
 
 class EquilibriumBranch:
-    """The steady states of a closed loop over one knob, each found once, from its neighbour where it is not found by itself."""
+    """The steady states of a closed loop over one free, each found once, from its neighbour where it is not found by itself."""
 
     def __init__(
         self,
         closed: HybridSystem,
-        knob: Knob,
+        free: FreeParameter,
         inputs: Mapping[str, float],
         mode: Mapping[str, str] | None,
         guess: Mapping[str, Any] | None = None,
     ):
-        self.closed, self.knob, self.inputs, self.mode = closed, knob, inputs, mode
+        self.closed, self.free, self.inputs, self.mode = closed, free, inputs, mode
         self.guess: np.ndarray | None = None
         if guess:
             self.guess = np.zeros(closed.x.numel())
@@ -93,7 +93,7 @@ class EquilibriumBranch:
         self.reason = ""
 
     def __call__(self, value: float) -> Equilibrium | None:
-        """The steady state at a value of the knob; None where none is found (`reason` then says why)."""
+        """The steady state at a value of the free; None where none is found (`reason` then says why)."""
         if value not in self.known or (value in self.alone and any(self.known.values())):
             self.alone.discard(value)
             if not any(self.known.values()):
@@ -106,7 +106,7 @@ class EquilibriumBranch:
     def _found(self, value: float, start: np.ndarray | None) -> Equilibrium | None:
         begin = None if start is None else state_values(self.closed, start)
         try:
-            return equilibrium(self.closed, start=begin, mode=self.mode, **self.knob.arguments(value, self.inputs))
+            return equilibrium(self.closed, start=begin, mode=self.mode, **self.free.arguments(value, self.inputs))
         except SceneError as error:
             if "no steady state" not in str(error):
                 raise
@@ -130,7 +130,7 @@ class EquilibriumBranch:
 
     def _relaxed(self, value: float) -> np.ndarray:
         """Where implicit Euler steps of growing length lead from rest with all contacts in slip: limits and layers of a law do not stop them."""
-        arguments = self.knob.arguments(value, self.inputs)
+        arguments = self.free.arguments(value, self.inputs)
         plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
         u = input_values(plant, arguments["inputs"])
         residual, slopes = residual_functions(plant)

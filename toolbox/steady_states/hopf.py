@@ -25,7 +25,7 @@ import numpy as np
 
 from toolbox.arguments import checked_range, numbers, whole
 from toolbox.errors import SceneError
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
@@ -94,13 +94,13 @@ def hopf_points(
     low, high = checked_range(between)
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    knob = Knob.of(closed, parameter)
-    followed = EquilibriumBranch(closed, knob, inputs or {}, mode, guess)
+    free = FreeParameter.of(closed, parameter)
+    followed = EquilibriumBranch(closed, free, inputs or {}, mode, guess)
     grid = np.linspace(low, high, whole("values", values, 2))
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
         followed(float(value))
     if not any(followed.known.values()):
-        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {followed.reason}")
+        raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {free.unit}: {followed.reason}")
     found = []
     for a, b in itertools.pairwise(map(float, grid)):
         left, right = followed.growths(a), followed.growths(b)
@@ -139,7 +139,7 @@ def hopf_curve(
     """
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    other, _ = Knob.of(closed, over), Knob.of(closed, parameter)
+    other, _ = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
     checked_range(between)
     curve = []
     for value in numbers("values", values):
@@ -174,8 +174,8 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     """The Hopf point next to a value, from the extended system."""
     from scipy.optimize import root
 
-    closed, knob, inputs = followed.closed, followed.knob, followed.inputs
-    given = [name for name in inputs if name != knob.name]
+    closed, free, inputs = followed.closed, followed.free, followed.inputs
+    given = [name for name in inputs if name != free.name]
     near = followed(guess)
     assert near is not None  # `_crossing` has found it
     plant, m = near.plant, mode_numbers(near.plant, near.modes)
@@ -188,7 +188,7 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     v = vectors[:, best] / np.linalg.norm(vectors[:, best])
     c = np.concatenate([v.real, v.imag])
     sticking = np.flatnonzero((m == 0.0) & holding_elements(plant))
-    residual, jacobian = _extended(plant, knob, tuple(given), tuple(sticking.tolist()))
+    residual, jacobian = _extended(plant, free, tuple(given), tuple(sticking.tolist()))
     scale = np.concatenate([size, [abs(guess) or 1.0, poles[best].imag], np.ones(2 * n)])
     z = np.concatenate([near.states, [guess, poles[best].imag], v.real, v.imag])
 
@@ -210,30 +210,30 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     z = y * scale
     if not left < 1e-8 or not z[n + 1] > 0:
         raise SceneError(
-            f"The Hopf point near `{knob.name}` = {guess:g} {knob.unit} could not be solved: {left:.1e} of its equations is left."
+            f"The Hopf point near `{free.name}` = {guess:g} {free.unit} could not be solved: {left:.1e} of its equations is left."
         )
     value = float(z[n])
-    point = equilibrium(closed, start=state_values(closed, z[:n]), mode=near.modes, **knob.arguments(value, inputs))
+    point = equilibrium(closed, start=state_values(closed, z[:n]), mode=near.modes, **free.arguments(value, inputs))
     vector = z[n + 2 : 2 * n + 2] + 1j * z[2 * n + 2 :]
     coefficient = _lyapunov_coefficient(point, m, float(z[n + 1]), vector) if not sticking.size else math.nan
-    return HopfPoint(knob.name, knob.unit, value, float(z[n + 1]), point, stable, coefficient, left)
+    return HopfPoint(free.name, free.unit, value, float(z[n + 1]), point, stable, coefficient, left)
 
 
-def _extended(plant: HybridSystem, knob: Knob, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+def _extended(plant: HybridSystem, free: FreeParameter, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
     """Functions (z, u, p, m, c) -> residual of the extended system and its Jacobian by z = (x, q, w, Re v, Im v)."""
-    key = ("hopf", knob.name, knob.is_input, given, sticking)
+    key = ("hopf", free.name, free.is_input, given, sticking)
     found = plant.kernels.get(key)
     if found is None:
         n = plant.x.numel()
         w, vr, vi, c = ca.SX.sym("w"), ca.SX.sym("vr", n), ca.SX.sym("vi", n), ca.SX.sym("c", 2 * n)
         field = plant.switching.field
         slip = ca.vertcat(*[plant.switching.slip[i] for i in sticking]) if sticking else ca.SX(0, 1)
-        # an input that nobody gives follows the parameters, which the knob may be one of
-        u = ca.vertcat(*[entry.symbol if name in given or name == knob.name else entry.default for name, entry in plant.inputs.items()])
+        # an input that nobody gives follows the parameters, which the free may be one of
+        u = ca.vertcat(*[entry.symbol if name in given or name == free.name else entry.default for name, entry in plant.inputs.items()])
         if plant.inputs:
             field, slip = ca.substitute([field, slip], [plant.u], [u])
         a = ca.jacobian(field, plant.x)
-        q = plant.inputs[knob.name].symbol if knob.is_input else plant.p[plant._parameter(knob.name).offset]
+        q = plant.inputs[free.name].symbol if free.is_input else plant.p[plant._parameter(free.name).offset]
         real = ca.mtimes(a, vr) + w * vi
         imaginary = ca.mtimes(a, vi) - w * vr
         norm = ca.vertcat(ca.dot(c[:n], vr) + ca.dot(c[n:], vi) - 1, ca.dot(c[:n], vi) - ca.dot(c[n:], vr))

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import numbers
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
 from toolbox.modelling.steady_point import Equilibrium, function_of, mode_numbers
@@ -77,7 +77,7 @@ def pole_locus(
 
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    followed = EquilibriumBranch(closed, Knob.of(closed, parameter), inputs or {}, mode)
+    followed = EquilibriumBranch(closed, FreeParameter.of(closed, parameter), inputs or {}, mode)
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
     for value in numbers("values", values):

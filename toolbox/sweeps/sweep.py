@@ -22,7 +22,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.measuring import measures
 from toolbox.measuring.measures import Measure
 from toolbox.modelling.components import law_of
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
@@ -156,7 +156,7 @@ def sweep(
     sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,
-        units=tuple(Knob.of(run.system, name).unit for name in variations.names),
+        units=tuple(FreeParameter.of(run.system, name).unit for name in variations.names),
         points=variations.points,
         shape=variations.shape,
         axes=variations.axes,

@@ -13,7 +13,7 @@ from toolbox.errors import SceneError
 from toolbox.measuring.measures import Measure
 from toolbox.modelling.components import Component, checked, fields_of, is_nested, numbers_of, rebuilt, structure_of
 from toolbox.modelling.elements import FrictionLaw
-from toolbox.modelling.free_parameter import Knob
+from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Table
 from toolbox.modelling.laws import Held
@@ -33,9 +33,9 @@ def shared_run(plant: HybridSystem, variations: Variations, duration: float, **a
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `vary` must name every number once.")
     closed = Request(plant, duration, **arguments).checked().system
-    knobs = [Knob.of(closed, name) for name in variations.names]
+    free_parameters = [FreeParameter.of(closed, name) for name in variations.names]
     middle = variations.points[len(variations.points) // 2].tolist()
-    arguments["inputs"] |= {knob.name: value for knob, value in zip(knobs, middle, strict=True) if knob.is_input}
+    arguments["inputs"] |= {free.name: value for free, value in zip(free_parameters, middle, strict=True) if free.is_input}
     return Request(plant, duration, **arguments).checked()
 
 
@@ -47,17 +47,17 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     system = run.system
     offset, touched = 0, []
     places = slots(run, variations.names)
-    knobs = [Knob.of(system, name) for name in variations.names]
+    free_parameters = [FreeParameter.of(system, name) for name in variations.names]
     for part in system.parts:
         size = len(numbers_of(part))
-        own = [k for k, place in zip(knobs, places, strict=True) if not k.is_input and offset <= place < offset + size]
-        if isinstance(part, Held) and any(place == offset + size - 1 for k, place in zip(knobs, places, strict=True) if not k.is_input):
+        own = [k for k, place in zip(free_parameters, places, strict=True) if not k.is_input and offset <= place < offset + size]
+        if isinstance(part, Held) and any(place == offset + size - 1 for k, place in zip(free_parameters, places, strict=True) if not k.is_input):
             raise SceneError(f"Argument `{own[-1].name}` must not be varied: a sample time is structure; make one sweep for each.")
         if own and _has_check(part):
             touched.append((part, offset))
         offset += size
-    for k, (knob, column) in enumerate(zip(knobs, variations.points.T, strict=True)):
-        entry = system.parameters.get(knob.name) if knob.is_input else system._parameter(knob.name)
+    for k, (free, column) in enumerate(zip(free_parameters, variations.points.T, strict=True)):
+        entry = system.parameters.get(free.name) if free.is_input else system._parameter(free.name)
         if entry is not None:
             entry.check(np.unique(variations.axes[k] if variations.axes else column))
     numbers = Numbers(numbers_of_run(run), places, variations.points)

@@ -42,7 +42,7 @@ class FreeParameter:
         return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(self.name)])
 
     def arguments(self, value: float, inputs: Mapping[str, float]) -> dict[str, Any]:
-        """`inputs` and `parameters` of `equilibrium` with the free at a value."""
+        """`inputs` and `parameters` of `equilibrium` with the free parameter at a value."""
         if self.is_input:
             return {"inputs": {**inputs, self.name: value}, "parameters": None}
         return {"inputs": dict(inputs), "parameters": {self.name: value}}

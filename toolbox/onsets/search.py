@@ -39,7 +39,7 @@ class End:
 
 @dataclass
 class Search:
-    """Runs of one closed loop with one free, judged and counted.
+    """Runs of one closed loop with one free parameter, judged and counted.
 
     silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows;  led: {value:
     (verdict, end)} of smooth running that was lost into stick-slip or standstill.
@@ -61,7 +61,7 @@ class Search:
     def run(
         self, value: float, begin: End, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
     ) -> tuple[Judged, End | None]:
-        """One run at a value of the free, and with other numbers, and where it ended."""
+        """One run at a value of the free parameter, and with other numbers, and where it ended."""
         changes: dict[str, Any] = {"start": begin.start, "resume": begin.resume, "accuracy": self.base.accuracy * finer}
         changes |= self.numbers(value, others)
         duration = whole(self.base, longer * self.duration)
@@ -88,13 +88,13 @@ class Search:
             return None
 
     def numbers(self, value: float, others: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """What of a run changes with the free, and with other numbers of the plant."""
+        """What of a run changes with the free parameter, and with other numbers of the plant."""
         if self.free.is_input:
             return {"inputs": {**self.base.inputs, self.free.name: value}, "system": self.base.system.with_parameters(others or {})}
         return {"system": self.base.system.with_parameters({self.free.name: value, **(others or {})})}
 
     def walked(self, begin: End, origin: float, value: float) -> End:
-        """Where the machine is after the free went from one value to another in small steps: a jump at once would shake it out of its cycle."""
+        """Where the machine is after the free parameter went from one value to another in small steps: a jump at once would shake it out of its cycle."""
         if value == origin:
             return begin
         for k in range(1, STEPS):

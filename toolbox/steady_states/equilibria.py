@@ -73,7 +73,7 @@ def flow_slopes(point: Equilibrium) -> np.ndarray:
 
 
 class EquilibriumBranch:
-    """The steady states of a closed loop over one free, each found once, from its neighbour where it is not found by itself."""
+    """The steady states of a closed loop over one free parameter, each found once, from its neighbour where it is not found by itself."""
 
     def __init__(
         self,
@@ -93,7 +93,7 @@ class EquilibriumBranch:
         self.reason = ""
 
     def __call__(self, value: float) -> Equilibrium | None:
-        """The steady state at a value of the free; None where none is found (`reason` then says why)."""
+        """The steady state at a value of the free parameter; None where none is found (`reason` then says why)."""
         if value not in self.known or (value in self.alone and any(self.known.values())):
             self.alone.discard(value)
             if not any(self.known.values()):

@@ -228,7 +228,7 @@ def _extended(plant: HybridSystem, free: FreeParameter, given: tuple[str, ...], 
         w, vr, vi, c = ca.SX.sym("w"), ca.SX.sym("vr", n), ca.SX.sym("vi", n), ca.SX.sym("c", 2 * n)
         field = plant.switching.field
         slip = ca.vertcat(*[plant.switching.slip[i] for i in sticking]) if sticking else ca.SX(0, 1)
-        # an input that nobody gives follows the parameters, which the free may be one of
+        # an input that nobody gives follows the parameters, which the free parameter may be one of
         u = ca.vertcat(*[entry.symbol if name in given or name == free.name else entry.default for name, entry in plant.inputs.items()])
         if plant.inputs:
             field, slip = ca.substitute([field, slip], [plant.u], [u])

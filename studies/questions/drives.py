@@ -212,7 +212,7 @@ def step_time(law: Law, reference: float) -> float:
 
 def update_times(run: Trajectory) -> list[float]:
     """How long [s] the compiled update of the first sampled law of a run takes, 20 000 times at its last state."""
-    update, machine = run.run.system.updates[0], run.program.machine
+    update, machine = run.run.system.updates[0], run.program.kernel
     size = update.memory.numel() + update.noise.numel()
     function = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)(machine.updates[0])
     x, k, m = run.states[-1].copy(), np.zeros(size + 1), np.ones(machine.elements)

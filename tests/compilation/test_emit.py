@@ -277,7 +277,7 @@ def step_function(pair, flow, states, elements=(), parameters=None):
     """(step, project-free) callable (t, h, x, p, m) -> (x(t + h), whole output vector) of a closed system."""
     p = ca.SX(0, 1) if parameters is None else parameters
     form = switching(time, states, flow, elements)
-    made = kernel.machine(time, states, p, elements, form, pair)
+    made = kernel.kernel_of(time, states, p, elements, form, pair)
     n, size = states.numel(), 4 * states.numel() + 2 * made.guards
     field, step = SIGNATURE(made.addresses[0]), SIGNATURE(made.addresses[1])
 

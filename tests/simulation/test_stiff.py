@@ -97,7 +97,7 @@ class Relaxation(Component):
 def fixed_steps(plant, inputs, x0, duration, count):
     """End state of `count` equal steps of the compiled step, without any control of errors."""
     run = simulate(plant, 0.0, inputs=inputs, method="stiff")
-    machine, n = run.program.machine, len(x0)
+    machine, n = run.program.kernel, len(x0)
     pointer = ctypes.c_void_p
     kind = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)
     field, step = kind(machine.addresses[0]), kind(machine.addresses[1])

@@ -31,7 +31,7 @@ UNROLLED = 600
 
 
 @dataclass(frozen=True)
-class Machine:
+class Kernel:
     """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step."""
 
     states: int
@@ -44,7 +44,7 @@ class Machine:
     cost: int
 
 
-def machine(
+def kernel_of(
     t: ca.SX,
     x: ca.SX,
     p: ca.SX,
@@ -53,7 +53,7 @@ def machine(
     pair: Pair | Rosenbrock | Theta,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
-) -> Machine:
+) -> Kernel:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
     updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping.
@@ -111,7 +111,7 @@ def machine(
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
     found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
-    return Machine(
+    return Kernel(
         n,
         len(elements),
         form.guards.numel(),

@@ -31,7 +31,7 @@ class Program:
 
     system: HybridSystem
     pair: Pair | Rosenbrock | Theta
-    machine: Any
+    kernel: Any
     p_size: int
     coefficient_slot: dict[str, int]
     held_slot: int
@@ -60,7 +60,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     if found is not None:
         return found
     from toolbox.compilation import loop_layout
-    from toolbox.compilation.kernel import machine
+    from toolbox.compilation.kernel import kernel_of
 
     given = dict(kinds)
     coefficients: list[ca.SX] = []
@@ -121,7 +121,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        machine=machine(system.t, x, p, elements, form, pair, updates, flow),
+        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow),
         excited=np.array(excited, np.int64),
         kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),

@@ -19,7 +19,7 @@ from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 
 def carries_events(program: Program) -> bool:
     """Whether events are settled in the block: without rigid contacts, and without friction that can lose its load."""
-    return program.machine.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
+    return program.kernel.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
 
 
 class Event:
@@ -31,7 +31,7 @@ class Event:
     def __init__(
         self, program: Program, width: int, rows: dict[str, int], lengths: dict[str, int | None], functions: tuple[ca.Function, ...]
     ) -> None:
-        form, system, kernel = program.form, program.system, program.machine
+        form, system, kernel = program.form, program.system, program.kernel
         self.program, self.rows, self.lengths = program, rows, lengths
         self.rhs, self.field, self.projected = functions
         self.n, self.ne, self.ng, self.own = kernel.states, kernel.elements, kernel.guards, system.x.numel()

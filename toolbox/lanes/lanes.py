@@ -80,7 +80,7 @@ class Lanes:
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(explicit, self.program)
         self.work = work_arrays(explicit, self.program)
-        width = width or host_width(self.program.machine.states)
+        width = width or host_width(self.program.kernel.states)
         late = tuple(delay > 0.0 for _, delay in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
         self.noise = noise_table(self.work, run.duration)
@@ -112,7 +112,7 @@ class Lanes:
         """
         from toolbox.lanes.samples import clock_numbers
 
-        n, ne = len(parameters), self.program.machine.elements
+        n, ne = len(parameters), self.program.kernel.elements
         parameters, starts = np.ascontiguousarray(parameters, float), np.ascontiguousarray(starts, float)
         columns = parameters.shape[-1] if parameters.shape[-1] == self.program.first_held else self.values
         memories, held = (

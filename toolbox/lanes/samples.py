@@ -65,7 +65,7 @@ class Sample:
     """
 
     def __init__(self, program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> None:
-        form, system, kernel = program.form, program.system, program.machine
+        form, system, kernel = program.form, program.system, program.kernel
         self.program, self.width, self.rows, self.late = program, width, rows, late
         self.n, self.ne, self.ng = kernel.states, kernel.elements, kernel.guards
         hidden = ca.SX.sym("hidden", self.n - system.x.numel())

@@ -30,7 +30,7 @@ class Pass:
     """
 
     def __init__(self, program: Program, width: int, signals: tuple[str, ...], windows: int):
-        form, system, kernel = program.form, program.system, program.machine
+        form, system, kernel = program.form, program.system, program.kernel
         self.program, self.signals = program, signals
         self.n, self.ne, self.ng, self.own = kernel.states, kernel.elements, kernel.guards, system.x.numel()
         n, ne, ng = self.n, self.ne, self.ng

@@ -257,16 +257,16 @@ class RunningMeasures:
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
         self.found = replace(Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T)
-        field, step, project, *_ = program.machine.addresses
+        field, step, project, *_ = program.kernel.addresses
         addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0], np.int64)
-        machine = program.machine
+        kernel = program.kernel
         self.reader = measuring_loop.Reader(
-            addresses, machine.states, machine.elements, machine.guards, count, np.empty(program.p_size), program.first_held, _tolerance(accuracy)
+            addresses, kernel.states, kernel.elements, kernel.guards, count, np.empty(program.p_size), program.first_held, _tolerance(accuracy)
         )
         when = np.empty(by_window)
         self.extremes = measuring_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
         self.size = np.zeros(count)
-        self.since = np.zeros(machine.elements)
+        self.since = np.zeros(kernel.elements)
         found = self.found
         self.stays = measuring_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
 

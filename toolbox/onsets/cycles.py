@@ -13,7 +13,7 @@ import dataclasses
 from toolbox.errors import SceneError, SimulationError
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import Border
-from toolbox.onsets.search import End, Search
+from toolbox.onsets.search import End, OnsetSearch
 from toolbox.orbits.branch import Branch
 from toolbox.orbits.continuation import follow
 from toolbox.orbits.limit_cycle import limit_cycle
@@ -51,7 +51,7 @@ def exact(border: Border, inside: Inside, width: float) -> Border:
     return found
 
 
-def followed(search: Search, begin: End, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
+def followed(search: OnsetSearch, begin: End, origin: float, goal: float, width: float, points: int = 80) -> Branch | None:
     """The branch of the cycle in which stick-slip at `origin` settles, towards `goal`; None where no cycle is found, as under a sampled law."""
     run = search.plain(origin, begin, SETTLED * search.period)
     if run is None:

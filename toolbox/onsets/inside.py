@@ -18,7 +18,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.steady_point import Equilibrium, function_of
 from toolbox.onsets.report import STICKING, Border, Judged
-from toolbox.onsets.search import ROUNDS, End, Search, mode_codes
+from toolbox.onsets.search import ROUNDS, End, OnsetSearch, mode_codes
 from toolbox.steady_states.equilibria import EquilibriumBranch
 
 OUTWARD = (0.01, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4, 0.6, 0.8)
@@ -36,7 +36,7 @@ class Inside:
     there turned into};  rest: the steady states with the judged contact stuck;  outer: values outside of the range with stick-slip.
     """
 
-    search: Search
+    search: OnsetSearch
     rest: EquilibriumBranch
     cycling: dict[float, End] = field(default_factory=dict)
     standing: dict[float, End] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Inside:
     outer: list[float] = field(default_factory=list)
 
     @staticmethod
-    def of(search: Search) -> Inside:
+    def of(search: OnsetSearch) -> Inside:
         """Nothing found yet, but what smooth running that was lost has led to."""
         old = search.followed
         rest = EquilibriumBranch(old.closed, old.free, old.inputs, {**(old.mode or {}), search.element: "stick"})

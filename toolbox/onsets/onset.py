@@ -29,7 +29,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.onsets.cycles import exact
 from toolbox.onsets.inside import Inside
 from toolbox.onsets.report import PERIODS, Onset
-from toolbox.onsets.search import Search, swing_period
+from toolbox.onsets.search import OnsetSearch, swing_period
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request, continuous_loop
 from toolbox.steady_states.equilibria import EquilibriumBranch, state_values
@@ -91,7 +91,7 @@ def onset(
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
     laws = law if isinstance(law, (list, tuple)) or law is None else [law]
-    search = Search(
+    search = OnsetSearch(
         base=Request(
             plant, 0.0, inputs={**(given or {}), **({parameter: low} if free.is_input else {})}, parameters=asked.parameters, controller=laws,
             accuracy=1e-6 if asked.accuracy is None else asked.accuracy,
@@ -174,7 +174,7 @@ def _check_numbers(values: Any, **numbers: Any) -> None:
 
 
 def _both_branches(
-    search: Search, title: str, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float, sampled: bool
+    search: OnsetSearch, title: str, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float, sampled: bool
 ) -> Onset:
     """Runs from smooth running and from inside stick-slip at all values, and the borders between what they come to."""
     width = numbers[-1] - numbers[0]

@@ -38,7 +38,7 @@ class End:
 
 
 @dataclass
-class Search:
+class OnsetSearch:
     """Runs of one closed loop with one free parameter, judged and counted.
 
     silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows;  led: {value:

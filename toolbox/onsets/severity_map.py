@@ -39,7 +39,7 @@ LINEAR_HALVINGS = 40
 
 
 @dataclass(frozen=True)
-class Branch:
+class MapSide:
     """One branch of a map, arrays of the shape of the map: severity of the judged signal, part of the time in stick, verdict (a key of `VERDICTS`)."""
 
     severity: np.ndarray
@@ -62,8 +62,8 @@ class SeverityMap:
     axes: tuple[np.ndarray, np.ndarray]
     element: str
     signal: str
-    smooth: Branch
-    sticking: Branch
+    smooth: MapSide
+    sticking: MapSide
     growth: np.ndarray
     borders: dict[str, np.ndarray]
     duration: float
@@ -189,7 +189,7 @@ class SeverityMap:
             data = arrays(Path(path), what)
             notes = json.loads(str(data["map"]))
             branches = {
-                branch: Branch(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(Branch)})
+                branch: MapSide(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(MapSide)})
                 for branch in ("smooth", "sticking")
             }
             borders = {name: data[f"border.{name}"] for name in ("linear", "smooth", "sticking")}
@@ -265,7 +265,7 @@ def severity_map(
     with np.errstate(invalid="ignore"):
         grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
     _changed(smooth, front.settled(np.flatnonzero(grows)))
-    branches = [Branch(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
+    branches = [MapSide(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
     growth = growth.reshape(shape)
     names = ("smooth", "sticking")
     bad = [branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP]

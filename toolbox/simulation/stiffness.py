@@ -42,8 +42,8 @@ TRIAL = 100
 def spectral_radius(program: Program, t: float, x: np.ndarray, p: np.ndarray, m: np.ndarray, iterations: int = 40) -> float:
     """Largest modulus of the eigenvalues of df/dx [1/s], by power iteration on differences of the compiled field; right to a few percent."""
     pointer = ctypes.c_void_p
-    field = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(program.machine.addresses[0])
-    n, out = x.size, np.zeros(2 * x.size + 2 * program.machine.guards + 8)
+    field = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(program.kernel.addresses[0])
+    n, out = x.size, np.zeros(2 * x.size + 2 * program.kernel.guards + 8)
 
     def slope(at: np.ndarray) -> np.ndarray:
         field(t, 0.0, at.ctypes.data, at.ctypes.data, p.ctypes.data, m.ctypes.data, out.ctypes.data)
@@ -75,7 +75,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
     t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
     left = run.duration - float(work.reals[loop_layout.TIME])
-    rest = left / t * steps * program.machine.cost if t > 0.0 else 0.0
+    rest = left / t * steps * program.kernel.cost if t > 0.0 else 0.0
     if rest < WORTH:
         return False
     if t / steps * spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m) < NEAR:
@@ -92,8 +92,8 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     if advance(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
         return False
     t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(trial), begin, strict=True))
-    explicit = program.machine.cost * (steps + SEARCH * events) / t
-    return other.machine.cost * (steps_trial + SEARCH * events_trial) <= 0.5 * explicit * t_trial
+    explicit = program.kernel.cost * (steps + SEARCH * events) / t
+    return other.kernel.cost * (steps_trial + SEARCH * events_trial) <= 0.5 * explicit * t_trial
 
 
 def stiff_size(program: Program) -> int:
@@ -101,7 +101,7 @@ def stiff_size(program: Program) -> int:
     from toolbox.compilation.kernel import implicit_size
 
     system = program.system
-    x = ca.vertcat(system.x, ca.SX.sym("hidden", program.machine.states - system.x.numel()))
+    x = ca.vertcat(system.x, ca.SX.sym("hidden", program.kernel.states - system.x.numel()))
     return implicit_size(x, ca.vertcat(ca.SX(0, 1), *[element.multiplier for element in system.elements]), program.form)
 
 
@@ -119,7 +119,7 @@ def set_method(work: Any, program: Program) -> None:
     """Let the loop step with the method of this program."""
     pair, ints = program.pair, work.ints
     names = (loop_layout.FIELD, loop_layout.STEP, loop_layout.PROJECT, loop_layout.PROBE, loop_layout.BURDEN, loop_layout.IMPULSE)
-    for name, address in zip(names, program.machine.addresses, strict=True):
+    for name, address in zip(names, program.kernel.addresses, strict=True):
         ints[name] = address
     ints[loop_layout.ORDER] = pair.order
     ints[loop_layout.IMPLICIT] = pair is RODAS5P

@@ -163,10 +163,10 @@ class Trajectory(Stays, Samples):
         """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
         from toolbox.simulation import event_loop as loop
 
-        machine = self.program.machine
+        kernel = self.program.kernel
         states = np.empty((times.size, self.states.shape[1]))
-        field, step, project, *_ = machine.addresses
-        loop.evaluate(step, project, field, machine.states, machine.elements, machine.guards, self.time, self.states, self.mode, self.held,
+        field, step, project, *_ = kernel.addresses
+        loop.evaluate(step, project, field, kernel.states, kernel.elements, kernel.guards, self.time, self.states, self.mode, self.held,
                       self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
         return states
 

@@ -28,10 +28,10 @@ def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
     from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
 
-    system, machine = run.system, program.machine
+    system, kernel = run.system, program.kernel
     fixed = run.method.step if isinstance(run.method, TimeStepping) else None
     tolerance = run.method.tolerance if isinstance(run.method, Smoothing) else None
-    n, ne, ng = machine.states, machine.elements, machine.guards
+    n, ne, ng = kernel.states, kernel.elements, kernel.guards
     p = np.empty(program.p_size)
     base = system.values.size
     p[:base] = system.values
@@ -58,7 +58,7 @@ def work_arrays(run: Run, program: Program) -> Any:
 
     ints = np.zeros(loop_layout.INTS, np.int64)
     ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = n, ne, ng
-    ints[loop_layout.COUPLED] = machine.coupled
+    ints[loop_layout.COUPLED] = kernel.coupled
     ints[loop_layout.BOUNDS] = len(program.bounded)
     ints[loop_layout.FIRST_HELD] = program.first_held
     ints[loop_layout.NODES] = 1 if run.output_times is None else 0
@@ -77,7 +77,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     keys: list[int] = []
     for c, update in enumerate(system.updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
-        address = 0 if update.external else machine.updates[c]
+        address = 0 if update.external else kernel.updates[c]
         samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
         keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
         memory_size = len(keys)
@@ -144,7 +144,7 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
 
 def _event_room(asked: int, program: Program, left: float) -> int:
     """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
-    instant = (4 if isinstance(program.pair, Theta) else 2) * program.machine.elements
+    instant = (4 if isinstance(program.pair, Theta) else 2) * program.kernel.elements
     return int(min(asked, np.floor(left) + instant + 1))
 
 

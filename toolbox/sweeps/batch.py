@@ -137,10 +137,10 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
         return False
     from toolbox.lanes.events import carries_events
 
-    machine = (program := program_of(run.system, run.kinds, formulas_of(run))).machine
-    if machine.states * len(DOP853.b) > UNROLLED or (machine.elements and not carries_events(program)):
+    kernel = (program := program_of(run.system, run.kinds, formulas_of(run))).kernel
+    if kernel.states * len(DOP853.b) > UNROLLED or (kernel.elements and not carries_events(program)):
         return False
-    return float(len(task.numbers)) * (steps * machine.cost + ALONE) > LANES_WORK
+    return float(len(task.numbers)) * (steps * kernel.cost + ALONE) > LANES_WORK
 
 
 def _side_by_side(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:

@@ -160,7 +160,7 @@ def changed_where(condition: Truth, compute: Callable[[], Value], usual: Value) 
 
 
 def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
-    """Write instructions that are skipped where the condition holds in no lane; returns the labels of the last blocks before them and of them."""
+    """Emit a branch around the instructions, taken if no lane meets the condition. Returns the labels of the two predecessor blocks."""
     body = condition.body
     here, there, last, label = (f"{letter}{body.count}" for letter in "bced")
     body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")

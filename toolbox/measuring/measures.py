@@ -233,7 +233,7 @@ class Readings:
 
     @staticmethod
     def of(layout: Layout, runs: tuple[int, ...] = ()) -> Readings:
-        """Of nothing yet."""
+        """Empty readings, to be filled: minima at +inf, maxima at -inf, sums at 0."""
         extents, asked = (*runs, layout.count, len(layout.windows)), (*runs, len(layout.asked))
         return Readings(
             lowest=np.full(extents, np.inf), highest=np.full(extents, -np.inf), integral=np.zeros(extents), ends=np.zeros(extents[:-1]),
@@ -271,14 +271,14 @@ class RunningMeasures:
         self.stays = measuring_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
 
     def begin(self) -> None:
-        """Forget the run before."""
+        """Reset all accumulators before the next run."""
         found = self.found
         for array in (self.size, found.ends, found.integral, self.since, found.spent, found.number, found.switches):
             array[:] = 0.0
         found.lowest[:], found.highest[:], found.latest[:] = np.inf, -np.inf, np.nan
 
     def read(self, work: Any, finished: bool) -> None:
-        """Take in the recorded nodes and events and make room for more."""
+        """Read the nodes and events that the loop has recorded, and make room for more."""
         ints, layout, loops = work.ints, self.layout, self.loops
         if layout.count:
             self.reader.p[:] = work.p

@@ -97,22 +97,22 @@ class Onset:
 
     @property
     def loss(self) -> float:
-        """Border of smooth running, by simulation: that nearest to the working point; nan where there is none in the range."""
+        """Parameter value at which smooth running is lost (simulated); the one nearest to the working point; nan if there is none in the range."""
         return self._nearest(self.losses)
 
     @property
     def end(self) -> float:
-        """Border of existing stick-slip beyond which the machine turns on: that nearest to the working point; nan where there is none in the range."""
+        """Parameter value at which stick-slip ends and the machine turns on; the one nearest to the working point; nan if there is none in the range."""
         return self._nearest(self.ends)
 
     @property
     def stall(self) -> float:
-        """Border of existing stick-slip beyond which the machine stands for good: that nearest to the working point; nan where there is none."""
+        """Parameter value at which existing stick-slip ends in a standstill; the one nearest to the working point; nan if there is none in the range."""
         return self._nearest(self.stalls)
 
     @property
     def breakaway(self) -> float:
-        """Border of standstill: that nearest to the working point; nan where there is none in the range."""
+        """Parameter value at which a standstill breaks away; the one nearest to the working point; nan if there is none in the range."""
         return self._nearest(self.breakaways)
 
     @property

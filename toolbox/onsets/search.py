@@ -88,7 +88,7 @@ class OnsetSearch:
             return None
 
     def numbers(self, value: float, others: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """What of a run changes with the free parameter, and with other numbers of the plant."""
+        """Changes of a run for a value of the free parameter, and for other numbers of the plant."""
         if self.free.is_input:
             return {"inputs": {**self.base.inputs, self.free.name: value}, "system": self.base.system.with_parameters(others or {})}
         return {"system": self.base.system.with_parameters({self.free.name: value, **(others or {})})}

@@ -1,4 +1,4 @@
-"""What sampled laws remember and hold, and how it passes derivatives on.
+"""Tangent of sampled control laws: derivatives of their memory z and held outputs h are propagated from sample to sample.
 
     z+ = a(t, x, h, z, p),   w = b(t, x, h, z, p)      at the samples t_k = k period: memory z, outputs w
     h+ = w                                             at t_k + delay: held signals h
@@ -28,7 +28,7 @@ MEETING = 1e-9
 
 @dataclass
 class Waiting:
-    """Outputs on their way: values and derivatives (outputs, k)."""
+    """Outputs that were computed and wait for their delay: values, and their derivatives in k directions, shape (outputs, k)."""
 
     values: np.ndarray
     tangent: np.ndarray
@@ -65,7 +65,10 @@ class SampledLaws:
 
 
 class SampledTangent:
-    """Sampled laws on their way along a run, from derivatives (memory, k) of their memory: `due` holds the nodes at which they act, `act(k, ...)` lets them."""
+    """Derivatives of sampled laws along a run, beginning with those of their memory, shape (memory, k).
+
+    `due` holds the nodes at which a law is sampled or its output applied; `act(k, ...)` carries the derivatives over node k.
+    """
 
     def __init__(self, laws: SampledLaws, nodes: Trajectory, memory: np.ndarray, own: int):
         from toolbox.simulation.noise import channel_key

@@ -41,7 +41,7 @@ def sliding_kind(one: Trajectory, other: Trajectory) -> str | None:
 
 
 def segments(run: Trajectory, element: int) -> list[Segment]:
-    """The modes of an element over a run that comes round, each with its duration; the first and the last are one where they are alike."""
+    """Modes of an element over one period with their durations [s]; the last and first are merged if equal, because the run is periodic."""
     mode = run.mode[:, element]
     begins = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
     times = np.append(run.time[begins], run.end)

@@ -1,4 +1,4 @@
-"""Which method a run with method="auto" takes, and why: a rule of numbers that do not depend on the machine.
+"""Method selection for method="auto": which method a run takes, and why. It is a rule of numbers that do not depend on the machine.
 
 Measured on chains of n inertias with dry friction on each (60 s, static = kinetic): located events cost about n steps of cost n each time something switches,
 time stepping a step of cost n at fixed intervals.

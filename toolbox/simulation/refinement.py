@@ -1,4 +1,4 @@
-"""From the accuracy asked to the step, or the width, of a method whose error falls slowly: refine until two runs agree.
+"""Step or width refinement (Richardson): divide by 4 until two runs differ by less than the accuracy.
 
 The error of such a method is about c k^q with its setting k, q = 1 for a step, 2/3 for a width. Of two runs with settings k and k/r the finer one has the error
 

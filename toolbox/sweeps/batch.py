@@ -125,7 +125,9 @@ ALONE = 75_000
 
 
 def pays_in_lanes(task: Task, steps: int) -> bool:
-    """Whether the runs of a task, of about so many steps each, are done sooner in lanes, and can be: decided by counts, so that every machine decides alike.
+    """Whether a task, of about so many steps per run, can run in vector lanes and is expected to be faster there.
+
+    This is decided from counts, not from timing, so that results do not depend on the machine.
 
     Lanes take explicit methods and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
     load; and while the step is a straight line of instructions.

@@ -1,4 +1,4 @@
-"""The runs of a sweep: what they share, and the numbers, start states and fingerprint of each."""
+"""Builds the runs of a sweep: one shared `Run`, and per run its parameter values, its start state and the digest by which a store recognises the sweep."""
 
 from __future__ import annotations
 

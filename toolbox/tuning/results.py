@@ -211,7 +211,7 @@ def counted_over(trial: Trial, over: Callable[[Sequence[float]], float]) -> tupl
 
 
 def front_of(values: np.ndarray) -> list[int]:
-    """Rows that are finite and that no other row beats: smaller or equal in all, smaller in one; of equal rows the first."""
+    """Pareto front: indices of finite rows that no other row dominates; of equal rows the first."""
     kept = []
     for i, row in enumerate(values):
         if np.isfinite(row).all():

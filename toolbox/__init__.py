@@ -55,9 +55,9 @@ if TYPE_CHECKING:
     from toolbox.orbits.branch import Bifurcation as Bifurcation
     from toolbox.orbits.branch import Branch as Branch
     from toolbox.orbits.continuation import follow as follow
-    from toolbox.orbits.limit_cycle import Cycle as Cycle
-    from toolbox.orbits.limit_cycle import CycleError as CycleError
     from toolbox.orbits.limit_cycle import limit_cycle as limit_cycle
+    from toolbox.orbits.orbit import Cycle as Cycle
+    from toolbox.orbits.orbit import CycleError as CycleError
     from toolbox.orbits.sensitivity import Sensitivity as Sensitivity
     from toolbox.orbits.sensitivity import sensitivity as sensitivity
     from toolbox.robustness.absorber import absorber_limit as absorber_limit
@@ -199,7 +199,8 @@ _ROOMS = {
     "toolbox.onsets.severity_map": "SeverityMap severity_map",
     "toolbox.orbits.branch": "Bifurcation Branch",
     "toolbox.orbits.continuation": "follow",
-    "toolbox.orbits.limit_cycle": "Cycle CycleError limit_cycle",
+    "toolbox.orbits.limit_cycle": "limit_cycle",
+    "toolbox.orbits.orbit": "Cycle CycleError",
     "toolbox.orbits.sensitivity": "Sensitivity sensitivity",
     "toolbox.robustness.absorber": "absorber_limit",
     "toolbox.robustness.limits": "performance_limit",

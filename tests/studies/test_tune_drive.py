@@ -25,6 +25,7 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
+from toolbox import compose, simulate
 from toolbox.scenes.cases import Case
 
 

@@ -28,7 +28,7 @@ from toolbox.files.atomic import replaced
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
 
@@ -232,7 +232,8 @@ def severity_map(
     steady running in the middle of the map.
     """
     began = clock.perf_counter()
-    loop = MapLoop.of(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
+    asked = MapRequest(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
+    loop = MapLoop.of(asked)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:

@@ -335,7 +335,7 @@ class Reference:
         for name in values[0]:
             row = [value[name][0] for value in values]
             for i in range(len(points)):
-                if first is not None and points[i] > first[0]:
+                if first is not None and i > 1 and points[i - 2] > first[0]:
                     break
                 if name not in armed:
                     size = values[i][name][1]
@@ -355,7 +355,7 @@ class Reference:
                 elif not (i and row[i] <= 0.0 < row[i - 1]):
                     continue
                 if value(b) <= 0.0 < value(a):
-                    at = brentq(value, a, b, xtol=1e-15, rtol=1e-14)
+                    at = float(brentq(value, a, b, xtol=1e-15, rtol=1e-14))
                     if first is None or at < first[0]:
                         first = at, name
                     break

@@ -255,7 +255,7 @@ def trial(seed: int, number: int, draw: int) -> Trial:
         )
     low = row(len(made["switches"]), -0.8, 0.2)
     machine = Machine(
-        mass=row(n, 0.5, 3.0), ground=row(n, 0.0, 4.0), damping=row(n, 0.0, 0.3), tie=row(n - 1, 0.0, 10.0),
+        mass=row(n, 0.5, 3.0), ground=row(n, 0.0, 4.0 * (random.random() < 0.8)), damping=row(n, 0.0, 0.3), tie=row(n - 1, 0.0, 10.0),
         static=static, kinetic=kinetic, speed=row(len(made["rubs"]), 0.1, 0.6),
         bound=row(len(made["relays"]), 0.5, 2.5), lean=row(len(made["relays"]), 0.0, 2.5),
         gap=row(len(made["walls"]), 0.0, 0.5), stiffness=row(len(made["walls"]), 10.0, 300.0), drag=row(len(made["walls"]), 0.0, 3.0),
@@ -267,8 +267,9 @@ def trial(seed: int, number: int, draw: int) -> Trial:
     if machine.walls:
         start |= {f"machine.x{i}": 0.0 if i else -0.1 - abs(start["machine.x0"]) for i in range(n)}
         start |= {f"machine.x{words.split()[0]}": -0.2 for words in machine.walls}
+    strength = float(random.choice([0.3, 1.0, 2.0, 4.0]))  # N: far within the bounds of the contacts to far above
     how = np.random.default_rng([seed, number, 0])  # what an input is, is structure
-    inputs = {f"machine.push{i}": _push(random, int(how.integers(4)), 2.0, duration) for i in range(n) if i == n - 1 or how.random() < 0.5}
+    inputs = {f"machine.push{i}": _push(random, int(how.integers(4)), strength, duration) for i in range(n) if i == n - 1 or how.random() < 0.5}
     if any(" belt " in words for words in machine.rubs):
         inputs["machine.belt"] = _push(random, int(how.integers(4)), 0.4, duration)
     if any(words.startswith("input") for words in machine.switches):

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from studies.benchmarks.rubbing_machines import Sine, Table, Trial
 
-GRID = np.arange(1, 9) / 8
+GRID = np.arange(1, 5) / 4
 """Fractions of a step at which its guards are looked at."""
 MOST_EVENTS = 600
 ZERO = 1e-9
@@ -118,7 +118,7 @@ class Reference:
             elif law == "Drop":
                 kinetic[k] = pressed * (low if self.beyond[k] else high)
             else:
-                kinetic[k] = pressed * (low + (high - low) * math.exp(-self.mode[k] * slip[k] / speed))
+                kinetic[k] = pressed * (low + (high - low) * math.exp(min(-self.mode[k] * slip[k] / speed, 30.0)))
         for i, bound in enumerate(machine.bound or ()):
             static[len(self.rubs) + i] = kinetic[len(self.rubs) + i] = bound
         return static, kinetic

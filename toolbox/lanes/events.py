@@ -119,7 +119,10 @@ def settling(
             other_scale.append(changed.choose(size, was["other_scale"][j]))
             size = changed.choose(was["other_scale"][j], size)
         guard_scale.append(largest(abs(g[j]), size))
-        armed.append((side[j] * g[j] > 1e-13 * guard_scale[j]).choose(1.0, 0.0))
+        away = side[j] * g[j] > 1e-13 * guard_scale[j]
+        if j < 2 * ne and j % 2 == 0 and zeros[j // 2] is not None:  # let go, it has no slip yet but round-off
+            away &= ~(zeros[j // 2] & chosen[j // 2].differs(0.0))
+        armed.append(away.choose(1.0, 0.0))
     for i in range(ne):  # a switch that a new mode throws past its threshold is left to the scalar loop
         if program.kind[i] == SWITCH:
             settled &= ~(g[2 * i] < -2e-9 * largest(guard_scale[2 * i], other_scale[2 * i]))

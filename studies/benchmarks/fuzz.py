@@ -14,6 +14,10 @@ become 0, become huge or tiny (ten to the power of +-9), or move by up to ten ti
     wrong       two methods that disagree by more than ten times the errors that they report
 
     python -m studies fuzz [--structures 300] [--draws 300] [--seed 1] [--jobs 2] [--first N]
+
+With `--reference` other plants, at ordinary numbers, are compared with a reference that shares no code with the event loop (`studies.benchmarks.differential`):
+
+    python -m studies fuzz --reference [--structures 3000] [--draws 3] [--seed 1] [--jobs 2] [--first N] [--log FOLDER]
 """
 
 from __future__ import annotations
@@ -429,10 +433,19 @@ if __name__ == "__main__":
     else:
         parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("--structures", type=int, default=300)
-        parser.add_argument("--draws", type=int, default=300)
+        parser.add_argument("--draws", type=int, help="of every structure: 300, or 3 with --reference")
         parser.add_argument("--seed", type=int, default=1)
         parser.add_argument("--jobs", type=int, default=2)
         parser.add_argument(
             "--first", type=int, default=0, metavar="N", help="number of the first structure, to go on where a search was stopped"
         )
-        sys.exit(1 if main(**vars(parser.parse_args())) else 0)
+        parser.add_argument("--reference", action="store_true", help="compare with explicit modes and scipy")
+        parser.add_argument("--log", metavar="FOLDER", help="with --reference: keep what is found, and go on from there")
+        words = vars(parser.parse_args())
+        compare, log = words.pop("reference"), words.pop("log")
+        words["draws"] = words["draws"] or (3 if compare else 300)
+        if compare:
+            from studies.benchmarks import differential
+
+            sys.exit(1 if differential.main(**words, log=log) else 0)
+        sys.exit(1 if main(**words) else 0)

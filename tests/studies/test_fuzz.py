@@ -1,9 +1,10 @@
-"""Random plants at the edges of their numbers: right answers, or errors of the toolbox that say why."""
+"""Random plants: right answers at ordinary numbers, and at the edges of them right answers or errors of the toolbox that say why."""
 
 import json
 
 import pytest
 
+from studies.benchmarks import differential
 from studies.benchmarks.fuzz import DEFECTS, examine
 
 
@@ -15,3 +16,21 @@ def test_no_draw_of_a_random_plant_ends_in_a_crash_a_nan_or_a_silent_wrong_answe
     ends = [line for line in map(json.loads, log.read_text().splitlines()) if "end" in line]
     assert not [line for line in ends if line["end"] in DEFECTS]
     assert sum(line["end"] == "done" for line in ends) >= 5  # most numbers make sense
+
+
+@pytest.mark.parametrize("number", range(len(differential.KINDS)))
+def test_a_random_machine_of_every_kind_moves_as_explicit_modes_and_scipy_say(number):
+    """One draw each, by every method that its number takes; `python -m studies fuzz --reference` takes thousands."""
+    found = []
+    differential.examine(1, number, 1, lambda **words: found.append(words))
+    assert {words["end"] for words in found} == {"right"}
+
+
+def test_a_comparison_that_was_stopped_goes_on_where_it_was(tmp_path):
+    log = tmp_path / "log.jsonl"
+    differential.work(1, 1, range(1, 2), log)
+    first = log.read_text()
+    log.write_text(first + '{"number": 3, "beg')  # killed in the middle of a line
+    differential.work(1, 1, range(1, 4, 2), log)
+    lines = list(differential.lines_of(log))
+    assert log.read_text().startswith(first) and [line["number"] for line in lines if line.get("end") == "done"] == [1, 3]

@@ -100,7 +100,7 @@ def settling(
     x = made.call(made.projected, made.t, made.was["x"], made.was["p"], firing.caught) + made.was["x"][made.own :]
     chosen, settled = _modes_by_force(made, firing, x)
     was = made.loaded()
-    renewed = _renewed(made, was, firing.side, x, chosen, settled)
+    renewed = _renewed(made, was, firing, x, chosen, settled)
     noise = _round_off(made, was, x, chosen, renewed)
     h = _first_step(made, x, chosen, renewed)
     columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
@@ -178,9 +178,9 @@ def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[V
     return chosen, ~made.was["flag"].differs(float(EVENT)) & sound & (count <= 1.0)
 
 
-def _renewed(made: Event, was: Rows, side: list[Value], x: list[Value], chosen: list[Value], settled: Truth) -> Renewed:
+def _renewed(made: Event, was: Rows, firing: Firing, x: list[Value], chosen: list[Value], settled: Truth) -> Renewed:
     """Slopes, guards and sizes in the new modes."""
-    program, m, n, ne = made.program, made.m, made.n, made.ne
+    program, m, n, ne, side, zeros = made.program, made.m, made.n, made.ne, firing.side, firing.zeros
     values = made.call(made.field, made.t, x, was["p"], chosen)
     k, g = values[:n], values[n:]
     scale = [largest(abs(a), b) for a, b in zip(x, was["scale"], strict=True)]
@@ -195,7 +195,10 @@ def _renewed(made: Event, was: Rows, side: list[Value], x: list[Value], chosen: 
             other_scale.append(changed.choose(size, was["other_scale"][j]))
             size = changed.choose(was["other_scale"][j], size)
         guard_scale.append(largest(abs(g[j]), size))
-        armed.append((side[j] * g[j] > 1e-13 * guard_scale[j]).choose(1.0, 0.0))
+        away = side[j] * g[j] > 1e-13 * guard_scale[j]
+        if j < 2 * ne and j % 2 == 0 and zeros[j // 2] is not None:  # let go, it has no slip yet but round-off
+            away &= ~(zeros[j // 2] & chosen[j // 2].differs(0.0))
+        armed.append(away.choose(1.0, 0.0))
     for i in range(ne):  # a switch that a new mode throws past its threshold is left to the scalar loop
         if program.kind[i] == SWITCH:
             settled &= ~(g[2 * i] < -2e-9 * largest(guard_scale[2 * i], other_scale[2 * i]))

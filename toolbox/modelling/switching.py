@@ -35,7 +35,8 @@ class Switching:
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
     modes (and the sides of the kinks) hold, then the bounds that must not become negative;  guard_rates: their total time derivatives;  projected:
     the state with the slip of sticking
-    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i F_i|, the size of what forces cancel;
+    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i| times the terms that make F_i,
+    the size of what forces cancel;
     sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
     a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
     attached: for every element the rigid contact whose force bounds it, or -1;  loader: for every element the unilateral contact without which it has no
@@ -102,9 +103,12 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     if matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)
         solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
+        terms = ca.fabs(solved)
     else:
         right = -(sticks * free_rate + mode * free_load * free_sliding)
         solved = masked_solve(matrix, right)
+        pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs
+        terms = ca.fabs(solved) + (ca.fabs(right) + ca.fabs(matrix - ca.diag(pivot)) @ ca.fabs(solved)) / ca.fabs(pivot)
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)
@@ -121,7 +125,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
-    burden = ca.fabs(gain_of_force) @ ca.fabs(solved)
+    burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
     rigid = [i for i, element in enumerate(elements) if element.unilateral]
     if rigid:

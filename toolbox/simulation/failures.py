@@ -11,6 +11,7 @@ import numpy as np
 from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
+from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
@@ -50,12 +51,12 @@ def exhausted(
     so_far = trajectory_so_far(run, program, work, began, answers)
     t, steps, events = progress(work)
     before = 0 if switches is None else int(switches.sum())
+    names = [element.name for element in program.system.elements]
+    often = np.bincount(work.ev_i[:events], minlength=len(names)) + (0 if switches is None else switches)
     spent = f"{steps} steps" if steps >= run.budget.steps else f"{so_far.wall_time:.3g} s" if so_far.wall_time > run.budget.seconds else ""
     if spent:
-        cause = f"steps of about {t / max(steps, 1):.1g} s, which a fast stiff part of the plant or a very short period asks for"
+        cause = bottleneck(run, program, work, often)
     else:
-        names = [element.name for element in program.system.elements]
-        often = np.bincount(work.ev_i[:events], minlength=len(names)) + (0 if switches is None else switches)
         spent = f"its {int(run.budget.events)} events"
         cause = f"most of them are of `{names[int(np.argmax(often))]}`"
     if before + events > run.budget.events:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import BOUNDS, FIELD, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
+from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
 from toolbox.compilation.numba_cache import inlined
 
 
@@ -27,7 +27,10 @@ def flies(w, i):
 
 @inlined
 def refresh(w):
-    """Slopes, guards and armed flags at the current point."""
+    """Slopes, guards and armed flags at the current point.
+
+    A contact that has just been let go has no slip yet: what it shows is the round-off of the projection, from which nothing can fall.
+    """
     n, ng = w.ints[N], w.ints[NG]
     call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(n):
@@ -45,6 +48,9 @@ def refresh(w):
         if size > guard_size(w, j):
             w.guard_scale[w.slot[j]] = size
         w.armed[j] = w.side[j] * w.g[j] > 1e-13 * guard_size(w, j)
+    for i in range(w.ints[NE]):
+        if w.zero[i] and w.m[i] != 0.0 and w.kind[i] == FRICTION:
+            w.armed[2 * i] = False
 
 
 @inlined

@@ -55,7 +55,7 @@ class Controller(Component):
 
 
 def designed(law: Any, plant: HybridSystem) -> Any:
-    """The law designed on the declared plant; a law without `design` is returned as it is.
+    """The law designed on the declared plant; a law without a `design` of its own is returned as it is.
 
     Raises SceneError for a law whose numbers are out of bounds, and for one that linear algebra finds no gains for.
     """

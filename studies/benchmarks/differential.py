@@ -43,7 +43,7 @@ BUDGET = Budget(steps=500_000, seconds=30.0)
 ACCURACIES = (1e-5, 1e-6, 1e-7, 1e-8)
 AGREED = 1e-8
 """Relative difference of the two references from which on a trial is left out."""
-SMALLEST = 1e-9
+SMALLEST = 1e-6
 """Size [m, m/s] of a state that moves at all, of machines whose parameters are all about 1."""
 DEFECTS = ("wrong", "refused", "hanging", "crash")
 LANES = 64

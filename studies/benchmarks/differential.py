@@ -167,10 +167,13 @@ def lines_of(log: Path) -> Iterator[dict[str, Any]]:
 def work(seed: int, draws: int, numbers: range, log: Path) -> None:
     """The machines of one process, as far as its log does not hold them; what it finds is written line by line, each machine complete or not at all."""
     done = {line["number"] for line in lines_of(log) if line.get("end") == "done"}
+    parent = os.getppid()
     with log.open("a", encoding="utf-8") as file:
         for number in numbers:
             if number in done:
                 continue
+            if os.getppid() != parent:  # the search was killed, and another one may write to this log
+                return
             found: list[dict[str, Any]] = []
             file.write(json.dumps({"number": number, "begin": True}) + "\n")
             file.flush()

@@ -55,7 +55,8 @@ class DragBit(Component):
     back is not cut twice. Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands
     leaves it: the cutting force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with
     negative `bit.cut_depth` is a warning, not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry
-    nothing, it lies on the edge of what it can hold. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
+    nothing, it lies on the edge of what it can hold. `prescribed`: the speed is the input `bit.speed`, 10 rad/s without,
+    which must not be negative, and there is no contact `bit`. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
     """
 
     radius: float = quantity(0.108, "m", "radius a of the bit", above=0)
@@ -68,6 +69,7 @@ class DragBit(Component):
     engagement: float = quantity(1e-5, "m", "depth of cut from which the wear flats carry in full (assumed)", above=0)
     blades: int = 4
     nodes: int = 16
+    prescribed: bool = False
 
     def check(self):
         for name in ("blades", "nodes"):
@@ -76,7 +78,8 @@ class DragBit(Component):
                 raise SceneError(f"Argument `bit.{name}` must be a whole number >= 1, but it is {value!r}.")
 
     def equations(self, signal):
-        speed, axial_speed = signal("bit.speed", "rad/s"), signal("bit.axial_speed", "m/s")
+        speed = signal("bit.speed", "rad/s", default=10.0) if self.prescribed else signal("bit.speed", "rad/s")
+        axial_speed = signal("bit.axial_speed", "m/s")
         profile = state("bit.profile", "m", self.nodes)
         depth = self.blades * profile[-1]
         cut = ca.fmax(depth, 0)
@@ -88,20 +91,22 @@ class DragBit(Component):
         flats = DryFriction("bit.axial", axial_speed, Coulomb(1.0, 1.0), half)
         flat_weight = half - flats.force
         flat_torque = self.friction * self.geometry * self.radius / 2 * flat_weight
-        bit = DryFriction("bit", speed, Coulomb(1.0, 1.0), cutting_torque / 2 + flat_torque, slip_unit="rad/s", force_unit="N m")
-
-        passing = (
-            bit.mode * (1 + bit.mode) / 2 * speed * self.blades / (2 * math.pi)
-        )  # blade angles per second, while the bit turns forward
+        turns = speed * self.blades / (2 * math.pi)
+        if self.prescribed:
+            elements, torque, passing = [flats], cutting_torque + flat_torque, ca.fmax(turns, 0)
+        else:
+            bit = DryFriction("bit", speed, Coulomb(1.0, 1.0), cutting_torque / 2 + flat_torque, slip_unit="rad/s", force_unit="N m")
+            elements, torque = [flats, bit], cutting_torque / 2 - bit.force
+            passing = bit.mode * (1 + bit.mode) / 2 * turns  # blade angles per second, while the bit turns forward
         _, slopes = radau(self.nodes)
         along = ca.DM(slopes[1:, 1:]) @ profile + ca.DM(slopes[1:, 0]) * ca.fmin(profile[-1], 0)
         return Equations(
             flow={profile: axial_speed - passing * along},
             gives={
-                "bit.torque": (cutting_torque / 2 - bit.force, "N m"),
+                "bit.torque": (torque, "N m"),
                 "bit.weight": (self.inclination * self.specific_energy * self.radius * cut + flat_weight, "N"),
                 "bit.cut_depth": (depth, "m"),
             },
-            elements=[flats, bit],
+            elements=elements,
             stored=0.0,  # what it takes is cut or rubbed away
         )

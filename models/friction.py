@@ -177,7 +177,10 @@ class Tabulated(FrictionLaw):
             )
         if self.speeds[0] != 0.0 or any(not u < w for u, w in pairwise(self.speeds)):
             raise SceneError(f"Argument `speeds` must begin at 0 and increase, but it is {self.speeds!r}.")
-        _static_first(self.static, self.coefficients[0])
+        if self.coefficients[0] > self.static:
+            raise SceneError(
+                f"Argument `coefficients` must begin with at most the static coefficient {self.static:g}, but it begins with {self.coefficients[0]!r}."
+            )
 
 
 @dataclass(frozen=True)
@@ -218,9 +221,9 @@ class CubicStribeck(FrictionLaw):
         return self.static
 
     def check(self):
-        _static_first(self.static, self.minimum)
+        _static_first(self.static, self.minimum, "minimum")
 
 
-def _static_first(static: float, kinetic: float) -> None:
+def _static_first(static: float, kinetic: float, name: str = "kinetic") -> None:
     if kinetic > static:
-        raise SceneError(f"Argument `kinetic` must be <= the static coefficient {static:g}, but it is {kinetic!r}.")
+        raise SceneError(f"Argument `{name}` must be <= the static coefficient {static:g}, but it is {kinetic!r}.")

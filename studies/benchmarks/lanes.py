@@ -28,7 +28,7 @@ from toolbox import Controller, Sampled, compose
 from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import run_lanes
-from toolbox.lanes.loop import _begin, scalar_address
+from toolbox.lanes.loop import begin, scalar_address
 from toolbox.measuring import measures as tally
 from toolbox.modelling.start import place_start
 from toolbox.simulation.carry_out import formulas_of
@@ -53,7 +53,7 @@ def one_by_one(scalar, w, rest, memory, parameters, starts, statuses, switches, 
     held = rest[:0]
     for s in range(len(parameters)):
         w.ints[loop_layout.EVENTS] = 0
-        statuses[s] = _begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
+        statuses[s] = begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
         switches[s] = w.ints[loop_layout.EVENTS]
         states[s] = w.x[: states.shape[1]]
         for e in range(min(switches[s], ev_t.shape[1])):

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from toolbox.authoring import cached
 
 TORQUE, PI_LAW, SLIDING_LAW = 0, 1, 2
 
@@ -111,7 +112,7 @@ def ramp(
     return Ramp(nodes, at, count * step, sticks)
 
 
-@njit(cache=True)
+@cached(nogil=False, error_model="python")
 def _torque(x, n, value, law, gains, k, c):  # type: ignore[no-untyped-def]
     if law == 0:
         return value
@@ -124,7 +125,7 @@ def _torque(x, n, value, law, gains, k, c):  # type: ignore[no-untyped-def]
     return drag * top + load - inertia * lam * (top - value + top - bit) - inertia * eta * min(max(s / width, -1.0), 1.0)
 
 
-@njit(cache=True)
+@cached(nogil=False, error_model="python")
 def _slopes(x, dx, inertia, k, c, top_drag, bit_drag, rock, law, value, torque, sign):  # type: ignore[no-untyped-def]
     """Rates into dx, and the torque that the bit bears without rock; x: twists (n - 1), speeds (n), integral; sign: of the slip, 0 in stick."""
     n = inertia.size
@@ -151,7 +152,7 @@ def _slopes(x, dx, inertia, k, c, top_drag, bit_drag, rock, law, value, torque, 
     return free
 
 
-@njit(cache=True)
+@cached(nogil=False, error_model="python")
 def _advanced(x, h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains, held, sampled, sign):  # type: ignore[no-untyped-def]
     """One step of the classical Runge-Kutta method in one mode."""
     n, size = inertia.size, x.size
@@ -169,7 +170,7 @@ def _advanced(x, h, v0, v1, inertia, k, c, top_drag, bit_drag, rock, law, gains,
     return x + h * total
 
 
-@njit(cache=True)
+@cached(nogil=False, error_model="python")
 def _ramped(inertia, k, c, top_drag, bit_drag, rock, law, gains, every, late, nodes, values, h, count):  # type: ignore[no-untyped-def]
     n = inertia.size
     x, slope = np.zeros(2 * n), np.empty(2 * n)

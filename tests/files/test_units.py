@@ -144,3 +144,14 @@ def test_a_part_that_declares_an_unknown_unit_still_takes_plain_numbers():
 def test_no_text_whatever_raises_anything_but_a_scene_error(text):
     with contextlib.suppress(SceneError):
         assert math.isfinite(parse(text, "N"))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [10**1_000_000, "1" * 1_000_000 + " N", "1" * 1_000_000, "1e" + "9" * 1_000_000 + " N", "1 " + "N" * 1_000_000, "1e9999 N"],
+    ids=["an integer", "digits", "digits without unit", "an exponent", "a unit", "an exponent that overflows"],
+)
+def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value):
+    with pytest.raises(SceneError, match="Argument `force` must be") as caught:
+        parse(value, "N", "force")
+    assert len(str(caught.value)) < 200

@@ -393,3 +393,17 @@ def test_a_coupled_string_has_as_many_states_and_contacts_as_its_mechanisms(node
 def test_a_bit_that_cannot_be_built_is_refused_by_name(change, word):
     with pytest.raises(SceneError, match=word):
         rig(bit=dataclasses.replace(BIT, **change))
+
+
+def test_a_bit_at_a_prescribed_speed_is_that_on_an_inertia_that_nothing_slows_down():
+    def axial(bit, *others):
+        return compose(AxialChain(mass=(MASS,), stiffness=(), damping=(), hook_load=MASS * 9.81 - 40_000.0), bit, *others)
+
+    alone = axial(dataclasses.replace(BIT, prescribed=True))
+    heavy = axial(BIT, TorsionalPendulum(inertia=1e16, stiffness=0.0, top_speed=12.0))
+    times = np.linspace(0.0, 1.0, 21)
+    found = simulate(alone, 1.0, inputs={"bit.speed": 12.0}, output_times=times, accuracy=1e-9)
+    expected = simulate(heavy, 1.0, start={"bit.speed": 12.0}, output_times=times, accuracy=1e-9)
+    for name in ("bit.torque", "bit.weight", "bit.cut_depth"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=1e-6 * np.abs(expected[name]).max())
+    assert "bit.speed" in alone.inputs and [element.name for element in alone.elements] == ["bit.axial"]

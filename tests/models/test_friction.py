@@ -239,3 +239,15 @@ def test_the_parameters_of_a_law_are_named_after_its_contact():
     plant = compose(BlockOnBelt(friction=Exponential()))
     assert {"belt.friction.static", "belt.friction.kinetic", "belt.friction.decay"} <= set(plant.parameters)
     assert plant.parameter("belt.friction.decay") == 0.9
+
+
+def test_laws_complain_of_fields_that_they_have():
+    with pytest.raises(SceneError, match="Argument `coefficients` must begin with at most the static coefficient 0.4, but it begins with 0.5"):
+        compose(BlockOnBelt(friction=Tabulated(coefficients=(0.5, 0.3, 0.2, 0.2))))
+    with pytest.raises(SceneError, match="Argument `minimum` must be <= the static coefficient 0.1"):
+        compose(BlockOnBelt(friction=CubicStribeck(static=0.1)))
+
+
+def test_a_law_that_is_a_force_is_a_coefficient_under_a_weight_on_a_radius():
+    under_weight = compose(wells.JANSEN_2, BitRock(friction=Hyperbolic(static=0.8)))
+    assert under_weight.unit("bit.friction.static") == "1" and compose(BlockOnBelt()).unit("belt.friction.static") == "N"

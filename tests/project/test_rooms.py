@@ -15,6 +15,15 @@ FLOORS = (
 
 LONGEST_FILE, LONGEST_FUNCTION, MOST_ARGUMENTS = 500, 100, 12
 
+MORE_ARGUMENTS = {
+    "sweep.sweep", "onset.onset", "severity_map.severity_map", "fit.fit", "worst_case.worst_case", "tabulated_string.from_tables",
+}  # fmt: skip
+"""Functions, as file.name, that take what their users need to say."""
+
+ONE_BY_ONE = {"event_loop.evaluate", "condensing.cost", "condensing.condense", "condensing.wound_up", "condensing.regulated", "rock_filter.__init__"}
+"""Functions, as file.name, whose arguments still have to be put together."""
+
+
 
 def room(path: Path) -> str:
     """The room of a file given by its path inside `toolbox`."""
@@ -82,6 +91,15 @@ def test_files_and_functions_can_be_read_at_once(root):
     assert not long
     large = [f"{path}: {node.name}" for path, node in functions(root) if node.end_lineno - node.lineno + 1 > LONGEST_FUNCTION]
     assert not large
+
+
+def test_functions_take_few_arguments_unless_users_need_them(root):
+    many = []
+    for path, node in functions(root):
+        count = sum(argument.arg not in ("self", "cls") for argument in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs))
+        if count > MOST_ARGUMENTS and f"{path.stem}.{node.name}" not in MORE_ARGUMENTS | ONE_BY_ONE:
+            many.append(f"{path}: {node.name} takes {count} arguments")
+    assert not many, "\n".join(many)
 
 
 @pytest.mark.parametrize("package", ["models", "controllers"])

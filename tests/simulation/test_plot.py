@@ -18,7 +18,8 @@ from controllers import IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
 from toolbox import SceneError, compose, simulate
 from toolbox.measuring.measure import extent, stick_intervals
-from toolbox.simulation.plot import LINES, MANY_EVENTS, TONES, comparison, phase_plane, traces
+from toolbox.simulation.plot import comparison, phase_plane, traces
+from toolbox.simulation.style import LINES, MANY_EVENTS, TONES
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("closed_figures")]
 

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.calibration.residuals import Loop, Simulated
-from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
 
 
 def fitted(misfit: Loop | Simulated, values: np.ndarray) -> Any:

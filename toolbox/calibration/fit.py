@@ -12,7 +12,6 @@ one point of a line of equally good ones. The singular values of J show that, an
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -25,7 +24,10 @@ import numpy as np
 from toolbox.arguments import is_finite_number, mapping, whole
 from toolbox.calibration.recording import Recording
 from toolbox.calibration.residuals import Loop, Simulated, residuals
+from toolbox.calibration.resting import resting
+from toolbox.calibration.trust import Residual, residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files import tables
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start
@@ -46,27 +48,14 @@ DRAWS = 10
 
 
 @dataclass(frozen=True)
-class Residual:
-    """What is left of one signal: rms in its unit, its part of the measured range, and the p-value of whiteness (Ljung and Box 1978).
-
-    p below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
-    """
-
-    signal: str
-    unit: str
-    rms: float
-    part: float
-    whiteness: float
-    correlation: float
-
-
-@dataclass(frozen=True)
 class Fit:
     """Estimates: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
 
     names, units, values, errors: of the estimates (errors are standard deviations), shapes (k,);  covariance: (k, k);  confidence, factor: of the
     intervals, estimate +- factor * error;  residuals: one per measured output;  condition: of the scaled Jacobian;  at_bounds: names that ended at
-    a bound;  agreeing: how many of `starts` ended at this optimum;  misfit: model and data.
+    a bound, or at another number;  agreeing: how many of `starts` ended at this optimum;  misfit: model and data;  resting: {name: why it cannot go on to its
+    optimum} of those that rest on another number;  mute: names without influence where others rest, which so have no estimate;
+    sampling: about how far each estimate is off because measured inputs are known at their samples only, shape (k,).
     """
 
     names: tuple[str, ...]
@@ -82,6 +71,9 @@ class Fit:
     agreeing: int
     starts: int
     misfit: Any = field(repr=False)
+    resting: Mapping[str, str] = field(default_factory=dict)
+    mute: tuple[str, ...] = ()
+    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -101,8 +93,9 @@ class Fit:
     def correlation(self) -> np.ndarray:
         """Correlation of the estimates, shape (k, k)."""
         size = np.sqrt(np.diag(self.covariance))
-        size[size == 0.0] = 1.0
-        return self.covariance / np.outer(size, size)
+        known = np.isfinite(size) & (size > 0.0)
+        size[~known] = 1.0
+        return np.where(np.outer(known, known), self.covariance, 0.0) / np.outer(size, size)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -142,32 +135,31 @@ class Fit:
         lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
         lines.append("")
         for left in self.residuals:
-            verdict = (
-                "white"
-                if left.whiteness >= 0.05
-                else f"NOT white: neighbours correlate by {left.correlation:.2f}, so intervals are too narrow"
-            )
-            lines.append(
-                f"  left of {left.signal}: rms {left.rms:.4g} {left.unit}, {100 * left.part:.2g} % of its range; {verdict} (p = {left.whiteness:.2g})"
-            )
+            lines += left.lines()
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(
                 f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
             )
-        lines += [f"  `{name}` ended at its bound: its interval means nothing, and the optimum lies outside." for name in self.at_bounds]
+        for name in self.at_bounds:
+            where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
+            lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
+        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
+        for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
+            if abs(shift) > self.factor * error:
+                lines.append(
+                    f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
+                    f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
+                )
         if not self.misfit.exact:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:
         """Write estimates, deviations and intervals as csv in SI units."""
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(["name", "unit", "estimate", "standard deviation", "low", "high"])
-            for name, unit, value, error in zip(self.names, self.units, self.values, self.errors, strict=True):
-                table.writerow([name, unit, float(value), float(error), *self.interval(name)])
-        return Path(path)
+        estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
+        headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
+        return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
 
     def plot(self) -> Any:
         """Measured against model: traces, what is left of them, and the loop of friction; returns the axes."""
@@ -334,13 +326,14 @@ class _Search:
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
         scales = self._given_noise(sizes)
         found: list[Any] = []
+        trial = misfit.trial()
         reason: Exception | None = None
         with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
             for begin in self._begins():
                 if len(found) == self.starts:
                     break
                 try:
-                    found.append(self._descend(begin, scales, self.misfit.horizons()))
+                    found.append(self._descend(begin, scales, trial.horizons()))
                     bar.update()
                 except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
                     reason = reason or error
@@ -348,28 +341,64 @@ class _Search:
             raise reason or SimulationError("No start of the fit could be simulated.")
         best = min(found, key=lambda each: each.cost)
         agreeing = int(sum(each.cost <= best.cost * (1 + 1e-3) + 1e-12 for each in found))
-        values = best.x
-        if self.noise is None:
+        values = best.x if trial is misfit else self._descend(best.x, scales, [misfit]).x
+        if self.noise is None and len(misfit.outputs) > 1:  # the weight of one alone changes nothing
             left = self._left(values)
             scales = {name: max(float(np.sqrt(np.mean(left[name] ** 2))), 1e-9 * sizes[name]) for name in left}
             values = self._descend(values, scales, [misfit]).x
-        slopes = misfit.slopes(values, self._size(values))
-        jacobian = np.concatenate([slopes[name] / scales[name] for name in misfit.outputs])
-        condition = self._identifiable(values, np.concatenate([slopes[name] / sizes[name] for name in misfit.outputs]))
-        left = self._left(values)
+        size = self._size(values)
+        jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        rest = resting(misfit, values, size, jacobian, self._weighed(left, scales), self.low, self.high)
+        ways = rest.directions
+        if rest.why:
+            values = self._along(rest.values, ways, scales) if rest.together else rest.values
+            size = self._size(values)
+            jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
+        weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
+        per_part = (jacobian * weights[:, None]) @ (size[:, None] * ways)
+        heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE if rest.why else np.ones(ways.shape[1], bool)
+        labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
+        condition = self._identifiable(labels, per_part[:, heard])
+        ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
+        jacobian = jacobian @ ways
         n, k = jacobian.shape
         if n <= k:
             raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
         sum_of_squares = sum(float(((left[name] / scales[name]) ** 2).sum()) for name in left)
-        covariance = np.linalg.inv(jacobian.T @ jacobian) * sum_of_squares / (n - k)
+        covariance = ways @ np.linalg.inv(jacobian.T @ jacobian) @ ways.T * sum_of_squares / (n - k)
+        covariance[mute, mute] = math.inf
         factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
         edge = np.minimum(values - self.low, self.high - values) < 1e-6 * span
         return Fit(
             self.names, self.units, values, np.sqrt(np.diag(covariance)), covariance, self.confidence, factor,
-            tuple(_residual(misfit, name, left[name]) for name in misfit.outputs), condition,
-            tuple(name for name, at in zip(self.names, edge, strict=True) if at), agreeing, len(found), misfit,
+            tuple(residual_of(name, misfit.plant.unit(name), left[name], misfit.measured[name]) for name in misfit.outputs), condition,
+            tuple(name for i, name in enumerate(self.names) if edge[i] or i in rest.why), agreeing, len(found), misfit,
+            {self.names[i]: words for i, words in rest.why.items()}, tuple(name for name, silent in zip(self.names, mute.tolist(), strict=True) if silent),
+            ways @ sampling_error(misfit, values, jacobian, scales),
         )  # fmt: skip
+
+    def _along(self, values: np.ndarray, ways: np.ndarray, scales: Mapping[str, float]) -> np.ndarray:
+        """Where least squares end in these directions, in which numbers that rest on each other move as one."""
+        from scipy.optimize import least_squares
+
+        size = self._size(values)
+        length = np.array([size[way != 0].max() for way in ways.T])
+        low = np.array([np.max((self.low - values)[way != 0]) for way in ways.T]) / length
+        high = np.array([np.min((self.high - values)[way != 0]) for way in ways.T]) / length
+
+        def slopes(z: np.ndarray) -> np.ndarray:
+            return self._weighed(self.misfit.slopes(values + ways @ (z * length), size), scales) @ ways * length
+
+        found = least_squares(
+            lambda z: residuals(self.misfit, values + ways @ (z * length), scales), np.zeros(ways.shape[1]), slopes,
+            bounds=(np.minimum(low, -1e-15), np.maximum(high, 1e-15)), xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=100,
+        )  # fmt: skip
+        return values + ways @ (found.x * length)
+
+    def _weighed(self, found: Mapping[str, np.ndarray], scales: Mapping[str, float]) -> np.ndarray:
+        """All signals in a row, in parts of their noise."""
+        return np.concatenate([found[name] / scales[name] for name in self.misfit.outputs])
 
     def _given_noise(self, sizes: Mapping[str, float]) -> dict[str, float]:
         if self.noise is None:
@@ -423,11 +452,10 @@ class _Search:
         model = self.misfit.model(values)
         return {name: model[name] - self.misfit.measured[name] for name in self.misfit.outputs}
 
-    def _identifiable(self, values: np.ndarray, jacobian: np.ndarray) -> float:
+    def _identifiable(self, names: Sequence[str], per_part: np.ndarray) -> float:
         """Condition of the scaled Jacobian; raises SceneError where it is singular, and names what is to blame."""
-        per_part = jacobian * self._size(values)
         length = np.sqrt((per_part**2).mean(axis=0))
-        mute = [name for name, size in zip(self.names, length, strict=True) if size < MUTE]
+        mute = [name for name, size in zip(names, length, strict=True) if size < MUTE]
         if mute:
             words = " and ".join(f"`{name}`" for name in mute)
             raise SceneError(
@@ -437,7 +465,7 @@ class _Search:
         if singular[-1] < SINGULAR * singular[0]:
             direction = directions[-1] / np.linalg.norm(per_part, axis=0)
             direction /= np.abs(direction).max()
-            involved = [(name, part) for name, part in zip(self.names, direction, strict=True) if abs(part) > 0.05]
+            involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
             words = " and ".join(f"`{name}`" for name, _ in involved)
             changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
             raise SceneError(
@@ -445,20 +473,3 @@ class _Search:
                 f"leave every residual as it is (singular values {singular[-1]:.1e} : {singular[0]:.1e}). Fix all of them but one."
             )
         return float(singular[0] / singular[-1])
-
-
-def _residual(misfit: Any, name: str, left: np.ndarray) -> Residual:
-    from scipy.stats import chi2
-
-    measured = misfit.measured[name]
-    n = left.size
-    centred = left - left.mean()
-    power = float(centred @ centred)
-    lags = max(1, min(20, n // 5))
-    correlations = [float(centred[i:] @ centred[:-i]) / power if power else 0.0 for i in range(1, lags + 1)]
-    portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
-    span = float(np.ptp(measured))
-    rms = float(np.sqrt(np.mean(left**2)))
-    return Residual(
-        name, misfit.plant.unit(name), rms, rms / span if span else math.nan, float(chi2.sf(portmanteau, lags)), correlations[0]
-    )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
+import struct
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +16,14 @@ import numpy as np
 from toolbox.arguments import finite_array, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables as table
+from toolbox.files.archives import understood
 from toolbox.files.units import parse
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.saved_run import SavedRun
 from toolbox.simulation.trajectory import Trajectory
+
+NULLS = (-999.25, -999.0, -9999.0, -9999.25, -99999.0)
+"""Numbers by which logs say that there is no value (the NULL of LAS files, and its relatives)."""
 
 _NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
@@ -111,8 +118,24 @@ def _of_table(path: Path, plant: HybridSystem, columns: Mapping[str, str] | None
         for name, heading in columns.items():
             if name != "time":
                 wanted.append(table.Column(name, plant.signal_unit(name), (heading,)))
-    rows = table.read(path, wanted, others=columns is not None).rows
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    found = table.read(path, wanted, others=columns is not None)
+    values = {name: np.array([row[name] for row in found.rows]) for name in found.rows[0]}
+    for name, array in values.items():
+        match = _NAMED.fullmatch(found.headings[name])
+        factor = parse(f"1 {match[2]}", "s" if name == "time" else plant.unit(name), name) if match and match[2] else 1.0
+        _check_nulls(array / factor, f"Table `{path}`, column `{found.headings[name]}`,")
+    return values
+
+
+def _check_nulls(numbers: np.ndarray, where: str) -> None:
+    """Raise SceneError for the numbers by which logs say that they have none."""
+    for null in NULLS:
+        places = np.flatnonzero(np.isclose(numbers, null, rtol=1e-12, atol=0.0))
+        if places.size:
+            raise SceneError(
+                f"{where} must hold measured numbers, but {places.size} are {null:g}, the sign of logs for none, the first in sample {int(places[0]) + 1}: "
+                "leave those samples out."
+            )
 
 
 def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[str, np.ndarray]:
@@ -132,13 +155,27 @@ def _mat(path: Path) -> dict[str, Any]:
     if not path.is_file():
         beside = [other.name for other in path.parent.glob("*.mat")] if path.parent.is_dir() else []
         raise SceneError(f"There is no file `{path}`" + (f": {suggest(path.name, beside)}" if beside else "."))
-    try:
-        found = loadmat(path, squeeze_me=True)
-    except NotImplementedError:
-        raise SceneError(f"File `{path}` must be a MAT file up to version 7, but it is of version 7.3: save it with `-v7`.") from None
-    except Exception as error:  # scipy has no common base for what a damaged file raises
-        raise SceneError(f"File `{path}` must be a MAT file, but: {error}.") from None
+    with understood(path, "a MAT file"):
+        content = path.read_bytes()
+        try:
+            found = loadmat(io.BytesIO(content), squeeze_me=True)
+        except NotImplementedError:
+            raise SceneError(f"File `{path}` must be a MAT file up to version 7, but it is of version 7.3: save it with `-v7`.") from None
+        _check_compressed(content)
     return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _check_compressed(content: bytes) -> None:
+    """Unpack every compressed element of a MAT file of version 5 to its end, where its checksum is looked at: scipy stops before. Raises zlib.error."""
+    little = content[126:128] == b"IM"
+    if not little and content[126:128] != b"MI":
+        return  # version 4, which has neither
+    at = 128
+    while at + 8 <= len(content):
+        kind, size = struct.unpack_from("<II" if little else ">II", content, at)
+        if kind == 15:
+            zlib.decompress(content[at + 8 : at + 8 + size])
+        at += 8 + (size if kind == 15 else -(-size // 8) * 8)
 
 
 def _of_arrays(given: Mapping[str, Any], where: str, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, np.ndarray]:
@@ -152,7 +189,9 @@ def _of_arrays(given: Mapping[str, Any], where: str, plant: HybridSystem, column
         if name != "time" and columns is None and not plant.has_signal(name):
             raise SceneError(f"{where} has the unknown column `{name}`: {suggest(name, _known(plant))}")
         own = "s" if name == "time" else _scalar_unit(plant, name)
-        values[name] = _numbers(given[column], f"{where}, column `{column}`,") * (1.0 if unit is None else parse(f"1 {unit}", own, column))
+        numbers = _numbers(given[column], f"{where}, column `{column}`,")
+        _check_nulls(numbers, f"{where}, column `{column}`,")
+        values[name] = numbers * (1.0 if unit is None else parse(f"1 {unit}", own, column))
     sizes = {name: array.size for name, array in values.items()}
     for name, size in sizes.items():
         if size != sizes["time"]:

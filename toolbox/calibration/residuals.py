@@ -11,6 +11,7 @@ Two misfits, one interface (`model`, `slopes`, `measured`, `time`):
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
 from toolbox.modelling.elements import DryFriction
@@ -29,6 +31,9 @@ from toolbox.simulation.trajectory import Trajectory
 
 HORIZONS = (0.25, 0.5)
 """Parts of the data that a simulation is fitted to before all of them."""
+
+TRIAL = 500
+"""Samples of a loop, about, with which the searches from different starts are done."""
 
 BREAKAWAY_SAMPLES = 10
 """Last samples of a stick phase through which a line is laid, whose end is the force at break-away; a shorter phase tells nothing."""
@@ -66,6 +71,20 @@ class Simulated:
         ]
         return [*shorter, self]
 
+    def thinned(self) -> Simulated | None:
+        """The misfit with every other sample of its measured inputs left out; None where no input is measured."""
+        given = self.arguments["inputs"]
+        measured = [name for name in self.recording.signals if name in given and isinstance(given[name], tuple)]
+        if not measured:
+            return None
+        keep = np.unique(np.append(np.arange(0, self.recording.time.size, 2), self.recording.time.size - 1))
+        fewer = {name: tuple(np.asarray(row)[keep] for row in given[name]) for name in measured}
+        return Simulated(self.plant, self.recording, self.names, {**self.arguments, "inputs": {**given, **fewer}})
+
+    def trial(self) -> Simulated:
+        """The misfit itself: a simulation needs every sample of its inputs."""
+        return self
+
     def kind(self, name: str) -> str:
         """What of `simulate` a free name changes: "inputs", "parameters" or "start"."""
         if name in self.arguments["inputs"]:
@@ -79,6 +98,10 @@ class Simulated:
             given[self.kind(name)][name] = float(value)
         given |= {word: value for word, value in self.arguments.items() if word not in given}
         return simulate(self.plant, float(self.recording.time[-1]), output_times=self.recording.time, **given)
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self.plant.with_parameters({name: float(v) for name, v in zip(self.names, values, strict=True) if self.kind(name) == "parameters"})
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """Simulated outputs at the measured times; where a signal jumps within half a sampling interval of a sample, the nearer side counts.
@@ -150,12 +173,13 @@ class Loop:
         self._complain_about_missing(contact, ca.vertcat(*law))
         free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in names])
         symbols = [plant.x, self._u_symbol, plant.p, plant.m, side]
-        self._law = ca.Function("law", symbols, law)
-        self._law_slopes = ca.Function("law_slopes", symbols, [ca.densify(ca.jacobian(each, free)) for each in law[1:3]])
+        self._law = Columnwise(ca.Function("law", symbols, law))
+        self._law_slopes = Columnwise(ca.Function("law_slopes", symbols, [ca.densify(ca.jacobian(each, free)) for each in law[1:3]]))
         self._switches = switches
 
+        self._last: tuple[bytes, np.ndarray] = (b"", plant.values)
         self._side = np.zeros(recording.time.size)
-        self.slip = self._of(self._law, plant.values)[0]
+        self.slip = np.broadcast_to(self._of(self._law, plant.values)[0][0], recording.time.size)
         self.still = 0.01 * float(np.abs(self.slip).max()) if still is None else still
         moving = np.abs(self.slip) > self.still
         if not moving.any():
@@ -164,7 +188,7 @@ class Loop:
             )
         self._side = np.sign(np.where(moving, self.slip, np.append(self.slip[1:], 0.0)))
         values, release = recording.signals[self.output].copy(), []
-        toward = np.sign(self._of(self._law, plant.values)[3])
+        toward = np.broadcast_to(np.sign(self._of(self._law, plant.values)[3][0]), values.size)
         for k in np.flatnonzero(moving[1:] & ~moving[:-1]) if self._jumps(element) else []:
             first = 1 + int(np.max(np.flatnonzero(moving[: k + 1]), initial=-1))
             if k + 1 - first >= BREAKAWAY_SAMPLES:  # a shorter one is noise where slip begins or ends
@@ -180,6 +204,22 @@ class Loop:
     def horizons(self) -> list[Loop]:
         """The misfit itself: samples of a loop do not know of each other."""
         return [self]
+
+    def thinned(self) -> None:
+        """None: a loop asks for its inputs at the samples only."""
+        return
+
+    def trial(self) -> Loop:
+        """The misfit of at most about `TRIAL` samples, all break-aways among them: enough to find what is then fitted to all."""
+        if self.rows.size <= 2 * TRIAL:
+            return self
+        chosen = self.released.copy()
+        chosen[:: self.rows.size // TRIAL] = True
+        few, kept = copy.copy(self), self.rows[chosen]
+        few._x, few._u, few._side = self._x[:, kept], self._u[:, kept], self._side[kept]
+        few.rows, few.released = np.arange(kept.size), self.released[chosen]
+        few.time, few.measured = ({name: values[chosen] for name, values in each.items()} for each in (self.time, self.measured))
+        return few
 
     def _jumps(self, element: Any) -> bool:
         """Whether the force drops at release: then release is sharp, and the force before it is the static bound; else slip itself tells the bound."""
@@ -242,32 +282,45 @@ class Loop:
                         f"The data must hold `{label}`, which the friction of `{contact}` depends on, but they hold only {held}."
                     )
 
-    def _of(self, function: ca.Function, p: np.ndarray) -> list[np.ndarray]:
-        """Rows of a function of the law at all samples; a law with breaks is beyond those that the slip exceeds."""
+    def _of(self, function: Columnwise, p: np.ndarray) -> list[list[Any]]:
+        """Entries of the results of a function of the law, each a number or an array of all samples; a law with breaks is beyond those that slip exceeds."""
         count = self._side.size
-        m = np.zeros((self.plant.m.numel(), count))
+        m: list[Any] = [0.0] * self.plant.m.numel()
         m[self.place] = self._side
-        grid = np.repeat(p[:, None], count, axis=1)
+        given = (list(self._x), list(self._u), p.tolist(), m, [self._side])
         if self._switches:
-            slip, *_, places = self._law(self._x, self._u, grid, m, self._side[None])
-            m[self._switches] = self._side * np.array(slip) >= np.array(places)
-        found = function(self._x, self._u, grid, m, self._side[None])
-        return [np.array(each)[0] for each in found[:4]]
+            (slip,), *_, places = self._law(*given, count=count)
+            for at, place in zip(self._switches, places, strict=True):
+                m[at] = 1.0 * (self._side * slip >= place)
+        return function(*given, count=count)
+
+    def _counted(self, sliding: Any, release: Any) -> np.ndarray:
+        """A quantity at the samples that count: at break-away that of release."""
+        found = np.broadcast_to(sliding, self._side.size)[self.rows]
+        if self.released.any():
+            found[self.released] = np.broadcast_to(release, self._side.size)[self.rows[self.released]]
+        return found
+
+    def allowed(self, values: np.ndarray) -> None:
+        """Raise SceneError where the numbers contradict each other."""
+        self._numbers(values)
 
     def _numbers(self, values: np.ndarray) -> np.ndarray:
-        return self.plant.with_parameters(dict(zip(self.names, map(float, values), strict=True))).values
+        """All numbers of the plant; raises SceneError where they contradict each other. Kept for the slopes at the same place."""
+        key = values.tobytes()
+        if self._last[0] != key:
+            self._last = (key, self.plant.with_parameters(dict(zip(self.names, map(float, values), strict=True))).values)
+        return self._last[1]
 
     def model(self, values: np.ndarray) -> dict[str, np.ndarray]:
         """The force of the law at the measured slip, and with the static bound at break-away."""
-        _, sliding, release, _ = self._of(self._law, self._numbers(values))
-        return {self.output: np.where(self.released, release[self.rows], sliding[self.rows])}
+        _, (sliding,), (release,), *_ = self._of(self._law, self._numbers(values))
+        return {self.output: self._counted(sliding, release)}
 
     def slopes(self, values: np.ndarray, sizes: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `model` with respect to the free numbers, shape (nt, k), exact."""
-        sliding, release = (
-            each.reshape(self._side.size, len(self.names))[self.rows] for each in self._of(self._law_slopes, self._numbers(values))
-        )
-        return {self.output: np.where(self.released[:, None], release, sliding)}
+        both = self._of(self._law_slopes, self._numbers(values))
+        return {self.output: np.stack([self._counted(*each) for each in zip(*both, strict=True)], axis=1)}
 
 
 def _peak(time: np.ndarray, values: np.ndarray, toward: float) -> tuple[int, float]:

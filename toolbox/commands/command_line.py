@@ -11,18 +11,25 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from toolbox.commands import fit, listing, onset, simulate, study, sweep, tradeoff, tune
-from toolbox.commands.terminal import INTERRUPTED, complaint
+from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
+from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError
+from toolbox.files.interrupts import GATE
 
 COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; the errors of a user are one line on stderr."""
-    given = _parser().parse_args(arguments)
+def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:
+    """Run the command line and return its exit code; the errors of a user are one line on stderr. watch: of a process that is ended by an interrupt."""
+    words = NOTHING
     try:
+        given = _parser().parse_args(arguments)
+        words = given.words(given)
+        if watch is not None:
+            watch.words = words
         return given.action(given)
     except SceneError as error:
         return complaint(str(error), 2)
@@ -33,19 +40,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complaint(f"{error.filename or 'Output'}: {error.strerror or error}.", 1)
     except KeyboardInterrupt as interrupt:
         notes = getattr(interrupt, "__notes__", [])
-        words = f"interrupted; {notes[0]}" if notes else getattr(given, "interrupted", "interrupted, and nothing was written.")
+        words = f"interrupted; {notes[0]}" if notes else words
+        if watch is not None:
+            watch.interrupted(words)
         return complaint(words, INTERRUPTED)
 
 
-def script() -> None:
+def script() -> NoReturn:
     """Run the command line as a process."""
-    code = main()
-    if code == INTERRUPTED:
-        # an interrupt that reached Python inside an exec of text ends the process as killed even where it was caught (3.11 to 3.13)
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    sys.exit(code)
+    watch = Watch()
+    try:
+        watch.begin()
+        try:
+            code = main(watch=watch)
+        except SystemExit as end:  # of the help, and of arguments that are wrong
+            code = end.code if isinstance(end.code, int) else 0
+        watch.over(code)
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) or GATE.interrupted:
+            watch.interrupted()
+        raise
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -54,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
+    parser.set_defaults(words=lambda given: NOTHING)
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:

@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any
 from toolbox.commands import figures
 from toolbox.commands.terminal import file_stems, plain
 from toolbox.errors import SceneError
+from toolbox.files.atomic import whole_folder
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.sweeps.designs import Variations
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
+
+MAP_FILES = ("map.txt", "map.png")
 
 GOES_ON = "interrupted; the same call goes on from here."
 
@@ -54,7 +57,7 @@ def add(commands: Any) -> None:
     many.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
     )
-    many.set_defaults(action=run, interrupted=GOES_ON)
+    many.set_defaults(action=run, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
         help="severity of stick-slip over two parameters, with its borders",
@@ -73,7 +76,7 @@ def add(commands: Any) -> None:
     chart.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
     )
-    chart.set_defaults(action=run_map, interrupted=GOES_ON)
+    chart.set_defaults(action=run_map, words=lambda given: GOES_ON)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -165,7 +168,6 @@ def run_map(given: argparse.Namespace) -> int:
     """Map the severity of stick-slip over two numbers. Returns the exit code."""
     from toolbox.onsets.severity_map import severity_map
     from toolbox.scenes.scene import Scene
-    from toolbox.sweeps.store import folder_of
 
     scene = Scene.load(given.scene)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
@@ -200,16 +202,27 @@ def run_map(given: argparse.Namespace) -> int:
                 raise
             failures[label] = str(error)
             continue
-        if not goes_on:
-            folder_of(folder)
-            found.save(folder / "map.npz")
-        (folder / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-        figures.draw_found(found, found.title, folder / "map.png")
+        names = MAP_FILES if goes_on else (*MAP_FILES, "map.npz")
+        with whole_folder(folder, names, _earlier_map, last=False) as made:
+            if not goes_on:
+                found.save(made / "map.npz")
+            (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
+            figures.draw_found(found, found.title, made / "map.png")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")
     print(f"Figures, reports and data are in {given.out}")
     return 1 if len(failures) == len(labels) else 0
+
+
+def _earlier_map(path: Path) -> set[str]:
+    """Names of the files that an earlier map left in a folder, beside its data, as its report tells."""
+    try:
+        if not (path / "map.txt").read_text(encoding="utf-8").startswith("Severity map of "):
+            return set()
+    except (OSError, ValueError):
+        return set()
+    return {name for name in MAP_FILES if (path / name).is_file()}
 
 
 def _closed(scene: Any, label: str) -> HybridSystem:

@@ -8,9 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-INTERRUPTED = 130
-"""Exit code of what was interrupted."""
-
 
 def complaint(text: str, code: int) -> int:
     """Say what went wrong on stderr, in one line, and return the exit code."""

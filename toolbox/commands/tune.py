@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import INTERRUPTED, complaint, plain
+from toolbox.commands.interrupt import NOTHING
+from toolbox.commands.terminal import complaint, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -55,7 +57,7 @@ def add(commands: Any) -> None:
     tuning.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
     )
-    tuning.set_defaults(action=run)
+    tuning.set_defaults(action=run, words=_words)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -79,23 +81,18 @@ def run(given: argparse.Namespace) -> int:
     }
     if given.processes < 1:
         raise SceneError(f"Argument `--processes` must be >= 1, but it is {given.processes}.")
-    try:
-        with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
-            found = tune(
-                list(scenes.values()), given.law, list(given.objective), bounds,
-                over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
-                executor=executor,
-            )  # fmt: skip
-            (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
-            found.save(folder / "trials.csv")
-            if found.front:
-                figures.draw_found(found, found.title, folder / "tune.png")
-                for path, scene in scenes.items():
-                    found.applied(scene, given.law).save(folder / names[path])
-    except KeyboardInterrupt:
-        if given.journal is None:
-            raise
-        return complaint(f"interrupted; the same command goes on from `{given.journal}`.", INTERRUPTED)
+    with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
+        found = tune(
+            list(scenes.values()), given.law, list(given.objective), bounds,
+            over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
+            executor=executor,
+        )  # fmt: skip
+        (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
+        found.save(folder / "trials.csv")
+        if found.front:
+            figures.draw_found(found, found.title, folder / "tune.png")
+            for path, scene in scenes.items():
+                found.applied(scene, given.law).save(folder / names[path])
     print(found)
     if not found.front:
         return complaint(f"the tuning found nothing; the points it tried are in {given.out}.", 1)
@@ -103,16 +100,26 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _pool(processes: int) -> Any:
-    """An executor of so many processes, as a context; of none for one, which is this one."""
+def _words(given: argparse.Namespace) -> str:
+    """What is said when it is interrupted."""
+    return NOTHING if given.journal is None else f"interrupted; the same command goes on from `{given.journal}`."
+
+
+@contextlib.contextmanager
+def _pool(processes: int) -> Iterator[Any]:
+    """An executor of so many processes, which begins nothing more when the block is left by an error; none for one, which is this one."""
     if processes == 1:
-        return contextlib.nullcontext()
-    import concurrent.futures
-    import multiprocessing
+        yield None
+        return
+    from toolbox.sweeps.executors import Workers
 
-    from toolbox.sweeps.executors import deaf
-
-    return concurrent.futures.ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
+    pool = Workers(processes)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import hashlib
+import itertools
 import os
 import struct
 import sys
-import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any
 import casadi as ca
 
 from toolbox.errors import SceneError
+from toolbox.files.atomic import replaced
 
 FLAGS = "contract nsz arcp"
 """Fast-math flags: fused multiply-add and reciprocals, never reassociation; NaN and infinity keep their meaning."""
@@ -199,12 +200,19 @@ def cache_directory() -> Path:
     named = os.environ.get("STICKSLIP_CACHE_DIR")
     if named:
         return Path(named)
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    if not base:
+        try:
+            base = str(Path.home() / ".cache")
+        except RuntimeError:  # a user without a home, as in a container: nothing can be kept there, which costs time only
+            base = os.devnull
     return Path(base) / "stickslip"
 
 
 _LOADED: dict[str, Any] = {}
 _MACHINE: list[Any] = []
+_LINKER: list[Any] = []
+_NUMBERS = itertools.count()
 
 
 LARGE = 20_000
@@ -243,8 +251,10 @@ def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
             library = library.import_symbol(symbol, _libm_address(symbol))
         for name in names:
             library = library.export_symbol(name)
-        _LOADED[key] = (jit := llvm.create_lljit_compiler(use_jit_link=False), library.link(jit, f"kernel-{key}"))
-    return {name: _LOADED[key][1][name] for name in names}
+        if not _LINKER:
+            _LINKER.append(llvm.create_lljit_compiler(use_jit_link=False))  # one for all: each takes a third of a megabyte
+        _LOADED[key] = library.link(_LINKER[0], f"kernel-{key}-{next(_NUMBERS)}")
+    return {name: _LOADED[key][name] for name in names}
 
 
 def _object_code(llvm: Any, text: str, large: bool) -> bytes:
@@ -256,7 +266,7 @@ def _object_code(llvm: Any, text: str, large: bool) -> bytes:
         jit=True,
         reloc="pic",
     )
-    module = llvm.parse_assembly(text)
+    module = llvm.parse_assembly(text, llvm.create_context())  # which keeps its types and constants to itself, and goes with it
     module.verify()
     tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
     tuning.slp_vectorization = False
@@ -279,11 +289,9 @@ def _write_atomically(path: Path, image: bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _make_room(path.parent)
-        handle, name = tempfile.mkstemp(dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
+        with replaced(path) as file:
             file.write(image)
-        os.replace(name, path)
-    except OSError:
+    except (OSError, SceneError):
         pass
 
 

@@ -107,6 +107,37 @@ def _description(law: Declared, guid: str, once: bool) -> bytes:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
+REFUSED = """/* variables of other types, derivatives and asynchronous steps are not there */
+Status fmi2GetInteger(void *c, const Reference *r, size_t n, int *value) { return n ? ERROR : OK; }
+Status fmi2GetBoolean(void *c, const Reference *r, size_t n, int *value) { return n ? ERROR : OK; }
+Status fmi2GetString(void *c, const Reference *r, size_t n, const char **value) { return n ? ERROR : OK; }
+Status fmi2SetInteger(void *c, const Reference *r, size_t n, const int *value) { return n ? ERROR : OK; }
+Status fmi2SetBoolean(void *c, const Reference *r, size_t n, const int *value) { return n ? ERROR : OK; }
+Status fmi2SetString(void *c, const Reference *r, size_t n, const char *const *value) { return n ? ERROR : OK; }
+Status fmi2SetRealInputDerivatives(void *c, const Reference *r, size_t n, const int *order, const double *value) { return ERROR; }
+Status fmi2GetRealOutputDerivatives(void *c, const Reference *r, size_t n, const int *order, double *value) { return ERROR; }
+Status fmi2GetDirectionalDerivative(void *c, const Reference *u, size_t nu, const Reference *k, size_t nk, const double *dk, double *du) { return ERROR; }
+Status fmi2GetStatus(void *c, int kind, Status *value) { return DISCARD; }
+Status fmi2GetRealStatus(void *c, int kind, double *value) { return DISCARD; }
+Status fmi2GetIntegerStatus(void *c, int kind, int *value) { return DISCARD; }
+Status fmi2GetBooleanStatus(void *c, int kind, int *value) { return DISCARD; }
+Status fmi2GetStringStatus(void *c, int kind, const char **value) { return DISCARD; }
+
+Status fmi2GetFMUstate(void *c, void **state) {
+  if (!*state) *state = malloc(sizeof(Law));
+  if (!*state) return ERROR;
+  memcpy(*state, c, sizeof(Law));
+  return OK;
+}
+Status fmi2SetFMUstate(void *c, void *state) { memcpy(c, state, sizeof(Law)); return OK; }
+Status fmi2FreeFMUstate(void *c, void **state) { free(*state); *state = 0; return OK; }
+Status fmi2SerializedFMUstateSize(void *c, void *state, size_t *size) { return ERROR; }
+Status fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size) { return ERROR; }
+Status fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state) { return ERROR; }
+"""
+"""The functions of FMI 2.0 for which every law answers alike: most are refused, and a state is copied as it is."""
+
+
 def _interface(law: Declared) -> str:
     """The functions of FMI 2.0 around NAME_step."""
     reads, drives, memory = len(law.reads), len(law.drives), len(law.memory)
@@ -189,31 +220,4 @@ Status fmi2DoStep(void *c, double t, double h, int final) {{
 }}
 Status fmi2CancelStep(void *c) {{ return ERROR; }}
 
-/* variables of other types, derivatives and asynchronous steps are not there */
-Status fmi2GetInteger(void *c, const Reference *r, size_t n, int *value) {{ return n ? ERROR : OK; }}
-Status fmi2GetBoolean(void *c, const Reference *r, size_t n, int *value) {{ return n ? ERROR : OK; }}
-Status fmi2GetString(void *c, const Reference *r, size_t n, const char **value) {{ return n ? ERROR : OK; }}
-Status fmi2SetInteger(void *c, const Reference *r, size_t n, const int *value) {{ return n ? ERROR : OK; }}
-Status fmi2SetBoolean(void *c, const Reference *r, size_t n, const int *value) {{ return n ? ERROR : OK; }}
-Status fmi2SetString(void *c, const Reference *r, size_t n, const char *const *value) {{ return n ? ERROR : OK; }}
-Status fmi2SetRealInputDerivatives(void *c, const Reference *r, size_t n, const int *order, const double *value) {{ return ERROR; }}
-Status fmi2GetRealOutputDerivatives(void *c, const Reference *r, size_t n, const int *order, double *value) {{ return ERROR; }}
-Status fmi2GetDirectionalDerivative(void *c, const Reference *u, size_t nu, const Reference *k, size_t nk, const double *dk, double *du) {{ return ERROR; }}
-Status fmi2GetStatus(void *c, int kind, Status *value) {{ return DISCARD; }}
-Status fmi2GetRealStatus(void *c, int kind, double *value) {{ return DISCARD; }}
-Status fmi2GetIntegerStatus(void *c, int kind, int *value) {{ return DISCARD; }}
-Status fmi2GetBooleanStatus(void *c, int kind, int *value) {{ return DISCARD; }}
-Status fmi2GetStringStatus(void *c, int kind, const char **value) {{ return DISCARD; }}
-
-Status fmi2GetFMUstate(void *c, void **state) {{
-  if (!*state) *state = malloc(sizeof(Law));
-  if (!*state) return ERROR;
-  memcpy(*state, c, sizeof(Law));
-  return OK;
-}}
-Status fmi2SetFMUstate(void *c, void *state) {{ memcpy(c, state, sizeof(Law)); return OK; }}
-Status fmi2FreeFMUstate(void *c, void **state) {{ free(*state); *state = 0; return OK; }}
-Status fmi2SerializedFMUstateSize(void *c, void *state, size_t *size) {{ return ERROR; }}
-Status fmi2SerializeFMUstate(void *c, void *state, char *bytes, size_t size) {{ return ERROR; }}
-Status fmi2DeSerializeFMUstate(void *c, const char *bytes, size_t size, void **state) {{ return ERROR; }}
-"""
+{REFUSED}"""

@@ -1,4 +1,4 @@
-"""Tables of numbers with units, from CSV or TOML, read at the border: every mistake is an error that names file, row and column.
+"""Tables of numbers with units, from CSV or TOML, read at the border: every mistake is an error that names file, row and column. CSV is written, too.
 
 A CSV file has one line of headings, each with its unit in brackets (`length [m]`, `OD [in]`; none for text and plain numbers), and one line per row,
 parted by commas, semicolons or tabulators. Blank lines at the end and lines that begin with # are left out. A TOML file holds one array of
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,6 +87,22 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
                 raise SceneError(f"{where} must have a column `{column.name}{unit}`, but it has {there}.")
         found.append(values)
     return Table(path, tuple(found), tuple(place for place, _ in rows), headings)
+
+
+def write(path: str | Path, headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> Path:
+    """Write a table as CSV, whole or not at all; numbers keep every digit, and a number that does not exist (nan, None) is an empty cell. Returns the path."""
+    import csv
+    import io
+
+    from toolbox.files.atomic import replaced
+
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(headings)
+    table.writerows(["" if cell is None or cell != cell else cell for cell in row] for row in rows)
+    with replaced(Path(path)) as file:
+        file.write(text.getvalue().encode())
+    return Path(path)
 
 
 def _fault(path: Path, place: str, heading: str, words: str) -> SceneError:

@@ -24,6 +24,9 @@ USUAL = (
 )  # fmt: skip
 """Units that an error message may suggest."""
 
+LONGEST = 400
+"""Characters that a quantity may have: the longest number that is finite has 309 digits."""
+
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?)(?![0-9.])(.*)", re.DOTALL)
 _UNIT = re.compile(r"[A-Za-zµμ°%_0-9\s*/^().·²³⁻¹-]*")
 _SPELLINGS = [
@@ -47,14 +50,21 @@ def parse(value: Any, unit: str, name: str = "value") -> float:
     if isinstance(value, str):
         return _converted(value, unit, name)
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {reprlib.repr(value)}.")
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {_shown(value)}.")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise SceneError(f"Argument `{name}` must be finite, but it is {reprlib.repr(value)}.")
+        raise SceneError(f"Argument `{name}` must be finite, but it is {_shown(value)}.")
     return number
+
+
+def _shown(value: Any) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python writes no integer of more than some thousand digits
+        return f"an integer of {value.bit_length()} bits"
 
 
 def _words(unit: str) -> str:
@@ -62,6 +72,8 @@ def _words(unit: str) -> str:
 
 
 def _converted(text: str, unit: str, name: str) -> float:
+    if len(text) > LONGEST:
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is a text of {len(text)} characters, `{text[:20]}...`.")
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
@@ -85,7 +97,10 @@ def _converted(text: str, unit: str, name: str) -> float:
     if not _fit(roots, wanted):
         must = "a plain number" if unit == "1" else f"in {unit}"
         raise SceneError(f"Argument `{name}` must be {must}, but `{text}` is in {given}{_advice(roots, wanted)}.")
-    result = float((number * factor + offset) / target)
+    try:
+        result = float((number * factor + offset) / target)
+    except ArithmeticError:
+        result = math.inf
     if not math.isfinite(result):
         raise SceneError(f"Argument `{name}` must be finite, but it is `{text}`.")
     return result

@@ -1,9 +1,9 @@
-"""Events settled in lanes: what `toolbox.simulation.event_loop` does where a guard is zero, for all lanes of a block that wait at one."""
+"""Event handling in lanes: mode changes and projection, as in `toolbox.simulation.event_loop`, for all lanes of a block that stopped at a guard."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -11,15 +11,81 @@ import numpy as np
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
-from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.lanes.loop import EVENT
-from toolbox.lanes.vectors import Rows, Value, largest, smallest
+from toolbox.lanes.layout import EVENT
+from toolbox.lanes.trial_step import explicit_pair
+from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 
 
 def carries_events(program: Program) -> bool:
     """Whether events are settled in the block: without rigid contacts, and without friction that can lose its load."""
     return program.machine.elements > 0 and bool((program.kind != RIGID).all() and (program.loader < 0).all())
+
+
+class Event:
+    """The settling of an event under construction: functions of the closed system, and where the lanes stand.
+
+    was: the rows of the block;  t, m, end: time, modes before the event and duration;  zero: in every lane.
+    """
+
+    def __init__(
+        self, program: Program, width: int, rows: dict[str, int], lengths: dict[str, int | None], functions: tuple[ca.Function, ...]
+    ) -> None:
+        form, system, kernel = program.form, program.system, program.machine
+        self.program, self.rows, self.lengths = program, rows, lengths
+        self.rhs, self.field, self.projected = functions
+        self.n, self.ne, self.ng, self.own = kernel.states, kernel.elements, kernel.guards, system.x.numel()
+        arguments = [system.t, ca.vertcat(system.x, ca.SX.sym("hidden", self.n - self.own)), program.expressions[0], system.m]
+        pace = ca.diag(form.gain) * form.static
+        self.probe = ca.Function("probe", arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
+        self.burden = ca.Function("burden", arguments, [ca.densify(form.burden)])
+        self.body = VectorBody(width)
+        self.was = self.loaded()
+        was = self.was
+        self.t, self.m, self.end, self.zero = was["time"], was["m"][:], was["end"], was["time"] * 0.0
+
+    def loaded(self) -> Rows:
+        """All rows as they are in the block, loaded where they are asked for."""
+        return Rows(self.body, self.rows, self.lengths)
+
+    def call(self, function: ca.Function, now: Value, x: Iterable[Value], p: Iterable[Value], modes: list[Value]) -> list[Value]:
+        """What a function of (t, x, p, modes) gives."""
+        values = [[now.name], *([value.name for value in column] for column in (x, p, modes))]
+        return [Value(self.body, name) for name in inline(self.body, function, values)[0]]
+
+    def root(self, value: Value) -> Value:
+        """Square root."""
+        return Value(self.body, self.body.intrinsic("sqrt", value.name))
+
+
+@dataclass(frozen=True)
+class Firing:
+    """What fires at an event.
+
+    unbroken: no bound is at zero;  side: signs of the guards after it;  caught: modes with what arrives at rest;  modes: to begin the search of consistent
+    ones with;  zeros, forced: elements without slip, and those that their guard sets in motion (None for switches).
+    """
+
+    unbroken: Truth
+    side: list[Value]
+    caught: list[Value]
+    modes: list[Value]
+    zeros: list[Truth | None]
+    forced: list[Truth | None]
+
+
+@dataclass(frozen=True)
+class Renewed:
+    """Slopes, guards and sizes after an event; settled: the lanes in which no switch is thrown past its threshold."""
+
+    k: list[Value]
+    g: list[Value]
+    scale: list[Value]
+    group_scale: list[Value]
+    guard_scale: list[Value]
+    other_scale: list[Value]
+    armed: list[Value]
+    settled: Truth
 
 
 def settling(
@@ -29,90 +95,100 @@ def settling(
 
     A lane whose modes need more than one correction keeps its flag.
     """
-    rhs, field, projected = functions
-    form, system, pair = program.form, program.system, program.pair
-    assert isinstance(pair, Pair)
-    n, ne, ng, own = program.machine.states, program.machine.elements, program.machine.guards, system.x.numel()
-    arguments = [system.t, ca.vertcat(system.x, ca.SX.sym("hidden", n - own)), program.expressions[0], system.m]
-    pace = ca.diag(form.gain) * form.static
-    probe = ca.Function("probe", arguments, [ca.vertcat(*map(ca.densify, (form.slip_rate, form.force, form.static, pace)))])
-    burden = ca.Function("burden", arguments, [ca.densify(form.burden)])
+    made = Event(program, width, rows, lengths, functions)
+    firing = _fired(made)
+    x = made.call(made.projected, made.t, made.was["x"], made.was["p"], firing.caught) + made.was["x"][made.own :]
+    chosen, settled = _modes_by_force(made, firing, x)
+    was = made.loaded()
+    renewed = _renewed(made, was, firing, x, chosen, settled)
+    noise = _round_off(made, was, x, chosen, renewed)
+    h = _first_step(made, x, chosen, renewed)
+    columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
+               "other_scale": renewed.other_scale, "scale": renewed.scale, "group_scale": renewed.group_scale, "noise": noise}  # fmt: skip
+    body, was = made.body, made.loaded()
+    for name, column in columns.items():
+        for i, value in enumerate(column):
+            body.store(renewed.settled.choose(value, was[name][i]).name, "%lanes", rows[name] + i)
+    for name, value in (("wanted", h), ("step_old", made.zero), ("flag", made.zero)):
+        body.store(renewed.settled.choose(value, was[name]).name, "%lanes", rows[name])
+    return body
 
-    body = VectorBody(width)
-    was = Rows(body, rows, lengths)
-    t, m, end, zero = was["time"], was["m"][:], was["end"], was["time"] * 0.0
 
-    def call(function: ca.Function, now: Value, x: Iterable[Value], p: Iterable[Value], modes: list[Value]) -> list[Value]:
-        values = [[now.name], *([value.name for value in column] for column in (x, p, modes))]
-        return [Value(body, name) for name in inline(body, function, values)[0]]
-
-    # --- what fires
+def _fired(made: Event) -> Firing:
+    """What fires, and the modes that it leads to before any force is looked at."""
+    program, was, m, ne, ng = made.program, made.was, made.m, made.ne, made.ng
     fired = []
     for j in range(ng):
         rate, value = was["side"][j] * was["g"][ng + j], was["side"][j] * was["g"][j]
         descends = rate <= 0.0 if j < 2 * ne else rate < 0.0
         fired.append((descends & (value <= 1e-9 * was["guard_scale"][j])) | ~was["located"].differs(float(j)))
-    unbroken = zero <= 0.0
+    unbroken = made.zero <= 0.0
     for j in range(ng - len(program.bounded), ng):  # a bound at zero is left to the scalar loop
         unbroken &= ~fired[j]
     side = [*was["side"][: 2 * ne], *(fired[j].choose(-was["side"][j], was["side"][j]) for j in range(2 * ne, ng))]
-    caught, modes = [], []
-    zeros: list[Any] = []
-    forced: list[Any] = []
+    found = Firing(unbroken, side, [], [], [], [])
     for i in range(ne):
         sticks = ~m[i].differs(0.0)
         if program.kind[i] == SWITCH:
-            caught.append(m[i])
-            modes.append(fired[2 * i].choose(1.0 - m[i], m[i]))
-            zeros.append(None)
-            forced.append(None)
+            found.caught.append(m[i])
+            found.modes.append(fired[2 * i].choose(1.0 - m[i], m[i]))
+            found.zeros.append(None)
+            found.forced.append(None)
             continue
-        caught.append(fired[2 * i].choose(0.0, m[i]))
+        found.caught.append(fired[2 * i].choose(0.0, m[i]))
         only_first, only_second = sticks & fired[2 * i] & ~fired[2 * i + 1], sticks & fired[2 * i + 1] & ~fired[2 * i]
-        modes.append(only_first.choose(-1.0, only_second.choose(1.0, caught[i])))
-        zeros.append(sticks | fired[2 * i])
-        forced.append(only_first | only_second)
-    x = call(projected, t, was["x"], was["p"], caught) + was["x"][own:]
+        found.modes.append(only_first.choose(-1.0, only_second.choose(1.0, found.caught[i])))
+        found.zeros.append(sticks | fired[2 * i])
+        found.forced.append(only_first | only_second)
+    return found
 
-    # --- modes by force: all consistent at once, or one that cannot stick slides
-    def inconsistent(modes: list[Value], found: list[Value]) -> list[Any]:
-        wrong: list[Any] = []
-        for i in range(ne):
-            if zeros[i] is None:
-                wrong.append(None)
-                continue
-            rate, force, static, pace = found[i], found[ne + i], found[2 * ne + i], found[3 * ne + i]
-            sticks = ~modes[i].differs(0.0)
-            stick_scale = m[i].differs(0.0).choose(was["other_scale"][2 * i], was["guard_scale"][2 * i])
-            holds = sticks & (abs(force) <= static * (1.0 + 1e-9) + 1e-12 * stick_scale)
-            slides = ~sticks & (modes[i] * rate >= -1e-7 * abs(pace))
-            wrong.append(zeros[i] & ~(holds | slides))
-        return wrong
 
-    first = call(probe, t, x, was["p"], modes)
-    wrong, count, sound = inconsistent(modes, first), zero, unbroken
-    chosen = list(modes)
-    for i in range(ne):
-        if wrong[i] is not None:
-            count = count + wrong[i].choose(1.0, 0.0)
-            sound &= ~(wrong[i] & forced[i])
-            chosen[i] = wrong[i].choose((first[ne + i] > 0.0).choose(-1.0, 1.0), modes[i])
-    again = inconsistent(chosen, call(probe, t, x, was["p"], chosen))
-    for i in range(ne):
-        if again[i] is not None:
-            sound &= ~again[i]
-    settled = ~was["flag"].differs(float(EVENT)) & sound & (count <= 1.0)
+def _inconsistent(made: Event, zeros: list[Truth | None], modes: list[Value], found: list[Value]) -> list[Truth | None]:
+    """Which elements without slip are in a mode that their forces contradict; None for switches. found: what `probe` gives."""
+    was, m, ne = made.was, made.m, made.ne
+    wrong: list[Truth | None] = []
+    for i, still in enumerate(zeros):
+        if still is None:
+            wrong.append(None)
+            continue
+        rate, force, static, pace = found[i], found[ne + i], found[2 * ne + i], found[3 * ne + i]
+        sticks = ~modes[i].differs(0.0)
+        stick_scale = m[i].differs(0.0).choose(was["other_scale"][2 * i], was["guard_scale"][2 * i])
+        holds = sticks & (abs(force) <= static * (1.0 + 1e-9) + 1e-12 * stick_scale)
+        slides = ~sticks & (modes[i] * rate >= -1e-7 * abs(pace))
+        wrong.append(still & ~(holds | slides))
+    return wrong
 
-    # --- slopes, guards, sizes and round-off there
-    was = Rows(body, rows, lengths)
-    values = call(field, t, x, was["p"], chosen)
+
+def _modes_by_force(made: Event, firing: Firing, x: list[Value]) -> tuple[list[Value], Truth]:
+    """Modes by force, all consistent at once, or one that cannot stick slides; and the lanes in which that settles it."""
+    ne, p = made.ne, made.was["p"]
+    first = made.call(made.probe, made.t, x, p, firing.modes)
+    wrong, count, sound = _inconsistent(made, firing.zeros, firing.modes, first), made.zero, firing.unbroken
+    chosen = list(firing.modes)
+    for i, (bad, forced) in enumerate(zip(wrong, firing.forced, strict=True)):
+        if bad is not None and forced is not None:
+            count = count + bad.choose(1.0, 0.0)
+            sound &= ~(bad & forced)
+            chosen[i] = bad.choose((first[ne + i] > 0.0).choose(-1.0, 1.0), firing.modes[i])
+    again = _inconsistent(made, firing.zeros, chosen, made.call(made.probe, made.t, x, p, chosen))
+    for bad in again:
+        if bad is not None:
+            sound &= ~bad
+    return chosen, ~made.was["flag"].differs(float(EVENT)) & sound & (count <= 1.0)
+
+
+def _renewed(made: Event, was: Rows, firing: Firing, x: list[Value], chosen: list[Value], settled: Truth) -> Renewed:
+    """Slopes, guards and sizes in the new modes."""
+    program, m, n, ne, side, zeros = made.program, made.m, made.n, made.ne, firing.side, firing.zeros
+    values = made.call(made.field, made.t, x, was["p"], chosen)
     k, g = values[:n], values[n:]
     scale = [largest(abs(a), b) for a, b in zip(x, was["scale"], strict=True)]
     group_scale = list(was["group_scale"])
     for i, group in enumerate(program.groups.tolist()):
         group_scale[group] = largest(scale[i], group_scale[group])
     guard_scale, other_scale, armed = [], [], []
-    for j in range(ng):
+    for j in range(made.ng):
         size = was["guard_scale"][j]
         if j < 2 * ne:
             changed = (m[j // 2].differs(0.0) & ~chosen[j // 2].differs(0.0)) | (~m[j // 2].differs(0.0) & chosen[j // 2].differs(0.0))
@@ -126,45 +202,40 @@ def settling(
     for i in range(ne):  # a switch that a new mode throws past its threshold is left to the scalar loop
         if program.kind[i] == SWITCH:
             settled &= ~(g[2 * i] < -2e-9 * largest(guard_scale[2 * i], other_scale[2 * i]))
+    return Renewed(k, g, scale, group_scale, guard_scale, other_scale, armed, settled)
+
+
+def _round_off(made: Event, was: Rows, x: list[Value], chosen: list[Value], renewed: Renewed) -> list[Value]:
+    """Round-off of the slopes: see `toolbox.simulation.step_control.measure_round_off`."""
+    t, n = made.t, made.n
     nudged = [value * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5))) for i, value in enumerate(x)]
     nudged_p = [value * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7))) for i, value in enumerate(was["p"])]
-    moved = call(field, t * (1.0 + 1e-7), nudged, nudged_p, chosen)[:n]
-    cancelled = call(burden, t, x, was["p"], chosen) + [zero] * (n - form.burden.numel())
-    noise = [(1e7 * abs(a - b) + c) * (32.0 * 2.220446049250313e-16) for a, b, c in zip(moved, k, cancelled, strict=True)]
+    moved = made.call(made.field, t * (1.0 + 1e-7), nudged, nudged_p, chosen)[:n]
+    cancelled = made.call(made.burden, t, x, was["p"], chosen) + [made.zero] * (n - made.program.form.burden.numel())
+    return [(1e7 * abs(a - b) + c) * (32.0 * 2.220446049250313e-16) for a, b, c in zip(moved, renewed.k, cancelled, strict=True)]
 
-    # --- a first step by Hairer's rule
-    was = Rows(body, rows, lengths)
 
-    def root(value: Value) -> Value:
-        return Value(body, body.intrinsic("sqrt", value.name))
-
-    d0, d1, d2 = zero, zero, zero
+def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renewed) -> Value:
+    """A first step by Hairer's rule."""
+    body, n, t, end, k = made.body, made.n, made.t, made.end, renewed.k
+    was = made.loaded()
+    d0, d1, d2 = made.zero, made.zero, made.zero
     weights = []
     for i in range(n):
-        weights.append(1.0 / (was["rtol"] * largest(largest(scale[i], 1e-10 * group_scale[int(program.groups[i])]), 1e-14)))
+        rtol = was["rtol"]
+        size = largest(largest(renewed.scale[i], 1e-10 * renewed.group_scale[int(made.program.groups[i])]), 1e-14)
+        weights.append(1.0 / (rtol * size))
         a, b = x[i] * weights[i], k[i] * weights[i]
         d0, d1 = d0 + a * a, d1 + b * b
-    h0 = ((d0 < 1e-10) | (d1 < 1e-10)).choose(1e-6, 0.01 * root(d0 / d1))
+    h0 = ((d0 < 1e-10) | (d1 < 1e-10)).choose(1e-6, 0.01 * made.root(d0 / d1))
     h0 = smallest(h0, end - t)
-    ahead = call(rhs, t + h0, [a + h0 * b for a, b in zip(x, k, strict=True)], was["p"], chosen)
+    ahead = made.call(made.rhs, t + h0, [a + h0 * b for a, b in zip(x, k, strict=True)], was["p"], chosen)
     for i in range(n):
         a = (ahead[i] - k[i]) * weights[i]
         d2 = d2 + a * a
-    top = largest(root(d1 * (1 / n)), (h0 > 0.0).choose(root(d2 * (1 / n)) / h0, 0.0))
-    h1 = Value(body, body.rough_exp2((Value(body, body.rough_log2((0.01 / largest(top, 1e-15)).name)) * (1 / pair.order)).name))
+    top = largest(made.root(d1 * (1 / n)), (h0 > 0.0).choose(made.root(d2 * (1 / n)) / h0, 0.0))
+    order = explicit_pair(made.program).order
+    h1 = Value(body, body.rough_exp2((Value(body, body.rough_log2((0.01 / largest(top, 1e-15)).name)) * (1 / order)).name))
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))
     h = largest(smallest(100.0 * h0, h1), 1e-9 * end)
-    h = ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)
-    spread = call(field, t, [a + b * h for a, b in zip(x, noise, strict=True)], was["p"], chosen)[:n]
-    reached = [abs(b - c) for b, c in zip(spread, k, strict=True)]
-    noise = [((size > 0.0) & (size <= 1e6 * more * h)).choose(a + more, a) for a, more, size in zip(noise, reached, scale, strict=True)]
-
-    results = {"x": x, "k": k, "m": chosen, "g": g, "side": side, "armed": armed, "guard_scale": guard_scale, "other_scale": other_scale,
-               "scale": scale, "group_scale": group_scale, "noise": noise}  # fmt: skip
-    was = Rows(body, rows, lengths)
-    for name, column in results.items():
-        for i, value in enumerate(column):
-            body.store(settled.choose(value, was[name][i]).name, "%lanes", rows[name] + i)
-    for name, value in (("wanted", h), ("step_old", zero), ("flag", zero)):
-        body.store(settled.choose(value, was[name]).name, "%lanes", rows[name])
-    return body
+    return ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)

@@ -17,6 +17,7 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
+from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
 from toolbox.simulation.methods import Explicit
@@ -32,11 +33,11 @@ class Batch:
     """What n scenarios came to.
 
     states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
-    `toolbox.simulation.event_loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode,
-    of events merged, and
-    of steps that the scalar loop took, shape (n,);  values: of the measures, shape (n, measures);  doubtful: where a step was too long for what a
-    measured signal does in it, shape (n,);  negative: where a bound of friction that varies in time was negative, shape (n,), looked at where anything is
-    measured;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1 behind the last.
+    `toolbox.simulation.event_loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of
+    events merged, and of steps that the scalar loop took, shape (n,);  values: of the measures, shape (n, measures);  doubtful: where a step was too
+    long for what a measured signal does in it, shape (n,);  negative: where a bound of friction that varies in time was negative, shape (n,), looked at
+    where anything is measured;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1
+    behind the last.
     """
 
     states: np.ndarray
@@ -73,7 +74,7 @@ class Lanes:
             raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
         for measure in measures:
             measure.check(system, run.duration)
-        self.loops, self.states, self.values = lanes_loop, system.x.numel(), system.values.size
+        self.loop, self.states, self.values = lanes_loop.run, system.x.numel(), system.values.size
         explicit = dataclasses.replace(run, method=Explicit(), output_times=None)
         self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else formulas_of(explicit))
         self.layout = Layout(self.program, measures, run.duration)
@@ -84,8 +85,9 @@ class Lanes:
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
         self.noise = noise_table(self.work, run.duration)
         self.held = self.work.p[self.program.held_slot : self.program.held_slot + system.held.numel()].copy()
-        self.rows = np.array([self.block.rows[name] for name in lanes_loop.ITEMS], np.int64)
-        self.scalar = lanes_loop.scalar_address(self.work)
+        self.rows = np.array([self.block.rows[name] for name in ITEMS], np.int64)
+        made, scalar = self.block, lanes_loop.scalar_address(self.work)
+        self.code = BlockCode(made.address, made.settle, made.observe, made.sample, scalar)
         if not lanes_loop.run.signatures:  # the first use in this process
             announced("loop of lanes", lanes_loop.run)
             self.run(np.zeros((0, self.values)), np.zeros((0, self.states)))
@@ -125,37 +127,38 @@ class Lanes:
         ):
             if array.shape != (n, wanted):
                 raise SceneError(f"Argument `{name}` must have shape ({n}, {wanted}), but it has {array.shape}.")
-        found = Readings.of(self.layout, (n,))
-        states, modes, statuses = np.full((n, self.states), np.nan), np.zeros((n, ne), np.int8), np.zeros(n, np.int64)
-        events = np.full((n, most_events), np.nan), np.full((n, most_events), -1, np.int32), np.zeros((n, most_events), np.int8)
-        counts, doubtful = np.zeros((n, 5), np.int64), np.zeros(n, np.bool_)
+        readings = Readings.of(self.layout, (n,))
+        found = Results(
+            states=np.full((n, self.states), np.nan), modes=np.zeros((n, ne), np.int8), statuses=np.zeros(n, np.int64),
+            counts=np.zeros((n, 5), np.int64), doubtful=np.zeros(n, np.bool_), **vars(readings),
+            event_times=np.full((n, most_events), np.nan), event_elements=np.full((n, most_events), -1, np.int32),
+            event_modes=np.zeros((n, most_events), np.int8),
+        )  # fmt: skip
+        windows = self.layout.windows
+        given = Scenarios(parameters, starts, memories, held, windows, windows.ravel(), self.layout.asked, self.work.p.copy())
 
         def chunk(first: int, last: int) -> None:
             made = self.block
             raw = np.zeros(made.size * made.width + 8)
             shift = (-raw.ctypes.data % 64) // 8
-            lanes = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
+            block = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
             own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
             own_work.ints[loop_layout.NODES] = 0
-            waiting, due = (lanes[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
+            waiting, due = (block[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
             clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)
-            self.loops.run(
-                made.address, made.settle, made.observe, made.sample, self.scalar, lanes, waiting, due, clocks, self.noise, queue, self.rows, own_work,
-                parameters, starts, memories, held, first, last, self.layout.windows, self.layout.asked, states, modes, statuses, counts,
-                found.lowest, found.highest, found.integral, found.ends, doubtful, found.spent, found.number, found.latest,
-                found.switches, *events,
-            )  # fmt: skip
+            arrays = BlockArrays(block, waiting, due, self.rows, clocks, self.noise, queue)
+            self.loop(self.code, arrays, given, found, lane_states(own_work, made.width, self.layout.count), own_work, first, last)
 
         if threads == 1:
             chunk(0, n)
         else:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(lambda first: chunk(first, min(first + CHUNK, n)), range(0, n, CHUNK)))
-        steps, refused, switches, merged, alone = counts.T.copy()
+        steps, refused, switches, merged, alone = found.counts.T.copy()
         return Batch(
-            states, modes, statuses, steps, refused, switches, merged, alone, self.layout.values(found), doubtful,
-            np.asarray(self.layout.negative(found).any(axis=-1)), *events,
+            found.states, found.modes, found.statuses, steps, refused, switches, merged, alone, self.layout.values(readings), found.doubtful,
+            np.asarray(self.layout.negative(readings).any(axis=-1)), found.event_times, found.event_elements, found.event_modes,
         )  # fmt: skip
 
 

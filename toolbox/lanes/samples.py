@@ -10,7 +10,8 @@ bit with the scalar loop.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import casadi as ca
@@ -21,7 +22,7 @@ from toolbox.compilation.emitter import inline
 from toolbox.compilation.loop_layout import FRICTION, RIGID
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
-from toolbox.lanes.loop import GOES_ON, ROUND_OFF, SAMPLE, STOP
+from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.vectors import Truth, Value, largest, smallest
 
 POINTERS = ("clocks", "noise", "queue")
@@ -36,7 +37,9 @@ def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> n
 
 def noise_table(work: Any, duration: float) -> np.ndarray:
     """The standard normal numbers of all samples of a run, shape (places in the memory of laws, samples); rows that hold no noise are zero."""
-    counts = [int(duration / period) + 2 if row[loop_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)]
+    counts = [
+        int(duration / period) + 2 if row[loop_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)
+    ]
     most = max(counts, default=0)
     table = np.zeros((work.memory.size if most else 0, most))
     for row, count in zip(work.samplers, counts, strict=True):
@@ -54,100 +57,161 @@ def _channel(key: np.uint64, count: int) -> np.ndarray:
     return np.array([normal(key, k) for k in range(count)])
 
 
+class Sample:
+    """The sampling of the laws of a program under construction: the body that is written, and what the lanes hold.
+
+    late: which laws have a delay;  waits: lanes that wait at a sample;  acts: those of them at which nothing else is due;  refreshed: slopes, guards, and slip,
+    force and bound of every element.
+    """
+
+    def __init__(self, program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> None:
+        form, system, kernel = program.form, program.system, program.machine
+        self.program, self.width, self.rows, self.late = program, width, rows, late
+        self.n, self.ne, self.ng = kernel.states, kernel.elements, kernel.guards
+        hidden = ca.SX.sym("hidden", self.n - system.x.numel())
+        self.arguments = [system.t, ca.vertcat(system.x, hidden), program.expressions[0], system.m]
+        anew = (form.field, form.guards, form.guard_rates, form.slip, form.force, form.static)
+        self.refreshed = ca.Function("refreshed", self.arguments, [ca.vertcat(*map(ca.densify, anew))])
+        self.body = VectorBody(width)
+        loaded, ne, ng = self.loaded, self.ne, self.ng
+        (self.t,), (self.stop,), (self.calendar,), (self.flag,), (self.steps,) = map(
+            loaded, ("time", "stop", "calendar", "flag", "accepted")
+        )
+        self.x, self.k, self.p, self.m = loaded("x", self.n), loaded("k", self.n), loaded("p", program.p_size), loaded("m", ne)
+        self.g, self.side, self.armed = loaded("g", 2 * ng), loaded("side", ng), loaded("armed", ng)
+        self.sizes, self.others = loaded("guard_scale", ng), loaded("other_scale", 2 * ne)
+        self.waits = ~self.flag.differs(float(SAMPLE))
+        self.acts = self.waits & (self.t < self.calendar)
+        self.given = [[self.t.name], *([value.name for value in column] for column in (self.x, self.p, self.m))]
+
+    def loaded(self, name: str, count: int = 1, first: int = 0) -> list[Value]:
+        """Rows of an item."""
+        return [Value(self.body, self.body.load("%lanes", self.rows[name] + first + i)) for i in range(count)]
+
+    def store(self, name: str, i: int, where: Truth, value: Any, old: Value) -> None:
+        """Write a row of an item in the lanes where it is true."""
+        self.body.store(where.choose(value, old).name, "%lanes", self.rows[name] + i)
+
+    def number(self, place: int) -> Value:
+        """One of `clocks` in every lane."""
+        body = self.body
+        one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %clocks, i64 {place}')}")
+        first = body.value(f"insertelement {body.type} poison, double {one}, i64 0")
+        return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{self.width} x i32> zeroinitializer"))
+
+    def instant(self, count: Value, period: Value, delay: Value | None = None) -> Value:
+        """count period + delay, rounded as the scalar loop rounds it."""
+        product = self.body.value(f"fmul {self.body.type} {count.name}, {period.name}")
+        return Value(self.body, product if delay is None else self.body.value(f"fadd {self.body.type} {product}, {delay.name}"))
+
+
+@dataclass
+class Taken:
+    """What the samples of all laws leave behind.
+
+    held: parameters with the signals held;  changed: lanes in which something held is new;  following: the next instant;  memory: (place, new, old value) of
+    what laws remember;  counts: samples taken and applied, law by law.
+    """
+
+    held: list[Value]
+    changed: Truth
+    following: Value
+    memory: list[tuple[int, Value, Value]]
+    counts: list[Value]
+
+
 def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[bool, ...]) -> VectorBody:
-    """The function (block, clocks, noise, queue) that takes the samples, and holds the outputs, of the lanes that wait at one.
+    """Write the function (block, clocks, noise, queue) that evaluates the sampled laws and applies held outputs for lanes stopped at a sample.
 
     late: which laws have a delay. Writes the row `due`: bits of the lanes that wait at another instant too near to be stepped to.
     """
-    form, system = program.form, program.system
-    n, ne, ng = program.machine.states, program.machine.elements, program.machine.guards
-    p_size = program.p_size
-    arguments = [system.t, ca.vertcat(system.x, ca.SX.sym("hidden", n - system.x.numel())), program.expressions[0], system.m]
-    anew = (form.field, form.guards, form.guard_rates, form.slip, form.force, form.static)
-    refreshed = ca.Function("refreshed", arguments, [ca.vertcat(*map(ca.densify, anew))])
+    made = Sample(program, width, rows, late)
+    body, acts = made.body, made.acts
+    taken = _samples_taken(made)
+    done = _refreshed(made, taken)
+    for i, (value, old) in enumerate(zip(taken.held, made.p, strict=True)):
+        if value is not old:
+            made.store("p", i, done, value, old)
+    for i, value, old in taken.memory:
+        made.store("memory", i, done, value, old)
+    for i, value in enumerate(taken.counts):
+        made.store("samples", i, done, value, made.loaded("samples", 1, i)[0])
 
-    body = VectorBody(width)
+    # --- the next stop, or one too near to be stepped to
+    near = done & (taken.following - made.t < 1e-14 * abs(made.t))
+    made.store("time", 0, near, taken.following, made.t)
+    made.store("stop", 0, done, taken.following, made.stop)
+    every = Value(body, body.intrinsic("floor", (made.steps * (1 / 128)).name)) * 128.0
+    goes_on = (~every.differs(made.steps)).choose(float(ROUND_OFF), float(GOES_ON))
+    flag = (made.waits & ~acts).choose(float(STOP), (acts & ~done).choose(float(STOP), made.flag))
+    flag = near.choose(float(SAMPLE), done.choose(goes_on, flag))
+    body.store(flag.name, "%lanes", rows["flag"])
+    body.store_bits(near.name, "%lanes", rows["due"])
+    body.store_bits(flag.differs(0.0).name, "%lanes", rows["waiting"])
+    return body
 
-    def loaded(name: str, count: int = 1, first: int = 0) -> list[Value]:
-        return [Value(body, body.load("%lanes", rows[name] + first + i)) for i in range(count)]
 
-    def number(place: int) -> Value:
-        """One of `clocks` in every lane."""
-        one = body.value(f"load double, ptr {body.value(f'getelementptr double, ptr %clocks, i64 {place}')}")
-        first = body.value(f"insertelement {body.type} poison, double {one}, i64 0")
-        return Value(body, body.value(f"shufflevector {body.type} {first}, {body.type} poison, <{width} x i32> zeroinitializer"))
-
-    def instant(count: Value, period: Value, delay: Value | None = None) -> Value:
-        """count period + delay, rounded as the scalar loop rounds it."""
-        product = body.value(f"fmul {body.type} {count.name}, {period.name}")
-        return Value(body, product if delay is None else body.value(f"fadd {body.type} {product}, {delay.name}"))
-
-    (t,), (stop,), (calendar,), (flag,), (steps,) = map(loaded, ("time", "stop", "calendar", "flag", "accepted"))
-    x, k, p, m, g = loaded("x", n), loaded("k", n), loaded("p", p_size), loaded("m", ne), loaded("g", 2 * ng)
-    side, armed, sizes, others = (
-        loaded(name, count) for name, count in (("side", ng), ("armed", ng), ("guard_scale", ng), ("other_scale", 2 * ne))
-    )
-    waits = ~flag.differs(float(SAMPLE))
-    acts = waits & (t < calendar)
-    given = [[t.name], *([value.name for value in column] for column in (x, p, m))]
-
-    # --- samples and updates of all laws, by the inputs held so far
-    laws = len(program.updates)
-    inverse, depth, length = (number(2 * laws + i) for i in range(3))
-    remembered: list[tuple[int, Value, Value]] = []
-    counts: list[Value] = []
-    held = list(p)
-    changed = acts & (t < t)
-    place, following = 0, calendar
-    widest = max(outputs.numel() for _, _, outputs in program.updates)
-    for c, ((z, update, outputs), law) in enumerate(zip(program.updates, system.updates, strict=True)):
-        period, delay = number(2 * c), number(2 * c + 1) if late[c] else None
-        taken, applied = loaded("samples", 2, 2 * c)
-        takes = acts & (instant(taken, period) <= t)
+def _samples_taken(made: Sample) -> Taken:
+    """Samples and updates of all laws, by the inputs held so far."""
+    program, acts, t, p = made.program, made.acts, made.t, made.p
+    updates = program.updates
+    laws = len(updates)
+    queue = [made.number(2 * laws + i) for i in range(3)]
+    found = Taken(list(p), acts & (t < t), made.calendar, [], [])
+    place, widest = 0, max(outputs.numel() for _, _, outputs in updates)
+    for c, ((z, update, outputs), law) in enumerate(zip(updates, program.system.updates, strict=True)):
+        period, delay = made.number(2 * c), made.number(2 * c + 1) if made.late[c] else None
+        taken, applied = made.loaded("samples", 2, 2 * c)
+        takes = acts & (made.instant(taken, period) <= t)
         states, first = law.memory.numel(), program.held_slot + law.first_held
-        memory = loaded("memory", states, place)
+        memory = made.loaded("memory", states, place)
         noise = []
         for i in range(states, z.numel()):
-            at = body.as_integers((taken + float(place + i) * length).name)
-            noise.append(body.gather("%noise", at, takes.name))
-        function = ca.Function("update", [*arguments, z], [ca.densify(ca.vertcat(update, outputs))])
-        values = [Value(body, name) for name in inline(body, function, [*given, [*(v.name for v in memory), *noise]])[0]]
-        remembered += [(place + i, takes.choose(value, old), old) for i, (value, old) in enumerate(zip(values, memory, strict=False))]
+            at = made.body.as_integers((taken + float(place + i) * queue[2]).name)
+            noise.append(made.body.gather("%noise", at, takes.name))
+        function = ca.Function("update", [*made.arguments, z], [ca.densify(ca.vertcat(update, outputs))])
+        values = [Value(made.body, name) for name in inline(made.body, function, [*made.given, [*(v.name for v in memory), *noise]])[0]]
+        found.memory += [(place + i, takes.choose(value, old), old) for i, (value, old) in enumerate(zip(values, memory, strict=False))]
         place += z.numel()
         more = takes.choose(taken + 1.0, taken)
         computed = values[states:]
         if delay is None:
-            held[first : first + len(computed)] = [takes.choose(value, p[first + i]) for i, value in enumerate(computed)]
-            changed |= takes
+            found.held[first : first + len(computed)] = [takes.choose(value, p[first + i]) for i, value in enumerate(computed)]
+            found.changed |= takes
             after = more
         else:
-            lane = Value(body, _lane_numbers(width))
-
-            def places(count: Value, i: int, c: int = c, lane: Value = lane) -> str:
-                slot = count - depth * Value(body, body.intrinsic("floor", ((count + 0.5) * inverse).name))
-                row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(width)
-                return body.as_integers((row + lane).name)
-
+            places = partial(_queue_place, made, c, widest, queue)
             for i, value in enumerate(computed):
-                body.scatter(value.name, "%queue", places(taken, i), takes.name)
-            applies = acts & (applied < more) & (instant(applied, period, delay) <= t)
+                made.body.scatter(value.name, "%queue", places(taken, i), takes.name)
+            applies = acts & (applied < more) & (made.instant(applied, period, delay) <= t)
             for i in range(len(computed)):
-                come = Value(body, body.gather("%queue", places(applied, i), applies.name))
-                held[first + i] = applies.choose(come, p[first + i])
-            changed |= applies
+                come = Value(made.body, made.body.gather("%queue", places(applied, i), applies.name))
+                found.held[first + i] = applies.choose(come, p[first + i])
+            found.changed |= applies
             after = applies.choose(applied + 1.0, applied)
-            following = (after < more).choose(smallest(instant(after, period, delay), following), following)
-        following = smallest(instant(more, period), following)
-        counts += [more, after]
+            waits = after < more
+            found.following = waits.choose(smallest(made.instant(after, period, delay), found.following), found.following)
+        found.following = smallest(made.instant(more, period), found.following)
+        found.counts += [more, after]
+    return found
 
-    # --- slopes and guards with what is held now; a contact that would not hold is left to the scalar loop
-    (found,) = inline(body, refreshed, [given[0], given[1], [value.name for value in held], given[3]])
-    new = [Value(body, name) for name in found]
-    k_new, g_new, (slip, force, static) = (
-        new[:n],
-        new[n : n + 2 * ng],
-        (new[n + 2 * ng + q * ne : n + 2 * ng + (q + 1) * ne] for q in range(3)),
-    )
+
+def _queue_place(made: Sample, c: int, widest: int, queue: list[Value], count: Value, i: int) -> str:
+    """Where output i of sample `count` of law c waits for its delay, in every lane. queue: see `clock_numbers`."""
+    inverse, depth, _ = queue
+    slot = count - depth * Value(made.body, made.body.intrinsic("floor", ((count + 0.5) * inverse).name))
+    row = ((slot + float(c) * depth) * float(widest) + float(i)) * float(made.width)
+    return made.body.as_integers((row + Value(made.body, _lane_numbers(made.width))).name)
+
+
+def _refreshed(made: Sample, taken: Taken) -> Truth:
+    """Store slopes and guards with what is held now; a contact that would not hold is left to the scalar loop. Returns the lanes that are done."""
+    program, acts, t, m, n, ne, ng = made.program, made.acts, made.t, made.m, made.n, made.ne, made.ng
+    given = made.given
+    (found,) = inline(made.body, made.refreshed, [given[0], given[1], [value.name for value in taken.held], given[3]])
+    new = [Value(made.body, name) for name in found]
+    k_new, g_new = new[:n], new[n : n + 2 * ng]
+    slip, force, static = (new[n + 2 * ng + q * ne : n + 2 * ng + (q + 1) * ne] for q in range(3))
     wrong = acts & (t < t)
     for i in range(ne):
         sticks = ~m[i].differs(0.0)
@@ -157,41 +221,18 @@ def sampling(program: Program, width: int, rows: dict[str, int], late: tuple[boo
             wrong |= sticks & ~(abs(force[i]) <= static[i] * (1.0 + 1e-9))
             wrong |= ~sticks & (m[i] * slip[i] < 0.0)
         else:
-            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), sizes[2 * i]), others[2 * i])
-    done = acts & ~(changed & wrong)
-    renewed = done & changed
-
-    def store(name: str, i: int, where: Truth, value: Any, old: Value) -> None:
-        body.store(where.choose(value, old).name, "%lanes", rows[name] + i)
-
+            wrong |= g_new[2 * i] < -2e-9 * largest(largest(abs(g_new[2 * i]), made.sizes[2 * i]), made.others[2 * i])
+    done = acts & ~(taken.changed & wrong)
+    renewed = done & taken.changed
     for i in range(n):
-        store("k", i, renewed, k_new[i], k[i])
+        made.store("k", i, renewed, k_new[i], made.k[i])
     for j in range(2 * ng):
-        store("g", j, renewed, g_new[j], g[j])
+        made.store("g", j, renewed, g_new[j], made.g[j])
     for j in range(ng):
-        size = largest(abs(g_new[j]), sizes[j])
-        store("guard_scale", j, renewed, size, sizes[j])
-        store("armed", j, renewed, (side[j] * g_new[j] > 1e-13 * size).choose(1.0, 0.0), armed[j])
-    for i, (value, old) in enumerate(zip(held, p, strict=True)):
-        if value is not old:
-            store("p", i, done, value, old)
-    for i, value, old in remembered:
-        store("memory", i, done, value, old)
-    for i, value in enumerate(counts):
-        store("samples", i, done, value, loaded("samples", 1, i)[0])
-
-    # --- the next stop, or one too near to be stepped to
-    near = done & (following - t < 1e-14 * abs(t))
-    store("time", 0, near, following, t)
-    store("stop", 0, done, following, stop)
-    every = Value(body, body.intrinsic("floor", (steps * (1 / 128)).name)) * 128.0
-    goes_on = (~every.differs(steps)).choose(float(ROUND_OFF), float(GOES_ON))
-    flag = (waits & ~acts).choose(float(STOP), (acts & ~done).choose(float(STOP), flag))
-    flag = near.choose(float(SAMPLE), done.choose(goes_on, flag))
-    body.store(flag.name, "%lanes", rows["flag"])
-    body.store_bits(near.name, "%lanes", rows["due"])
-    body.store_bits(flag.differs(0.0).name, "%lanes", rows["waiting"])
-    return body
+        size = largest(abs(g_new[j]), made.sizes[j])
+        made.store("guard_scale", j, renewed, size, made.sizes[j])
+        made.store("armed", j, renewed, (made.side[j] * g_new[j] > 1e-13 * size).choose(1.0, 0.0), made.armed[j])
+    return done
 
 
 def _lane_numbers(width: int) -> str:

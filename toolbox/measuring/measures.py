@@ -258,11 +258,17 @@ class Tally:
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
         self.found = replace(Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T)
         field, step, project, *_ = program.machine.addresses
-        self.addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0], np.int64)
-        self.tolerance = _tolerance(accuracy)
-        self.p = np.empty(program.p_size)
+        addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0], np.int64)
+        machine = program.machine
+        self.reader = tally_loop.Reader(
+            addresses, machine.states, machine.elements, machine.guards, count, np.empty(program.p_size), program.first_held, _tolerance(accuracy)
+        )
+        when = np.empty(by_window)
+        self.extremes = tally_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)
         self.size = np.zeros(count)
-        self.since = np.zeros(program.machine.elements)
+        self.since = np.zeros(machine.elements)
+        found = self.found
+        self.stays = tally_loop.StayCounts(self.layout.asked, self.since, found.spent, found.number, found.latest, found.switches)
 
     def begin(self) -> None:
         """Forget the run before."""
@@ -273,24 +279,19 @@ class Tally:
 
     def read(self, work: Any, finished: bool) -> None:
         """Take in the recorded nodes and events and make room for more."""
-        ints, machine, layout, found = work.ints, self.program.machine, self.layout, self.found
+        ints, layout, loops = work.ints, self.layout, self.loops
         if layout.count:
-            self.p[:] = work.p
-            self.loops.read_nodes(
-                self.addresses, machine.states, machine.elements, machine.guards, layout.count, work.rec_t, work.rec_x, work.rec_m, work.rec_p,
-                ints[loop_layout.RECORDS], self.p, self.program.first_held, layout.windows, self.tolerance, self.size, found.lowest.T, found.highest.T,
-                found.integral.T, found.ends,
-            )  # fmt: skip
+            self.reader.p[:] = work.p
+            nodes = loops.Nodes(work.rec_t, work.rec_x, work.rec_m, work.rec_p)
+            loops.read_nodes(self.reader, nodes, ints[loop_layout.RECORDS], layout.windows, self.size, self.extremes, self.found.ends)
         r = ints[loop_layout.RECORDS] - 1
         if r > 0:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
             ints[loop_layout.RECORDS] = 1
         if len(layout.asked):
-            self.loops.read_events(
-                work.ev_t, work.ev_i, work.ev_m, ints[loop_layout.EVENTS], finished, work.reals[loop_layout.TIME], work.m, self.since, layout.asked,
-                found.spent, found.number, found.latest, found.switches,
-            )  # fmt: skip
+            events, end = loops.Events(work.ev_t, work.ev_i, work.ev_m), work.reals[loop_layout.TIME]
+            loops.read_events(events, ints[loop_layout.EVENTS], finished, end, work.m, self.stays)
         ints[loop_layout.EVENTS] = 0
 
     def values(self) -> np.ndarray:

@@ -2,25 +2,140 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from toolbox.compilation.calls import call
-from toolbox.compilation.numba_cache import cached
+from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.numba_cache import cached, inlined
 
 DEPTH = 12
 """A step is halved at most so often, so that it has at most 4096 pieces, whatever the signal."""
 
 
-@cached
-def _state_at(step, project, t, h, n, ne, x, k, p, m, y, new):
-    """Leave the state at t + h in `y`, by one step from x with slope k."""
-    call(step, t, h, x, k, p, m, y)
-    for i in range(ne):
-        if m[i] == 0.0:
-            for j in range(n):
-                new[j] = y[j]
-            call(project, t + h, 0.0, new, k, p, m, y)
+class Reader(NamedTuple):
+    """What is read in a run: machine code and sizes of its program.
+
+    addresses: of field, step, project, and the signals with two derivatives;  signals: their number;  p: parameters of the run, with what is held at a
+    node behind `first_held`;  tolerance: of a piece, relative to the size of a signal.
+    """
+
+    addresses: np.ndarray
+    states: int
+    elements: int
+    guards: int
+    signals: int
+    p: np.ndarray
+    first_held: int
+    tolerance: float
+
+
+class Nodes(NamedTuple):
+    """Recorded nodes: time, states, modes and held parameters."""
+
+    time: np.ndarray
+    state: np.ndarray
+    mode: np.ndarray
+    held: np.ndarray
+
+
+class Extremes(NamedTuple):
+    """Extrema of signals, their times and their integrals, shape (rows, signals), to which is added."""
+
+    lowest: np.ndarray
+    highest: np.ndarray
+    when_lowest: np.ndarray
+    when_highest: np.ndarray
+    integral: np.ndarray
+
+
+class Pieces(NamedTuple):
+    """Space for a step and its pieces.
+
+    x, k, m: the node that a step begins with;  y, new: at an instant within it;  left, stack: signals where a piece begins, and where those that wait end,
+    at the times stack_t;  size: of the signals so far.
+    """
+
+    x: np.ndarray
+    k: np.ndarray
+    m: np.ndarray
+    y: np.ndarray
+    new: np.ndarray
+    left: np.ndarray
+    stack_t: np.ndarray
+    stack: np.ndarray
+    size: np.ndarray
+
+
+class Events(NamedTuple):
+    """Recorded events: time, element, and modes before and after."""
+
+    time: np.ndarray
+    element: np.ndarray
+    modes: np.ndarray
+
+
+class StayCounts(NamedTuple):
+    """Stays and switches, to which is added.
+
+    asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element;  spent, number, latest,
+    switches: seconds, stays, end of the last stay, and switches, one per measure.
+    """
+
+    asked: np.ndarray
+    since: np.ndarray
+    spent: np.ndarray
+    number: np.ndarray
+    latest: np.ndarray
+    switches: np.ndarray
+
+
+@inlined
+def _pieces(reader, size):
+    """Space for the steps of a run."""
+    n, count = reader.states, reader.signals
+    y = np.zeros(4 * n + 2 * reader.guards + 4)
+    stack = np.empty((DEPTH + 1, 3 * count))
+    return Pieces(
+        np.zeros(n), np.zeros(n), np.zeros(reader.elements + 1), y, np.zeros(n), np.empty(3 * count), np.empty(DEPTH + 1), stack, size
+    )
+
+
+@inlined
+def _begin_step(reader, nodes, r, pieces):
+    """Put a node where a step begins."""
+    for i in range(nodes.state.shape[1]):
+        pieces.x[i] = nodes.state[r, i]
+    for i in range(reader.elements):
+        pieces.m[i] = nodes.mode[r, i]
+    for i in range(nodes.held.shape[1]):
+        reader.p[reader.first_held + i] = nodes.held[r, i]
+
+
+@inlined
+def _slope(reader, t, pieces):
+    """Put the slope of the states where a step begins."""
+    call(reader.addresses[0], t, 0.0, pieces.x, pieces.k, reader.p, pieces.m, pieces.y)
+    for i in range(reader.states):
+        pieces.k[i] = pieces.y[reader.states + i]
+
+
+@inlined
+def _state_at(reader, pieces, t, h):
+    """Leave the state at t + h in `y`, by one step from where a step begins."""
+    call(reader.addresses[1], t, h, pieces.x, pieces.k, reader.p, pieces.m, pieces.y)
+    for i in range(reader.elements):
+        if pieces.m[i] == 0.0:
+            for j in range(reader.states):
+                pieces.new[j] = pieces.y[j]
+            call(reader.addresses[2], t + h, 0.0, pieces.new, pieces.k, reader.p, pieces.m, pieces.y)
             return
+
+
+@inlined
+def _signals_at(reader, pieces, t, x, out):
+    """The signals with two derivatives at an instant."""
+    call(reader.addresses[3], t, 0.0, x, pieces.k, reader.p, pieces.m, out)
 
 
 @cached
@@ -90,59 +205,70 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
     return best, where
 
 
+@inlined
+def _straightened(left, right, h, count):
+    """Where slopes are not finite, as of a root at zero, a piece is straight."""
+    for s in range(count):
+        if not np.isfinite(left[count + s] + right[count + s] + left[2 * count + s] + right[2 * count + s]):
+            slope = (right[s] - left[s]) / h
+            left[count + s] = right[count + s] = slope
+            left[2 * count + s] = right[2 * count + s] = 0.0
+
+
+@inlined
+def _take_in(left, right, at, end, count, size, found, row):
+    """Extrema and integrals of signals over a piece from `at` to `end`."""
+    h = end - at
+    for s in range(count):
+        f0, d0, c0 = left[s], h * left[count + s], h * h * left[2 * count + s]
+        f1, d1, c1 = right[s], h * right[count + s], h * h * right[2 * count + s]
+        size[s] = max(size[s], abs(f0), abs(f1))
+        found.integral[row, s] += h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) / 120.0)
+        found.highest[row, s], where = _highest(f0, d0, c0, f1, d1, c1, found.highest[row, s])
+        if where >= 0.0:
+            found.when_highest[row, s] = end if where == 1.0 else at + where * h
+        low, where = _highest(-f0, -d0, -c0, -f1, -d1, -c1, -found.lowest[row, s])
+        found.lowest[row, s] = -low
+        if where >= 0.0:
+            found.when_lowest[row, s] = end if where == 1.0 else at + where * h
+
+
 @cached
-def _read_piece(
-    addresses, n, ne, count, origin, begin, end, x, k, p, m, following, tolerance, size, y, new, left, stack_t, stack,
-    lowest, highest, when_lowest, when_highest, integral,
-):  # fmt: skip
-    """Extrema, their times and the integrals of signals from begin to end, inside one step from (origin, x), added to what the arrays hold.
+def _read_piece(reader, pieces, origin, begin, end, following, found, row):
+    """Extrema, their times and the integrals of signals from begin to end, inside one step that begins at `origin`, added to a row of what was found.
 
     following: the state at `end` where that is the next node, else empty.
     """
-    step, project, signals = addresses[1], addresses[2], addresses[3]
+    reader, pieces, found = borrowed_all(reader), borrowed_all(pieces), borrowed_all(found)
+    count, left, stack_t, stack, y = reader.signals, pieces.left, pieces.stack_t, pieces.stack, pieces.y
     if begin == origin:
-        call(signals, begin, 0.0, x, k, p, m, left)
+        _signals_at(reader, pieces, begin, pieces.x, left)
     else:
-        _state_at(step, project, origin, begin - origin, n, ne, x, k, p, m, y, new)
-        call(signals, begin, 0.0, y, k, p, m, left)
+        _state_at(reader, pieces, origin, begin - origin)
+        _signals_at(reader, pieces, begin, y, left)
     if following.size:
         for i in range(following.size):
             y[i] = following[i]
-        for i in range(following.size, n):
+        for i in range(following.size, reader.states):
             y[i] = 0.0
     else:
-        _state_at(step, project, origin, end - origin, n, ne, x, k, p, m, y, new)
-    call(signals, end, 0.0, y, k, p, m, stack[0])
+        _state_at(reader, pieces, origin, end - origin)
+    _signals_at(reader, pieces, end, y, stack[0])
     at, top = begin, 0
     stack_t[0] = end
     while top >= 0:
         right = stack[top]
         h = stack_t[top] - at
-        if not _fits(left, right, h, count, size, tolerance):
+        if not _fits(left, right, h, count, pieces.size, reader.tolerance):
             middle = at + 0.5 * h
             if top < DEPTH and h > 1.5 * (end - begin) / 2 ** _depth(left, right, count) and at < middle < stack_t[top]:
                 top += 1
                 stack_t[top] = middle
-                _state_at(step, project, origin, middle - origin, n, ne, x, k, p, m, y, new)
-                call(signals, middle, 0.0, y, k, p, m, stack[top])
+                _state_at(reader, pieces, origin, middle - origin)
+                _signals_at(reader, pieces, middle, y, stack[top])
                 continue
-            for s in range(count):  # slopes that are not finite, as of a root at zero: the piece is straight
-                if not np.isfinite(left[count + s] + right[count + s] + left[2 * count + s] + right[2 * count + s]):
-                    slope = (right[s] - left[s]) / h
-                    left[count + s] = right[count + s] = slope
-                    left[2 * count + s] = right[2 * count + s] = 0.0
-        for s in range(count):
-            f0, d0, c0 = left[s], h * left[count + s], h * h * left[2 * count + s]
-            f1, d1, c1 = right[s], h * right[count + s], h * h * right[2 * count + s]
-            size[s] = max(size[s], abs(f0), abs(f1))
-            integral[s] += h * (0.5 * (f0 + f1) + 0.1 * (d0 - d1) + (c0 + c1) / 120.0)
-            highest[s], where = _highest(f0, d0, c0, f1, d1, c1, highest[s])
-            if where >= 0.0:
-                when_highest[s] = stack_t[top] if where == 1.0 else at + where * h
-            low, where = _highest(-f0, -d0, -c0, -f1, -d1, -c1, -lowest[s])
-            lowest[s] = -low
-            if where >= 0.0:
-                when_lowest[s] = stack_t[top] if where == 1.0 else at + where * h
+            _straightened(left, right, h, count)
+        _take_in(left, right, at, stack_t[top], count, pieces.size, found, row)
         for j in range(3 * count):
             left[j] = right[j]
         at = stack_t[top]
@@ -150,19 +276,12 @@ def _read_piece(
 
 
 @cached
-def read_nodes(
-    addresses, n, ne, ng, count, time, state, mode, held, records, p, first_held, windows, tolerance, size, lowest, highest, integral, ends
-):
-    """Extrema and integrals of signals over the first `records` recorded nodes, added to what the arrays (windows, signals) hold.
+def read_nodes(reader, nodes, records, windows, size, found, ends):
+    """Extrema and integrals of signals over the first `records` recorded nodes, added to what was `found`, shape (windows, signals).
 
-    addresses: of field, step, project, and the signals with two derivatives;  windows: (begin, end) of each;  size: of the signals so far;
-    ends: signals at the last node.
+    windows: (begin, end) of each;  size: of the signals so far;  ends: signals at the last node.
     """
-    field, signals = addresses[0], addresses[3]
-    x, k, m, new = np.zeros(n), np.zeros(n), np.zeros(ne + 1), np.zeros(n)
-    y = np.zeros(4 * n + 2 * ng + 4)
-    stack_t, stack = np.empty(DEPTH + 1), np.empty((DEPTH + 1, 3 * count))
-    left, when = np.empty(3 * count), np.empty(count)
+    pieces, time = _pieces(reader, size), nodes.time
     for r in range(records):
         last = r == records - 1
         skip = not last
@@ -171,20 +290,16 @@ def read_nodes(
                 skip = False
         if skip:
             continue
-        for i in range(state.shape[1]):
-            x[i] = state[r, i]
-        for i in range(ne):
-            m[i] = mode[r, i]
-        for i in range(held.shape[1]):
-            p[first_held + i] = held[r, i]
+        _begin_step(reader, nodes, r, pieces)
         if last:
-            call(signals, time[r], 0.0, x, k, p, m, stack[0])
-            for s in range(count):
-                ends[s] = stack[0, s]
+            _signals_at(reader, pieces, time[r], pieces.x, pieces.stack[0])
+            for s in range(reader.signals):
+                value = pieces.stack[0, s]
+                ends[s] = value
                 for w in range(windows.shape[0]):
                     if windows[w, 0] <= time[r] <= windows[w, 1]:
-                        lowest[w, s] = min(lowest[w, s], stack[0, s])
-                        highest[w, s] = max(highest[w, s], stack[0, s])
+                        found.lowest[w, s] = min(found.lowest[w, s], value)
+                        found.highest[w, s] = max(found.highest[w, s], value)
             break
         if time[r + 1] == time[r]:
             continue
@@ -194,63 +309,27 @@ def read_nodes(
             if begin >= end:
                 continue
             if not known:
-                call(field, time[r], 0.0, x, k, p, m, y)
-                for i in range(n):
-                    k[i] = y[n + i]
+                _slope(reader, time[r], pieces)
                 known = True
-            following = state[r + 1] if end == time[r + 1] else state[r, :0]
-            _read_piece(
-                addresses, n, ne, count, time[r], begin, end, x, k, p, m, following, tolerance, size, y, new, left, stack_t, stack,
-                lowest[w], highest[w], when, when, integral[w],
-            )  # fmt: skip
+            following = nodes.state[r + 1] if end == time[r + 1] else nodes.state[r, :0]
+            _read_piece(reader, pieces, time[r], begin, end, following, found, w)
 
 
 @cached
-def read_steps(
-    addresses,
-    n,
-    ne,
-    ng,
-    time,
-    state,
-    mode,
-    held,
-    p,
-    first_held,
-    begin,
-    end,
-    tolerance,
-    lowest,
-    highest,
-    when_lowest,
-    when_highest,
-    integral,
-):
+def read_steps(reader, nodes, begin, end, found):
     """Extrema, their times and the integral of one signal in every step between recorded nodes, cut to the window from begin to end.
 
     The arrays have shape (steps, 1) and hold inf, -inf, nan, nan and 0 at first, which a step without length keeps.
     """
-    x, k, m, new, size = np.zeros(n), np.zeros(n), np.zeros(ne + 1), np.zeros(n), np.zeros(1)
-    y = np.zeros(4 * n + 2 * ng + 4)
-    stack_t, stack, left = np.empty(DEPTH + 1), np.empty((DEPTH + 1, 3)), np.empty(3)
+    pieces, time = _pieces(reader, np.zeros(1)), nodes.time
     for r in range(time.size - 1):
         first, last = max(time[r], begin), min(time[r + 1], end)
         if first >= last:
             continue
-        for i in range(state.shape[1]):
-            x[i] = state[r, i]
-        for i in range(ne):
-            m[i] = mode[r, i]
-        for i in range(held.shape[1]):
-            p[first_held + i] = held[r, i]
-        call(addresses[0], time[r], 0.0, x, k, p, m, y)
-        for i in range(n):
-            k[i] = y[n + i]
-        following = state[r + 1] if last == time[r + 1] else state[r, :0]
-        _read_piece(
-            addresses, n, ne, 1, time[r], first, last, x, k, p, m, following, tolerance, size, y, new, left, stack_t, stack,
-            lowest[r], highest[r], when_lowest[r], when_highest[r], integral[r],
-        )  # fmt: skip
+        _begin_step(reader, nodes, r, pieces)
+        _slope(reader, time[r], pieces)
+        following = nodes.state[r + 1] if last == time[r + 1] else nodes.state[r, :0]
+        _read_piece(reader, pieces, time[r], first, last, following, found, r)
 
 
 @cached(forceinline=True)
@@ -271,12 +350,12 @@ def note_end(i, was, t, switched, since, asked, spent, number, latest, switches)
 
 
 @cached
-def read_events(time, index, modes, count, finished, end, m, since, asked, spent, number, latest, switches):
-    """Stays and switches from `count` recorded events, added to what the arrays hold; when `finished`, the last stays end at `end` in the modes m.
-
-    asked: rows (element, mode, begin, end of the window), one per measure;  since: begin of the current stay of each element.
-    """
+def read_events(events, count, finished, end, m, stays):
+    """Stays and switches from `count` recorded events, added to what `stays` holds; when `finished`, the last stays end at `end` in the modes m."""
+    asked, since = stays.asked, stays.since
     for e in range(count):
-        note_end(index[e], modes[e, 0], time[e], True, since, asked, spent, number, latest, switches)
+        note_end(
+            events.element[e], events.modes[e, 0], events.time[e], True, since, asked, stays.spent, stays.number, stays.latest, stays.switches
+        )
     for i in range(since.size if finished else 0):
-        note_end(i, np.int8(m[i]), end, False, since, asked, spent, number, latest, switches)
+        note_end(i, np.int8(m[i]), end, False, since, asked, stays.spent, stays.number, stays.latest, stays.switches)

@@ -79,10 +79,12 @@ def steps_of(nodes: Trajectory, signal: str, begin: float, end: float) -> Steps:
         announced("reader of measures", tally_loop.read_steps)
         program, machine = nodes.program, nodes.program.machine
         addresses = np.array([*machine.addresses[:3], _compiled(program, (signal,))], np.int64)
-        tally_loop.read_steps(
-            addresses, machine.states, machine.elements, machine.guards, time, nodes.states[rows], nodes.mode[rows], nodes.held[rows],
-            nodes.parameters.copy(), program.first_held, begin, end, _tolerance(nodes.accuracy), lowest, highest, when_lowest, when_highest, integral,
-        )  # fmt: skip
+        reader = tally_loop.Reader(
+            addresses, machine.states, machine.elements, machine.guards, 1, nodes.parameters.copy(), program.first_held, _tolerance(nodes.accuracy)
+        )
+        recorded = tally_loop.Nodes(time, nodes.states[rows], nodes.mode[rows], nodes.held[rows])
+        found = tally_loop.Extremes(lowest, highest, when_lowest, when_highest, integral)
+        tally_loop.read_steps(reader, recorded, begin, end, found)
     long = np.flatnonzero(np.isfinite(when_highest[:, 0]))
     return Steps(
         np.maximum(time[long], begin), np.minimum(time[long + 1], end), first + long,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -304,3 +305,32 @@ def symbolic_copy(part: Any, path: str, slots: list[Slot]) -> Any:
                 slots.append(Slot(clone, here, field.spec, symbol, None))
                 object.__setattr__(clone, field.name, symbol)
     return clone
+
+
+def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) -> Equations:
+    """The equations of a component on symbols. Raises SceneError where they decide or compute on numbers, and for what is no flow of states."""
+    mode = ca.GlobalOptions.getNumpyMode()
+    ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
+    try:
+        equations = symbolic.equations(signal)
+    except RecursionError as error:
+        if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
+            raise
+        raise SceneError(
+            f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
+        ) from error
+    except RuntimeError as error:
+        if "truth value" not in str(error):
+            raise
+        raise SceneError(
+            f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
+            "or declare what they decide on as int, str or bool."
+        ) from error
+    finally:
+        ca.GlobalOptions.setNumpyMode(mode)
+    if not isinstance(equations, Equations):
+        raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
+    for variable in equations.flow:
+        if not isinstance(variable, State):
+            raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
+    return equations

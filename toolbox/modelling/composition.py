@@ -10,8 +10,7 @@ from __future__ import annotations
 import copy
 import copyreg
 import math
-import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -26,12 +25,13 @@ from toolbox.modelling.components import (
     Update,
     bounds_checked,
     checked,
+    equations_of,
     law_of,
     numbers_of,
     structure_of,
     symbolic_copy,
 )
-from toolbox.modelling.elements import Element, State, UnilateralContact, time
+from toolbox.modelling.elements import Element, UnilateralContact, time
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.laws import designed
 from toolbox.modelling.switching import check_rates
@@ -147,30 +147,7 @@ class _Composer:
             needs.append((name, unit, default, placeholder))
             return placeholder
 
-        mode = ca.GlobalOptions.getNumpyMode()
-        ca.GlobalOptions.setNumpyMode(-1)  # numpy's sin of a symbol is casadi's, without a word about what may change
-        try:
-            equations = symbolic.equations(signal)
-        except RecursionError as error:
-            if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
-                raise
-            raise SceneError(
-                f"The equations of {title} call a numpy function that is none of symbols (such as clip, dot, sum): use casadi's (fmin and fmax, mtimes, sum1)."
-            ) from error
-        except RuntimeError as error:
-            if "truth value" not in str(error):
-                raise
-            raise SceneError(
-                f"The equations of {title} decide in Python (`if`, `and`, `max`) on a number that is a symbol there: use fmin, fmax or an element, "
-                "or declare what they decide on as int, str or bool."
-            ) from error
-        finally:
-            ca.GlobalOptions.setNumpyMode(mode)
-        if not isinstance(equations, Equations):
-            raise SceneError(f"`{title}.equations` must return Equations, but it returned {type(equations).__name__}.")
-        for variable in equations.flow:
-            if not isinstance(variable, State):
-                raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
+        equations = equations_of(symbolic, signal, title)
         law = law_of(component)
         memory = equations.update.memory if equations.update is not None else equations.flow
         first = next(iter(memory), None)
@@ -186,15 +163,7 @@ class _Composer:
             return own + dot + tail if head == prefix else routes.get(name, name)
 
         originals = [twin for element in equations.elements for twin in (element, *element.companions)]
-        elements = [copy.copy(element) for element in originals]
-        for element in elements:
-            element.name = renamed(element.name)
-            if component.name and element.name.partition(".")[0] != own:
-                element.name = f"{own}.{element.name}"
-            if any(element.name == other.name for other in self.elements):
-                raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
-            self.elements.append(element)
-
+        elements = self._add_elements(component, originals, own, renamed)
         self._check_regular(title, equations)
         for slot in slots:
             path = f"{own}.{slot.field_path.removeprefix('law.')}"
@@ -208,6 +177,35 @@ class _Composer:
             self._add_parameter(path, slot, unit)
         for name, unit, default, placeholder in needs:
             self._need(renamed(name), unit, default, placeholder, title)
+        self._add_flow(equations, renamed)
+        for name, (expression, unit) in equations.gives.items():
+            self._give(renamed(name), ca.SX(expression), unit)
+        for element in elements:
+            for tail, (expression, unit) in element.signals().items():
+                if f"{element.name}.{tail}" not in self.given:
+                    self._give(f"{element.name}.{tail}", expression, unit)
+        if equations.update is not None:
+            self._add_update(equations.update, renamed)
+        if equations.stored is not None:
+            self.stored[own] = ca.SX(equations.stored)
+        for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
+            for name, power in source.items():
+                target[f"{own}.{name}"] = ca.SX(power)
+
+    def _add_elements(self, component: Component, originals: list[Element], own: str, renamed: Callable[[str], str]) -> list[Element]:
+        """Copies of the elements of a component, under their names in the plant."""
+        elements = [copy.copy(element) for element in originals]
+        for element in elements:
+            element.name = renamed(element.name)
+            if component.name and element.name.partition(".")[0] != own:
+                element.name = f"{own}.{element.name}"
+            if any(element.name == other.name for other in self.elements):
+                raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
+            self.elements.append(element)
+        return elements
+
+    def _add_flow(self, equations: Equations, renamed: Callable[[str], str]) -> None:
+        """States and their derivatives."""
         for variable, derivative in equations.flow.items():
             name = renamed(variable.label)
             derivative = ca.densify(ca.SX(derivative))
@@ -219,33 +217,24 @@ class _Composer:
             self.x.append(ca.SX(variable))
             self.flow.append(derivative)
             self._give(name, ca.SX(variable), variable.unit)
-        for name, (expression, unit) in equations.gives.items():
-            self._give(renamed(name), ca.SX(expression), unit)
-        for element in elements:
-            for tail, (expression, unit) in element.signals().items():
-                if f"{element.name}.{tail}" not in self.given:
-                    self._give(f"{element.name}.{tail}", expression, unit)
-        if equations.update is not None:
-            outputs = {renamed(name): value for name, value in equations.update.outputs.items()}
-            places: dict[str, tuple[int, int | None]] = {}
-            first_held = sum(symbol.numel() for symbol in self.held)
-            for variable in equations.update.memory:
-                name = renamed(variable.label)
-                if name in self.given or name in places:
-                    raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
-                places[name] = (sum(size or 1 for _, size in places.values()), variable.length)
-            for name, (_, unit) in outputs.items():
-                self.held.append(ca.SX.sym(name))
-                self._give(name, self.held[-1], unit)
-            for variable, name in zip(equations.update.memory, places, strict=True):
-                self.held.append(ca.SX.sym(name, variable.numel()))
-                self._give(name, self.held[-1], variable.unit)
-            self.updates.append((equations.update, first_held, tuple(outputs), places))
-        if equations.stored is not None:
-            self.stored[own] = ca.SX(equations.stored)
-        for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
-            for name, power in source.items():
-                target[f"{own}.{name}"] = ca.SX(power)
+
+    def _add_update(self, update: Update, renamed: Callable[[str], str]) -> None:
+        """What a sampled law holds and remembers between its samples."""
+        outputs = {renamed(name): value for name, value in update.outputs.items()}
+        places: dict[str, tuple[int, int | None]] = {}
+        first_held = sum(symbol.numel() for symbol in self.held)
+        for variable in update.memory:
+            name = renamed(variable.label)
+            if name in self.given or name in places:
+                raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+            places[name] = (sum(size or 1 for _, size in places.values()), variable.length)
+        for name, (_, unit) in outputs.items():
+            self.held.append(ca.SX.sym(name))
+            self._give(name, self.held[-1], unit)
+        for variable, name in zip(update.memory, places, strict=True):
+            self.held.append(ca.SX.sym(name, variable.numel()))
+            self._give(name, self.held[-1], variable.unit)
+        self.updates.append((update, first_held, tuple(outputs), places))
 
     def _check_regular(self, title: str, equations: Equations) -> None:
         expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
@@ -401,7 +390,10 @@ def _unit_at(element: Element, unit: str) -> str:
         return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
     if unit == "s2/m2" and element.slip_unit == "rad/s":
         return "s2/rad2"
-    return element.force_unit if unit in ("N", "N m") else unit
+    if unit in ("N", "N m"):  # of a law that is a force by itself, where the load is 1; under one that is computed it is a coefficient
+        load = ca.SX(getattr(element, "load", 1.0))
+        return element.force_unit if load.is_symbolic() or load.is_constant() else "1"
+    return unit
 
 
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:

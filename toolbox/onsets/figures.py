@@ -1,26 +1,97 @@
-"""Pictures of analyses: severity over one parameter or two, Hopf curves, poles, what a drive reflects, the front of a tuning, a model fitted to data.
+"""Pictures of onsets and severity maps.
 
-Every function draws into `ax` or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`.
+Every function draws into `ax` or makes a figure of its own, and returns the axes; the looks are those of `toolbox.plot`. What is drawn is declared here by
+its attributes, so that results can draw themselves and pictures need not know them.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.simulation.plot import LINES, PAPER, WIDTH, in_words
-
-if TYPE_CHECKING:
-    from toolbox.onsets.report import Onset
-    from toolbox.onsets.severity_map import SeverityMap
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
 
 
-def onset_diagram(found: Onset, ax: Any = None) -> Any:
+class DrawnVerdict(Protocol):
+    """Verdict and severity of one run."""
+
+    @property
+    def verdict(self) -> str: ...
+    @property
+    def severity(self) -> float: ...
+
+
+class DrawnValue(Protocol):
+    """A value of the parameter to be marked: a border or a Hopf point."""
+
+    @property
+    def value(self) -> float: ...
+
+
+class DrawnOnset(Protocol):
+    """What a diagram shows of a `toolbox.onsets.report.Onset`."""
+
+    @property
+    def parameter(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def signal(self) -> str: ...
+    @property
+    def values(self) -> np.ndarray: ...
+    @property
+    def smooth(self) -> Sequence[DrawnVerdict]: ...
+    @property
+    def sticking(self) -> Sequence[DrawnVerdict]: ...
+    @property
+    def hopf(self) -> Sequence[DrawnValue]: ...
+    @property
+    def ends(self) -> Sequence[DrawnValue]: ...
+    @property
+    def stalls(self) -> Sequence[DrawnValue]: ...
+    @property
+    def breakaways(self) -> Sequence[DrawnValue]: ...
+    @property
+    def bistable(self) -> Sequence[tuple[float, float]]: ...
+    @property
+    def at(self) -> float: ...
+    def regimes(self, value: float) -> tuple[str, ...]: ...
+
+
+class DrawnBranch(Protocol):
+    """Severity and verdict of one branch of a map at every point of its grid."""
+
+    @property
+    def severity(self) -> np.ndarray: ...
+    @property
+    def verdict(self) -> np.ndarray: ...
+
+
+class DrawnMap(Protocol):
+    """What the panels show of a `toolbox.onsets.severity_map.SeverityMap`."""
+
+    @property
+    def names(self) -> tuple[str, str]: ...
+    @property
+    def units(self) -> tuple[str, str]: ...
+    @property
+    def axes(self) -> tuple[np.ndarray, np.ndarray]: ...
+    @property
+    def signal(self) -> str: ...
+    @property
+    def smooth(self) -> DrawnBranch: ...
+    @property
+    def sticking(self) -> DrawnBranch: ...
+    @property
+    def borders(self) -> dict[str, np.ndarray]: ...
+
+
+def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
     """Severity over the parameter: from smooth running and from inside stick-slip, the Hopf points, both borders, the bistable band, the working point."""
     with plt.rc_context(PAPER):
         if ax is None:
@@ -60,7 +131,7 @@ def onset_diagram(found: Onset, ax: Any = None) -> Any:
     return ax
 
 
-def _standstill(found: Onset, ax: Any) -> None:
+def _standstill(found: DrawnOnset, ax: Any) -> None:
     """A hatched strip along the axis where standstill lasts."""
     edges = sorted({float(found.values[0]), float(found.values[-1]), *(border.value for border in found.breakaways)})
     for low, high in itertools.pairwise(edges):
@@ -68,7 +139,7 @@ def _standstill(found: Onset, ax: Any) -> None:
             ax.axvspan(low, high, ymax=0.05, facecolor="none", edgecolor="0.45", hatch="////", linewidth=0, zorder=2, label="standstill")
 
 
-def onset_panels(onsets: Mapping[str, Onset]) -> Any:
+def onset_panels(onsets: Mapping[str, DrawnOnset]) -> Any:
     """One onset diagram per controller, on common axes. Returns the axes; raises SceneError for none."""
     if not onsets:
         raise SceneError("Argument `onsets` must hold at least one onset, but it is empty.")
@@ -89,14 +160,12 @@ def onset_panels(onsets: Mapping[str, Onset]) -> Any:
     return panels
 
 
-def severity_panels(found: SeverityMap, axes: Any = None) -> Any:
+def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
     """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
 
     The grey tells the severity, and white where the machine runs smoothly; lines differ in their dashes as well.
     """
     from matplotlib.collections import LineCollection
-
-    from toolbox.simulation.plot import in_words
 
     looks: dict[str, tuple[str, dict[str, Any]]] = {
         "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
@@ -162,7 +231,3 @@ def chained(segments: np.ndarray) -> list[np.ndarray]:
             line.append(keys[following][1] if keys[following][0] == line[-1] else keys[following][0])
         lines.append(np.array(line))
     return lines
-
-
-
-

@@ -42,6 +42,25 @@ FAINT = 1e-4
 """The same where it dies: so little that the unstable cycle near a hard loss of stability is not met."""
 
 
+@dataclass(frozen=True)
+class MapRequest:
+    """What `severity_map` is asked, as its arguments of these names."""
+
+    machine: Any
+    over: Any
+    duration: Any
+    after: Any
+    controller: Any
+    sample_time: Any
+    inputs: Any
+    parameters: Any
+    mode: Any
+    guess: Any
+    element: str | None
+    signal: str | None
+    accuracy: Any
+
+
 @dataclass
 class MapLoop:
     """The closed loop of a map: as it runs, and in its continuous form with its steady states."""
@@ -61,15 +80,15 @@ class MapLoop:
     notes: list[str]
 
     @staticmethod
-    def of(
-        machine: Any, over: Any, duration: Any, after: Any, controller: Any, sample_time: Any, inputs: Any, parameters: Any, mode: Any, guess: Any,
-        element: Any, signal: Any, accuracy: Any,
-    ) -> MapLoop:  # fmt: skip
+    def of(asked: MapRequest) -> MapLoop:
+        """The loop that is asked for. Raises SceneError for what no map can be made of."""
+        over, duration, after, controller, sample_time = asked.over, asked.duration, asked.after, asked.controller, asked.sample_time
+        inputs, parameters, element, signal, accuracy = asked.inputs, asked.parameters, asked.element, asked.signal, asked.accuracy
         from toolbox.scenes.scene import Scene
 
         title = ""
-        if isinstance(machine, Scene):
-            scene = machine
+        if isinstance(asked.machine, Scene):
+            scene = asked.machine
             case = scene.case(controller) if controller is not None else scene.cases[0]
             given = scene.arguments(case)
             inputs, parameters = {**given["inputs"], **(inputs or {})}, {**given["parameters"], **(parameters or {})}
@@ -79,7 +98,7 @@ class MapLoop:
             after = scene.after if after is None and scene.after < duration else after
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
-            plant, law = checked_plant(machine, "machine"), controller
+            plant, law = checked_plant(asked.machine, "machine"), controller
         duration = 120.0 if duration is None else duration
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
@@ -107,7 +126,7 @@ class MapLoop:
         knobs = [Knob.of(closed, name) for name in names]
         here = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if k.is_input}
         there = {k.name: float(v) for k, v in zip(knobs, middle, strict=True) if not k.is_input}
-        rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=mode, start=guess)
+        rest = equilibrium(closed, inputs={**fixed, **here}, parameters=there or None, mode=asked.mode, start=asked.guess)
         contact = judged_contact(closed, element)
         m = mode_numbers(closed, rest.modes)
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:

@@ -14,7 +14,8 @@ How runs find the borders is told in `toolbox.onsets.search` and `inside`, how c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from toolbox.onsets.search import Search, swing_period
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import Request, continuous_loop
 from toolbox.steady_states.equilibria import Followed, state_values
-from toolbox.steady_states.hopf import hopf_points
+from toolbox.steady_states.hopf import HopfPoint, hopf_points
 from toolbox.steady_states.linear import input_values
 
 if TYPE_CHECKING:
@@ -75,53 +76,28 @@ def onset(
     cycle, and where none is found, the borders are those of runs led from inside in small steps. Raises SceneError for unknown names, a range that is none,
     inputs that vary in time, and laws without a continuous form.
     """
-    from toolbox.scenes.scene import Scene
-
-    title = ""
-    if isinstance(machine, Scene):
-        scene = machine
-        case = scene.case(controller) if controller is not None else scene.cases[0]
-        given = {**scene.inputs, **case.inputs, **(inputs or {})}
-        moving = next((name for name, value in given.items() if not is_finite_number(value)), None)
-        if moving is not None:
-            raise SceneError(f"Argument `{moving}` must be a number for an onset to exist, but the scene varies it in time.")
-        inputs, parameters = {name: float(value) for name, value in given.items()}, {**scene.parameters, **(parameters or {})}  # type: ignore[arg-type]
-        plant, law, title = scene.plant(), case.controller, case.label
-        element, signal = element or scene.element, signal or scene.signal
-        accuracy = scene.accuracy if accuracy is None else accuracy
-    else:
-        plant, law = checked_plant(machine, "machine"), controller
-        if law is not None and sample_time is not None:
-            law = [
-                each if isinstance(each, Sampled) else Sampled(each, sample_time)
-                for each in (law if isinstance(law, (list, tuple)) else [law])
-            ]
+    asked = _asked(machine, controller, sample_time, inputs, parameters, element, signal, accuracy)
     low, high = checked_range(between)
-    if not isinstance(values, int) or values < 3:
-        raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
-    for word, number in (("tolerance", tolerance), ("duration", duration), ("perturbation", perturbation), ("at", at)):
-        if number is None and word != "perturbation":
-            continue
-        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
-            raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
-    closed = continuous_loop(plant, law, inputs=inputs, parameters=parameters)
+    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
+    plant, law, given = asked.plant, asked.law, asked.inputs
+    closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
     knob = Knob.of(closed, parameter)
-    input_values(closed, inputs or {})
-    contact = judged_contact(closed, element)
-    speed = signal or judged_speed(closed, contact)
+    input_values(closed, given or {})
+    contact = judged_contact(closed, asked.element)
+    speed = asked.signal or judged_speed(closed, contact)
     closed.signal_unit(speed)
-    at = knob.declared(closed, inputs or {}) if at is None else float(at)
+    at = knob.declared(closed, given or {}) if at is None else float(at)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))
     laws = law if isinstance(law, (list, tuple)) or law is None else [law]
     search = Search(
         base=Request(
-            plant, 0.0, inputs={**(inputs or {}), **({parameter: low} if knob.is_input else {})}, parameters=parameters, controller=laws,
-            accuracy=1e-6 if accuracy is None else accuracy,
+            plant, 0.0, inputs={**(given or {}), **({parameter: low} if knob.is_input else {})}, parameters=asked.parameters, controller=laws,
+            accuracy=1e-6 if asked.accuracy is None else asked.accuracy,
         ).checked(),
         knob=knob,
-        followed=Followed(closed, knob, inputs or {}, mode, guess),
+        followed=Followed(closed, knob, given or {}, mode, guess),
         element=contact,
         signal=speed,
         perturbation=float(perturbation),
@@ -134,34 +110,92 @@ def onset(
     if not steady:
         raise SceneError(f"There is no steady running for `{parameter}` from {low:g} to {high:g} {knob.unit}: {search.followed.reason}")
     try:
-        hopf = hopf_points(
-            closed, parameter, (low, high), inputs=inputs, mode=mode, guess=None if not steady else state_values(closed, steady[-1].states)
-        )
+        hopf = hopf_points(closed, parameter, (low, high), inputs=given, mode=mode, guess=state_values(closed, steady[-1].states))
     except SceneError as error:
         hopf = []
         search.notes.append(f"no Hopf point: {error}")
     search.period = max(point.period for point in hopf) if hopf else float(np.median([swing_period(point) for point in steady]))
     search.duration = PERIODS * search.period if duration is None else float(duration)
+    sampled = any(isinstance(each, Sampled) for each in laws or [])
     tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
-    numbers = [float(value) for value in grid]
+    return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What `onset` is asked about: a plant and its law, from a scene or as they are."""
+
+    plant: HybridSystem
+    law: Any
+    title: str
+    inputs: Mapping[str, float] | None
+    parameters: Mapping[str, Any] | None
+    element: str | None
+    signal: str | None
+    accuracy: float | None
+
+
+def _asked(
+    machine: Any, controller: Any, sample_time: float | None, inputs: Any, parameters: Any, element: str | None, signal: str | None,
+    accuracy: float | None,
+) -> _Asked:  # fmt: skip
+    """The plant and the law of a scene or of the arguments. Raises SceneError for inputs of a scene that vary in time."""
+    from toolbox.scenes.scene import Scene
+
+    if not isinstance(machine, Scene):
+        plant, law = checked_plant(machine, "machine"), controller
+        if law is not None and sample_time is not None:
+            several = law if isinstance(law, (list, tuple)) else [law]
+            law = [each if isinstance(each, Sampled) else Sampled(each, sample_time) for each in several]
+        return _Asked(plant, law, "", inputs, parameters, element, signal, accuracy)
+    scene = machine
+    case = scene.case(controller) if controller is not None else scene.cases[0]
+    given = {**scene.inputs, **case.inputs, **(inputs or {})}
+    moving = next((name for name, value in given.items() if not is_finite_number(value)), None)
+    if moving is not None:
+        raise SceneError(f"Argument `{moving}` must be a number for an onset to exist, but the scene varies it in time.")
+    numbers = {name: float(value) for name, value in given.items()}
+    accuracy = scene.accuracy if accuracy is None else accuracy
+    return _Asked(
+        scene.plant(), case.controller, case.label, numbers, {**scene.parameters, **(parameters or {})}, element or scene.element,
+        signal or scene.signal, accuracy,
+    )  # fmt: skip
+
+
+def _check_numbers(values: Any, **numbers: Any) -> None:
+    """Raise SceneError unless the numbers of `onset` can be used."""
+    if not isinstance(values, int) or values < 3:
+        raise SceneError(f"Argument `values` must be an integer >= 3, but it is {values!r}.")
+    for word, number in numbers.items():
+        if number is None and word != "perturbation":
+            continue
+        if number is None or not is_finite_number(number) or (word != "at" and number <= 0):
+            raise SceneError(f"Argument `{word}` must be {'finite' if word == 'at' else '> 0'}, but it is {number!r}.")
+
+
+def _both_branches(
+    search: Search, title: str, numbers: list[float], at: float, hopf: Sequence[HopfPoint], tolerance: float, sampled: bool
+) -> Onset:
+    """Runs from smooth running and from inside stick-slip at all values, and the borders between what they come to."""
+    width = numbers[-1] - numbers[0]
     smooth = [search.smooth(value) for value in numbers]
     losses = search.borders(numbers, [judged.verdict == "smooth" for judged in smooth], search.is_smooth, tolerance)
     inside = Inside.of(search)
-    for edge, sign in ((low, -1.0), (high, 1.0)):
-        inside.outside(edge, sign, high - low)
-    cycles = [exact(border, inside, high - low) for border in inside.ends(numbers, tolerance)]
+    for edge, sign in ((numbers[0], -1.0), (numbers[-1], 1.0)):
+        inside.outside(edge, sign, width)
+    cycles = [exact(border, inside, width) for border in inside.ends(numbers, tolerance)]
     sticking = [inside.found[value] for value in numbers]
     breakaways = inside.breakaways(numbers, tolerance)
-    if laws and any(isinstance(each, Sampled) for each in laws):
+    if sampled:
         search.notes.append("Hopf points are those of the continuous form of the law; the borders are of the law as it runs, sampled.")
     if search.silence:
         search.notes.append("Smooth running is judged without measurement noise, stick-slip with it.")
     return Onset(
         title=title or ", ".join(type(law_of(part)).__name__ for part in search.base.system.parts),
-        parameter=parameter,
-        unit=knob.unit,
-        element=contact,
-        signal=speed,
+        parameter=search.knob.name,
+        unit=search.knob.unit,
+        element=search.element,
+        signal=search.signal,
         values=np.array(numbers),
         smooth=tuple(smooth),
         sticking=tuple(sticking),
@@ -176,11 +210,7 @@ def onset(
         period=search.period,
         duration=search.duration,
         accuracy=search.base.accuracy,
-        perturbation=float(perturbation),
+        perturbation=search.perturbation,
         runs=search.runs,
         notes=tuple(search.notes),
     )
-
-
-
-

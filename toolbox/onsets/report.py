@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -268,34 +266,24 @@ class Onset:
     def save(self, path: str | Path) -> Path:
         """Write one row per value as csv, whole or not at all: value, verdict, severity and sticks of both branches, and whether standstill lasts."""
 
-        from toolbox.files.atomic import replaced
+        from toolbox.files import tables
 
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow([f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS), "standstill"])
+        rows = []
         for value, stands, *branches in zip(self.values, self.standing, self.smooth, self.sticking, strict=True):
             cells = [getattr(judged, name) for judged in branches for name in COLUMNS]
-            table.writerow([float(value), *("" if cell != cell else cell for cell in cells), "lasts" if stands else ""])
-        with replaced(Path(path)) as file:
-            file.write(text.getvalue().encode())
-        return Path(path)
+            rows.append([float(value), *cells, "lasts" if stands else ""])
+        headings = [f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS), "standstill"]
+        return tables.write(path, headings, rows)
 
     def save_borders(self, path: str | Path) -> Path:
         """Write one row per border as csv, whole or not at all: Hopf points, and all borders with tolerance, safe side, what is beyond, and how it is known."""
+        from toolbox.files import tables
 
-        from toolbox.files.atomic import replaced
-
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["border", f"{self.parameter} [{self.unit}]", "tolerance", "safe", "beyond", "followed", "confirmed"])
-        for point in self.hopf:
-            table.writerow(["Hopf point", point.value, 0.0, point.stable, "", "exact", "yes"])
+        rows: list[list[object]] = [["Hopf point", point.value, 0.0, point.stable, "", "exact", "yes"] for point in self.hopf]
         for name, border in self.borders:
-            row = [name, border.value, border.tolerance, border.safe, border.beyond, border.followed, "yes" if border.confirmed else "no"]
-            table.writerow(row)
-        with replaced(Path(path)) as file:
-            file.write(text.getvalue().encode())
-        return Path(path)
+            rows.append([name, border.value, border.tolerance, border.safe, border.beyond, border.followed, "yes" if border.confirmed else "no"])
+        headings = ["border", f"{self.parameter} [{self.unit}]", "tolerance", "safe", "beyond", "followed", "confirmed"]
+        return tables.write(path, headings, rows)
 
 
 COLUMNS = ("verdict", "severity", "sticks", "longest")

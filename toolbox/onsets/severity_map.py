@@ -23,11 +23,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
-from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
+from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
 
@@ -171,33 +172,31 @@ class SeverityMap:
             )
         }
         notes["errors"] = [[*key, text] for key, text in self.errors.items()]
-        arrays: dict[str, np.ndarray] = {"map": np.array(json.dumps(notes)), "growth": self.growth}
-        arrays |= {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
+        written: dict[str, np.ndarray] = {"map": np.array(json.dumps(notes)), "growth": self.growth}
+        written |= {f"axis.{k}": axis for k, axis in enumerate(self.axes)}
         for branch in ("smooth", "sticking"):
-            arrays |= {f"{branch}.{name}": value for name, value in vars(getattr(self, branch)).items()}
-        arrays |= {f"border.{name}": segments for name, segments in self.borders.items()}
+            written |= {f"{branch}.{name}": value for name, value in vars(getattr(self, branch)).items()}
+        written |= {f"border.{name}": segments for name, segments in self.borders.items()}
         with replaced(Path(path)) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+            np.savez_compressed(file, **written)  # type: ignore[arg-type]
         return Path(path)
 
     @staticmethod
     def load(path: str | Path) -> SeverityMap:
         """What `save` wrote. Raises SceneError for anything else."""
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                notes = json.loads(str(data["map"]))
-                branches = {
-                    branch: Branch(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(Branch)})
-                    for branch in ("smooth", "sticking")
-                }
-                borders = {name: data[f"border.{name}"] for name in ("linear", "smooth", "sticking")}
-                axes, growth = (data["axis.0"], data["axis.1"]), data["growth"]
-        except (OSError, KeyError, ValueError) as error:
-            raise SceneError(f"There is no severity map in `{path}`: {error}") from None
-        errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
-        for name in ("names", "units", "notes"):
-            notes[name] = tuple(notes[name])
-        return SeverityMap(axes=axes, growth=growth, borders=borders, errors=errors, **{**branches, **notes})
+        what = "a severity map written by `SeverityMap.save`"
+        with understood(Path(path), what):
+            data = arrays(Path(path), what)
+            notes = json.loads(str(data["map"]))
+            branches = {
+                branch: Branch(**{each.name: data[f"{branch}.{each.name}"] for each in dataclasses.fields(Branch)})
+                for branch in ("smooth", "sticking")
+            }
+            borders = {name: data[f"border.{name}"] for name in ("linear", "smooth", "sticking")}
+            errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
+            for name in ("names", "units", "notes"):
+                notes[name] = tuple(notes[name])
+            return SeverityMap(axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes})
 
 
 def severity_map(
@@ -233,7 +232,8 @@ def severity_map(
     steady running in the middle of the map.
     """
     began = clock.perf_counter()
-    loop = MapLoop.of(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
+    asked = MapRequest(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
+    loop = MapLoop.of(asked)
     if not isinstance(shape, Sequence) or len(shape) != 2 or not all(isinstance(n, int) and n >= 2 for n in shape):
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:

@@ -13,7 +13,8 @@ import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.orbits.branch import Bifurcation
-from toolbox.orbits.limit_cycle import Cycle, CycleError, Orbit, anchored, forcing_period, multipliers_of, signature_of
+from toolbox.orbits.limit_cycle import anchored, forcing_period
+from toolbox.orbits.orbit import Cycle, CycleError, Orbit, multipliers_of, signature_of
 from toolbox.orbits.sensitivity import value_of, with_value
 from toolbox.orbits.sliding import sliding_kind
 from toolbox.simulation.trajectory import Trajectory

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.orbits.limit_cycle import Cycle
+from toolbox.orbits.orbit import Cycle
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Branch:
         """The bifurcation diagram: largest and smallest value of a signal, solid where stable and dashed where not, with its bifurcations marked."""
         import matplotlib.pyplot as plt
 
-        from toolbox.simulation.plot import LINES
+        from toolbox.simulation.style import LINES
 
         if ax is None:
             _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")

@@ -29,7 +29,7 @@ from toolbox.arguments import is_finite_number, number, whole
 from toolbox.errors import SceneError
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
-from toolbox.orbits.limit_cycle import Cycle, signature_of
+from toolbox.orbits.orbit import Cycle, signature_of
 from toolbox.orbits.sensitivity import unit_of
 
 

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import borrowed_all, call
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
@@ -50,13 +50,40 @@ class Tangent:
     approach: float
 
 
+class Tableau(NamedTuple):
+    """How a step is taken: coefficients a, b, c of the pair, and the compiled function of the field.
+
+    The function at `address` gives the field and the nonzeros (rows, columns) of its derivatives with respect to states and parameters.
+    """
+
+    address: int
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+
+
+class Steps(NamedTuple):
+    """Recorded steps: times, whole states, modes, held parameters, and the parameters p, in which those stand behind `first_held`."""
+
+    time: np.ndarray
+    state: np.ndarray
+    mode: np.ndarray
+    held: np.ndarray
+    p: np.ndarray
+    first_held: int
+
+
 @cached
-def transport(address, a, b, c, rows, columns, first_parameter, time, state, mode, held, p, first_held, tangent, first, last, kept):
+def transport(tableau, steps, first_parameter, tangent, first, last, kept):
     """Carry `tangent` (n, k) in place over the recorded steps from node `first` to `last`; kept: (nodes, n, k) to fill, or empty.
 
-    The compiled function at `address` gives the field and the nonzeros (rows, columns) of its derivatives with respect to states and parameters; the parameter
-    of column n + j has the direction first_parameter + j.
+    The parameter of column n + j of the derivatives has the direction first_parameter + j.
     """
+    tableau, steps = borrowed_all(tableau), borrowed_all(steps)
+    a, b, c, rows, columns = tableau.a, tableau.b, tableau.c, tableau.rows, tableau.columns
+    time, state, mode, held, p = steps.time, steps.state, steps.mode, steps.held, steps.p
     n, directions = tangent.shape
     stages = b.size
     slopes, turns = np.empty((stages, n)), np.empty((stages, n, directions))
@@ -68,7 +95,7 @@ def transport(address, a, b, c, rows, columns, first_parameter, time, state, mod
         for i in range(mode.shape[1]):
             m[i] = mode[k, i]
         for i in range(held.shape[1]):
-            p[first_held + i] = held[k, i]
+            p[steps.first_held + i] = held[k, i]
         for stage in range(stages):
             for i in range(n):
                 x[i] = state[k, i]
@@ -81,7 +108,7 @@ def transport(address, a, b, c, rows, columns, first_parameter, time, state, mod
                         x[i] += factor * slopes[q, i]
                         for d in range(directions):
                             s[i, d] += factor * turns[q, i, d]
-            call(address, time[k] + c[stage] * h, h, x, x, p, m, y)
+            call(tableau.address, time[k] + c[stage] * h, h, x, x, p, m, y)
             for i in range(n):
                 slopes[stage, i] = y[i]
                 for d in range(directions):
@@ -133,15 +160,15 @@ class Variation:
         field, guards, projected = smooth[:n], smooth[n : n + 2 * count], smooth[n + 2 * count :]
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)
-        self.rows, self.entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
+        rows, entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
         function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
         body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
-        self.address = compiled(text, ["slope"], body.count)["slope"]
+        address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair
         assert isinstance(pair, Pair)  # runs that step implicitly are made again
-        self.a = np.array([[*row, *[0.0] * (len(pair.b) - len(row))] for row in pair.a])
-        self.b, self.c = np.array(pair.b), np.array(pair.c)
+        a = np.array([[*row, *[0.0] * (len(pair.b) - len(row))] for row in pair.a])
+        self.tableau = Tableau(address, a, np.array(pair.b), np.array(pair.c), rows, entries)
         arguments_of = [t, x, p, modes]
         self.field = ca.Function("field", arguments_of, [field])
         self.guards = ca.Function("guards", arguments_of, [guards])
@@ -206,29 +233,12 @@ class Variation:
         kept = np.empty((time.size if keep else 0, n, tangent.shape[1]))
         if keep:
             kept[0] = tangent
+        steps = Steps(time, state, modes, held, p, first_held)
         pairs = {int(k) for k in np.flatnonzero(np.diff(time) <= 0.0)}
         place, dated = 0, []
         approach = np.inf
         for k in sorted({*pairs, *acts, time.size - 1}):
-            transport(
-                self.address,
-                self.a,
-                self.b,
-                self.c,
-                self.rows,
-                self.entries,
-                own,
-                time,
-                state,
-                modes,
-                held,
-                p,
-                first_held,
-                tangent,
-                place,
-                k,
-                kept,
-            )
+            transport(self.tableau, steps, own, tangent, place, k, kept)
             begin, place = place, k
             if walk is not None and k in walk.due:
                 tangent = np.ascontiguousarray(walk.act(k, p, tangent))
@@ -259,8 +269,9 @@ class Variation:
         for q, (k, t) in enumerate(zip(places.tolist(), times.tolist(), strict=True)):
             if t > nodes.time[k]:
                 once = slice(k, k + 1)
-                transport(self.address, self.a, self.b, self.c, self.rows, self.entries, own, np.array([nodes.time[k], t]), state[once].copy(),
-                          modes[once].copy(), nodes.held[once].copy(), p, first_held, found[q], 0, 1, np.empty((0, 0, 0)))  # fmt: skip
+                times_of = np.array([nodes.time[k], t])
+                steps = Steps(times_of, state[once].copy(), modes[once].copy(), nodes.held[once].copy(), p, first_held)
+                transport(self.tableau, steps, own, found[q], 0, 1, np.empty((0, 0, 0)))
         return found
 
     def flow(self, nodes: Trajectory, t: float) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 
 from toolbox.robustness.disk_margins import LoopMargins, frequencies
 from toolbox.robustness.loop import LinearLoop
-from toolbox.simulation.plot import LINES, PAPER, WIDTH
+from toolbox.simulation.style import LINES, PAPER, WIDTH
 
 
 def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = None) -> Any:

@@ -9,7 +9,6 @@ runs, in seconds spent in the compiled loop: on a machine that does other things
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -20,6 +19,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files import tables
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
 from toolbox.scenes.scene import Scene
@@ -95,19 +95,8 @@ class WorkPrecision:
 
     def save(self, path: str | Path) -> Path:
         """Write the points as CSV, whole or not at all."""
-        from toolbox.files.atomic import replaced
-
-        target = Path(path)
-        with replaced(target) as file:
-            import io
-
-            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-            writer = csv.writer(text)
-            writer.writerow([field.name for field in fields(Point)])
-            writer.writerows([[getattr(point, field.name) for field in fields(Point)] for point in self.points])
-            text.flush()
-            text.detach()
-        return target
+        names = [field.name for field in fields(Point)]
+        return tables.write(path, names, [[getattr(point, name) for name in names] for point in self.points])
 
 
 def work_precision(

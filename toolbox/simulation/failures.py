@@ -16,16 +16,14 @@ from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
 from toolbox.simulation.stiffness import progress
-from toolbox.simulation.trajectory import Smoothed, Stepped, Trajectory
+from toolbox.simulation.trajectory import Records, Smoothed, Stepped, Trajectory
 
 
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     """The result of a run as far as it came."""
     r, e = int(work.ints[loop_layout.RECORDS]), int(work.ints[loop_layout.EVENTS])
     kind = {TimeStepping: Stepped, Smoothing: Smoothed}.get(type(run.method), Trajectory)
-    return kind(
-        run=run,
-        program=program,
+    records = Records(
         time=work.rec_t[:r].copy(),
         states=work.rec_x[:r].copy(),
         mode=work.rec_m[:r].copy(),
@@ -40,6 +38,7 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
         merged=int(work.ints[loop_layout.MERGED]),
         wall_time=clock.perf_counter() - began,
     )
+    return kind(run=run, program=program, records=records)
 
 
 def exhausted(

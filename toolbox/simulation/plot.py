@@ -12,7 +12,6 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
-import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
@@ -22,9 +21,20 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
 from toolbox.simulation.samples import Event, Samples, scalar, window
+from toolbox.simulation.style import (
+    BAND,
+    LINES,
+    MANY_EVENTS,
+    PAPER,
+    RESOLUTION,
+    TONES,
+    WIDTH,
+    axis_label,
+    in_words,
+    legend_above,
+    line_styles,
+)
 
-# loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
-plt.switch_backend(matplotlib.get_backend())
 
 class Pictured(Protocol):
     """What a picture asks of a run."""
@@ -61,53 +71,6 @@ class Pictured(Protocol):
         """(begin, end, mode) of one element."""
 
 
-RESOLUTION = 1600
-"""Points along the time axis between which a curve is drawn straight."""
-
-LINES: Sequence[dict[str, Any]] = (
-    {"color": "#12355b", "linestyle": "-", "linewidth": 1.5},
-    {"color": "#e07a1f", "linestyle": "-", "linewidth": 1.3},
-    {"color": "#4f9d8f", "linestyle": (0, (5, 1.5)), "linewidth": 1.4},
-    {"color": "#a23b72", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.6},
-    {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
-)
-
-TONES: dict[str, dict[str, Any]] = {
-    "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
-    "slip": {"facecolor": "0.88", "edgecolor": "0.88"},
-    "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
-    "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
-    "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
-    "open": {"facecolor": "0.94", "edgecolor": "0.94"},
-    "high": {"facecolor": "0.45", "edgecolor": "0.45"},
-    "low": {"facecolor": "0.90", "edgecolor": "0.90"},
-    "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},
-    "below": {"facecolor": "0.90", "edgecolor": "0.90"},
-}
-BAND = "0.90"
-MANY_EVENTS = 60
-"""Events in a picture above which their lines grow fainter; above ten times as many they are left out."""
-
-PAPER = {
-    "font.size": 9.0,
-    "axes.labelsize": 9.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "legend.fontsize": 8.0,
-    "axes.linewidth": 0.7,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.formatter.use_mathtext": True,
-    "hatch.linewidth": 0.7,
-    "figure.dpi": 110,
-    "savefig.dpi": 200,
-}
-WIDTH = 7.2
-"""Width of a figure [inch]: the text width of an A4 report."""
-
-
 def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
     """Signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
@@ -128,10 +91,10 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
     elements = list(run.modes)
     contacts = [element.name for element in run.program.system.elements if element.law is not None]
     with plt.rc_context(PAPER):
-        panels = [ax] if ax is not None else _figure(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
+        panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
             lines = _lines(panel, samples, group)
-            panel.set_ylabel(_axis_label(group, unit))
+            panel.set_ylabel(axis_label(group, unit))
             panel.set_xlim(begin, end)
             top = panel is panels[0]
             if len(contacts) == 1:
@@ -139,7 +102,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
             _event_lines(panel, run, begin, end)
             height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
-                _legend(panel, height)
+                legend_above(panel, height)
         panels[-1].set_xlabel("time [s]")
         if len(panels) > 1:
             panels[0].figure.align_ylabels(panels)
@@ -222,8 +185,8 @@ def comparison(
             raise SceneError(f'There is no element `{element}` in the run "{label}": {suggest(element, names)}')
         shown[label] = element or (names[0] if names else None)
     with plt.rc_context(PAPER):
-        panels = [ax] * len(runs) if ax is not None else _figure(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
-        for panel, style, (label, run) in zip(panels, _styles(len(runs)), runs.items(), strict=True):
+        panels = [ax] * len(runs) if ax is not None else stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
+        for panel, style, (label, run) in zip(panels, line_styles(len(runs)), runs.items(), strict=True):
             last = min(end, float(run.nodes.time[-1]))
             if last > begin:
                 samples = _curve(run, begin, last)
@@ -242,7 +205,7 @@ def comparison(
                 label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
             }
             height = _ribbon(ax, rows, begin, end)
-            _legend(ax, height)
+            legend_above(ax, height)
             ax.set_ylabel(quantity)
         else:
             panels[0].figure.supylabel(quantity, fontsize=9.0)
@@ -331,34 +294,12 @@ def _interesting(run: Pictured) -> list[str]:
     return found or [next(iter(system.states))]
 
 
-def in_words(name: str) -> str:
-    """The name of a signal as a reader says it."""
-    return name.replace(".", " ").replace("_", " ")
-
-
-def _axis_label(names: Sequence[str], unit: str) -> str:
-    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
-    if len(names) == 1:
-        return f"{in_words(names[0])} [{unit}]"
-    tails = {name.rpartition(".")[2] for name in names}
-    kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
-    word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
-    return f"{word} [{unit}]".strip()
-
-
-# ----------------------------------------------------------------------------------------------------------------------------------- drawing parts
-def _figure(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
+def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
+    """Empty panels one above the other, over a common axis."""
     _, panels = plt.subplots(
         rows, 1, sharex=True, sharey=sharey, squeeze=False, figsize=(WIDTH, 0.75 + height * rows + extra), layout="constrained"
     )
     return list(panels[:, 0])
-
-
-def _styles(count: int) -> list[dict[str, Any]]:
-    if count <= len(LINES):
-        return list(LINES[:count])
-    shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, count))
-    return [{"color": tuple(shade), "linestyle": LINES[i % len(LINES)]["linestyle"], "linewidth": 1.2} for i, shade in enumerate(shades)]
 
 
 def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
@@ -371,7 +312,7 @@ def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
         else:
             curves += [(f"{in_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
     many = len(curves) > 8  # then the first and the last name the row of shades between them
-    for i, ((label, values), style) in enumerate(zip(curves, _styles(len(curves)), strict=True)):
+    for i, ((label, values), style) in enumerate(zip(curves, line_styles(len(curves)), strict=True)):
         named = not many or i in (0, len(curves) - 1)
         if many:
             style = style | {"linestyle": "-", "linewidth": 0.9}
@@ -442,15 +383,6 @@ def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end
     ax.add_artist(legend)
     legend.set_clip_on(False)  # otherwise the layout makes no room for it
     return height
-
-
-def _legend(ax: Any, above: float) -> None:
-    """The names of the curves over the left of a panel, above a ribbon of the given height [inch]."""
-    place = blended_transform_factory(ax.transAxes, ax.figure.dpi_scale_trans + ScaledTranslation(0, 1, ax.transAxes))
-    ax.legend(
-        loc="lower left", bbox_to_anchor=(0.0, above), bbox_transform=place, ncols=4, frameon=False, borderaxespad=0.1, handlelength=2.2,
-        columnspacing=1.2,
-    )  # fmt: skip
 
 
 def _arrows(ax: Any, x: np.ndarray, y: np.ndarray, slides: np.ndarray, color: str) -> None:

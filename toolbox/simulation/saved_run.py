@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -10,6 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.archives import arrays, understood
 from toolbox.simulation.samples import Event, Modes, Stays
 
 
@@ -38,14 +38,9 @@ class SavedRun(Stays):
     @staticmethod
     def read(path: Path) -> SavedRun:
         """The run in a file; raises SceneError where there is none."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return SavedRun(path, {name: file[name] for name in file.files})
-        except FileNotFoundError:
-            beside = [other.name for other in path.parent.glob("*.npz")] if path.parent.is_dir() else []
-            raise SceneError(f"There is no file `{path}`" + (f": {suggest(path.name, beside)}" if beside else ".")) from None
-        except (OSError, ValueError, KeyError, AttributeError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise SceneError(f"File `{path}` must be a run written by `Trajectory.save`, but it is not: {error}.") from None
+        what = "a run written by `Trajectory.save`"
+        with understood(path, what):
+            return SavedRun(path, arrays(path, what))
 
     @property
     def names(self) -> list[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +35,29 @@ ROUND_OFF = 1e-12
 """A state below this part of the largest of its unit is what that one leaves of it in rounding: its errors are errors of the large one."""
 
 
+@dataclass(frozen=True)
+class Records:
+    """What the event loop recorded of a run.
+
+    time, states, mode, held: at every node;  parameters;  event_arrays: times, elements and modes of the events;  last_mode: modes at the end;  end, answers,
+    steps, merged, wall_time, memory: as in `Trajectory`.
+    """
+
+    time: np.ndarray
+    states: np.ndarray
+    mode: np.ndarray
+    held: np.ndarray
+    parameters: np.ndarray
+    event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray]
+    last_mode: np.ndarray
+    end: float
+    answers: list[list[np.ndarray]]
+    steps: tuple[int, int]
+    merged: int
+    wall_time: float
+    memory: np.ndarray | None = None
+
+
 class Trajectory(Stays, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
@@ -49,37 +71,18 @@ class Trajectory(Stays, Samples):
 
     laws: tuple[Any, ...] = ()
 
-    def __init__(
-        self,
-        *,
-        run: Any,
-        program: Any,
-        time: np.ndarray,
-        states: np.ndarray,
-        mode: np.ndarray,
-        held: np.ndarray,
-        parameters: np.ndarray,
-        event_arrays: tuple[np.ndarray, np.ndarray, np.ndarray],
-        last_mode: np.ndarray,
-        end: float,
-        answers: list[list[np.ndarray]],
-        steps: tuple[int, int],
-        merged: int,
-        wall_time: float,
-        memory: np.ndarray | None = None,
-        why: str = "",
-    ):
-        super().__init__(program, time, states, mode, held, parameters, False)
+    def __init__(self, *, run: Any, program: Any, records: Records, why: str = ""):
+        super().__init__(program, records.time, records.states, records.mode, records.held, records.parameters, False)
         self.run = run
-        self.parameters = parameters
-        self.steps = steps
-        self.merged = merged
-        self.wall_time = wall_time
-        self._event_arrays = event_arrays
-        self._last_mode = last_mode
-        self.end = end
-        self.answers = answers
-        self.memory = memory
+        self.parameters = records.parameters
+        self.steps = records.steps
+        self.merged = records.merged
+        self.wall_time = records.wall_time
+        self._event_arrays = records.event_arrays
+        self._last_mode = records.last_mode
+        self.end = records.end
+        self.answers = records.answers
+        self.memory = records.memory
         self.why = why
 
     @staticmethod
@@ -261,22 +264,15 @@ class Trajectory(Stays, Samples):
         Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
         that times increase; `save` keeps both sides, and the modes.
         """
-        from toolbox.files.atomic import replaced
+        from toolbox.files import tables
 
         columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
         for name in self.names:
             values, unit = self[name], self.unit(name)
             columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
         once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
-        target = Path(path)
-        with replaced(target) as file:
-            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-            table = csv.writer(text, lineterminator="\n")
-            table.writerow([name if unit == "1" else f"{name} [{unit}]" for name, unit in columns])
-            table.writerows(np.column_stack(list(columns.values()))[once].tolist())
-            text.flush()
-            text.detach()
-        return target
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
+        return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())
 
     def save(self, path: str | Path) -> Path:
         """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
@@ -406,8 +402,8 @@ def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajec
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.compilation.program import program_of
 
-    run = data["run"]
-    return kind(program=program_of(run.system, run.kinds, pair), **data)
+    run, why = data.pop("run"), data.pop("why")
+    return kind(run=run, program=program_of(run.system, run.kinds, pair), records=Records(**data), why=why)
 
 
 def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:

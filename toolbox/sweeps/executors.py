@@ -17,6 +17,7 @@ import os
 import pickle
 import queue
 import signal
+import threading
 import time as clock
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -25,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.interrupts import GATE, undivided
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method
 from toolbox.simulation.run import Run
@@ -39,6 +41,9 @@ WORK = 0.5
 START = 5.0
 """Seconds of work below which processes for laws in Python are not worth starting."""
 
+
+PATIENCE = 0.3
+"""Seconds that runs which have begun are waited for when a sweep ends early."""
 
 AHEAD = 4096
 """Chunks handed to an executor before the first is done: enough for any cluster, few enough for a sweep of any length to fit in memory."""
@@ -108,16 +113,17 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
+        with GATE.kept(), travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:
-                future = arrived.get()
+                future = _next(arrived)
                 for chunk in itertools.islice(chunks, 1):
                     submit(chunk)
                 waiting.discard(future)  # and its result with it
                 outcome = future.result()
-                take(outcome)
+                with undivided():
+                    take(outcome)
                 if store is not None:
                     store.flush(columns, PAUSE)
                 bar.update(len(outcome.values))
@@ -133,6 +139,14 @@ def evaluated(
         store.flush(columns)
         store.finish(clock.perf_counter() - began)
     return columns.values, dict(sorted(columns.errors.items())), clock.perf_counter() - began
+
+
+def _next(arrived: queue.SimpleQueue[concurrent.futures.Future[Outcome]]) -> concurrent.futures.Future[Outcome]:
+    """What comes first; raises KeyboardInterrupt where the process is to end."""
+    while True:
+        GATE.check()
+        with contextlib.suppress(queue.Empty):
+            return arrived.get(timeout=0.1)
 
 
 def check_executor(given: Any) -> None:
@@ -166,18 +180,19 @@ def _kept(
     take: Any,
     own: concurrent.futures.Executor | None,
 ) -> None:
-    """Let what runs come to an end, begin nothing more, and write what has come in."""
-    for future in waiting:
-        future.cancel()
-    if own is not None:
-        own.shutdown(wait=True, cancel_futures=True)
-    while waiting:
-        future = waiting.pop()
-        if future.done() and not future.cancelled() and future.exception() is None:
-            take(future.result())
-    if store is not None:
-        with contextlib.suppress(OSError):  # what fails to be written has been said, or is written again
-            store.flush(columns)
+    """Begin nothing more, wait a moment for what runs, and write what has come in."""
+    with undivided():
+        running = [future for future in waiting if not future.cancel()]
+        if own is not None:
+            own.shutdown(wait=not running, cancel_futures=True)
+        concurrent.futures.wait(running, PATIENCE)
+        while waiting:
+            future = waiting.pop()
+            if future.done() and not future.cancelled() and future.exception() is None:
+                take(future.result())
+        if store is not None:
+            with contextlib.suppress(OSError):  # what fails to be written has been said, or is written again
+                store.flush(columns)
 
 
 def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int) -> Iterator[tuple[int, int]]:
@@ -191,15 +206,40 @@ def _chunks(status: np.ndarray, ranges: list[tuple[int, int]], size: int) -> Ite
 
 def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     """Threads for laws in machine code; processes for laws in Python, or one thread where that is done before processes have started."""
-    workers = os.cpu_count() or 1
+    cores = os.cpu_count() or 1
     if not task.run.laws or seconds < START:
-        return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else workers)
-    return concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=deaf)
+        return concurrent.futures.ThreadPoolExecutor(1 if task.run.laws else cores)
+    return Workers(cores)
 
 
-def deaf() -> None:
-    """Ctrl-C reaches every process of a terminal: the first one decides what it means."""
+class Workers(concurrent.futures.ProcessPoolExecutor):
+    """So many processes that work for this one: they do not hear Ctrl-C, from their first instruction on, and end with it, however it ends."""
+
+    def __init__(self, processes: int) -> None:
+        super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=bound)
+
+    def submit(self, *arguments: Any, **named: Any) -> concurrent.futures.Future[Any]:
+        """Hand over a call; a process that begins meanwhile inherits what is blocked here."""
+        if not hasattr(signal, "pthread_sigmask"):
+            return super().submit(*arguments, **named)
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(*arguments, **named)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def bound() -> None:
+    """Begin as a worker. Ctrl-C reaches every process of a terminal: the first one decides what it means; where that is killed, its workers go too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def follow() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _probed(task: Task) -> Manner:

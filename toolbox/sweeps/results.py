@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
+from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.sweeps import store
 
@@ -120,45 +122,33 @@ class Sweep:
             "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
             "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
         }  # fmt: skip
-        arrays: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
-        arrays |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
-        arrays |= {f"measure.{name}": values for name, values in self.measures.items()}
+        written: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
+        written |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
+        written |= {f"measure.{name}": values for name, values in self.measures.items()}
         with replaced(path) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+            np.savez_compressed(file, **written)  # type: ignore[arg-type]
         return path
 
     def _write_table(self, path: Path) -> None:
-        import csv
-        import io
-
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
         units = [*self.units, *self.measure_units.values()]
-        table.writerow([*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"])
-        columns = [values.ravel() for values in self.measures.values()]
-        for i, point in enumerate(self.points):
-            values = [*point.tolist(), *(float(column[i]) for column in columns)]
-            table.writerow([*("" if value != value else value for value in values), self.errors.get(i, "")])
-        with replaced(path) as file:
-            file.write(text.getvalue().encode())
+        headings = [*(f"{name} [{unit}]" for name, unit in zip((*self.names, *self.measures), units, strict=True)), "error"]
+        columns = [*self.points.T, *(values.ravel() for values in self.measures.values())]
+        tables.write(path, headings, ([*map(float, row), self.errors.get(i, "")] for i, row in enumerate(zip(*columns, strict=True))))
 
     @staticmethod
     def load(path: str | Path) -> Sweep:
         """What `save` wrote, or what a finished sweep left with `out=`. Raises SceneError for anything else, and for a sweep that is not finished."""
         path = Path(path)
         if path.is_dir():
-            return store.loaded(path)
-        try:
-            with np.load(path, allow_pickle=False) as data:
-                notes = json.loads(str(data["sweep"]))
-                points = data["points"]
-                axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
-                measures = {name: data[f"measure.{name}"] for name in notes["measure_units"]}
-        except (OSError, KeyError, ValueError) as error:
-            raise SceneError(f"There is no sweep in `{path}`: {error}") from None
-        return Sweep(
-            title=notes["title"], names=tuple(notes["names"]), units=tuple(notes["units"]), points=points,
-            shape=tuple(axis.size for axis in axes) or (len(points),), axes=axes, measures=measures, measure_units=notes["measure_units"],
-            errors={int(i): text for i, text in notes["errors"].items()}, duration=notes["duration"], accuracy=notes["accuracy"],
-            seconds=notes["seconds"],
-        )  # fmt: skip
+            return Sweep(**store.loaded(path))
+        what = "a sweep written by `Sweep.save`"
+        with understood(path, what):
+            data = arrays(path, what)
+            notes = json.loads(str(data["sweep"]))
+            axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
+            return Sweep(
+                title=notes["title"], names=tuple(notes["names"]), units=tuple(notes["units"]), points=data["points"],
+                shape=tuple(axis.size for axis in axes) or (len(data["points"]),), axes=axes, measures={name: data[f"measure.{name}"] for name in
+                notes["measure_units"]}, measure_units=notes["measure_units"], errors={int(i): text for i, text in notes["errors"].items()},
+                duration=notes["duration"], accuracy=notes["accuracy"], seconds=notes["seconds"],
+            )  # fmt: skip

@@ -14,23 +14,21 @@ from __future__ import annotations
 import asyncio
 import errno
 import functools
-import json
 import math
+import os
 import time as clock
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.atomic import replaced, replaced_folder
+from toolbox.files.atomic import clear_left, replaced, replaced_folder
+from toolbox.sweeps import metadata
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
 from toolbox.sweeps.designs import grid
-
-if TYPE_CHECKING:
-    from toolbox.sweeps.results import Sweep
 
 STATUS = {"flag_values": [WAITING, DONE, FAILED], "flag_meanings": "waiting done failed"}
 """What the numbers of `status` mean, in the words of the CF conventions."""
@@ -41,8 +39,8 @@ ROWS = 16_384
 PAUSE = 1.0
 """Seconds between two writes."""
 
-_UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError)
-"""What zarr raises for files that are missing, cut short or altered."""
+Sheet = Any
+"""A `toolbox.sweeps.results.Sweep`, which knows this file."""
 
 
 class Store:
@@ -52,21 +50,22 @@ class Store:
     given, None where there is no store yet. Raises SceneError for a folder with anything else, for another sweep and a damaged store, ImportError without zarr.
     """
 
-    def __init__(self, path: str | Path, sheet: Sweep, arguments: Mapping[str, str]):
+    def __init__(self, path: str | Path, sheet: Sheet, arguments: Mapping[str, str]):
         self.path, self.sheet, self.arguments = Path(path), sheet, dict(arguments)
         self.settings: dict[str, Any] | None = None
-        self._group: Any = None
+        self._open: _Open | None = None
         self._changed: set[int] = set()
         self._written = -math.inf
         _zarr()
-        if not (self.path / "zarr.json").is_file():
+        if not (self.path / metadata.FILE).is_file():
             if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
                 raise SceneError(
                     f"Argument `out` must be an empty or new folder, or that of a sweep to be continued, but `{self.path}` is not."
                 )
             folder_of(self.path.absolute().parent)
             return
-        self._group, notes = _opened(self.path, "r+")
+        self._open = _Open(self.path, "r+")
+        notes = self._open.notes
         other = [word for word in self.arguments if notes.get("arguments", {}).get(word) != self.arguments[word]]
         if other:
             words = ", ".join(f"`{word}`" for word in other)
@@ -74,6 +73,9 @@ class Store:
                 f"Argument `out` must be a new folder, or that of the same sweep, but `{self.path}` holds one with other {words}."
             )
         self.settings = notes["settings"]
+        for name in metadata.parts(notes):
+            for folder, _, _ in os.walk(self.path / name):
+                clear_left(Path(folder))
 
     def begin(self, settings: Mapping[str, Any], together: int = 1) -> None:
         """Lay out a new store. settings: to be found again in `settings`;  together: runs that are worked on at once, which one chunk holds at least."""
@@ -81,18 +83,19 @@ class Store:
         chunk = chunk_shape(self.sheet.shape, max(ROWS, together))
         with replaced_folder(self.path) as folder:
             _laid_out(folder, self.sheet, chunk, {"arguments": self.arguments, "settings": self.settings})
-        self._group, _ = _opened(self.path, "r+")
+        self._open = _Open(self.path, "r+")
 
     def columns(self) -> Columns:
         """What is there; nothing where the store has not begun. Raises SceneError for a chunk that is missing or damaged."""
-        if self._group is None:
+        if self._open is None:
             return Columns.empty(self.sheet.runs, len(self.sheet.measure_units))
-        return _read(self.path, self._group, tuple(self.sheet.measure_units))
+        return self._open.columns()
 
     @functools.cached_property
     def ranges(self) -> list[tuple[int, int]]:
         """(first, last) run of every chunk, of a store that has begun."""
-        return list(chunk_ranges(self._group["status"].shape, self._group["status"].chunks))
+        assert self._open is not None
+        return self._open.ranges()
 
     def changed(self, first: int, last: int) -> None:
         """Note that the runs from `first` to before `last` have come in."""
@@ -102,9 +105,10 @@ class Store:
         """Write what has changed, unless the last write is less than `pause` seconds ago. Raises OSError where the disk does not take it."""
         if not self._changed or clock.monotonic() - self._written < pause:
             return
+        assert self._open is not None
         try:
             for k in sorted(self._changed):
-                _write(self._group, self.ranges[k], columns, tuple(self.sheet.measure_units))
+                self._open.write(self.ranges[k], columns)
                 self._changed.discard(k)
         except (OSError, SceneError) as error:
             words = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
@@ -115,46 +119,56 @@ class Store:
         self._written = clock.monotonic()
 
     def finish(self, seconds: float) -> None:
-        """Note the seconds that it took, and clear away what was being written when earlier calls were killed."""
-        for left in self.path.rglob(".*"):
-            left.unlink(missing_ok=True)
-        notes = json.loads(self._group.attrs["sweep"])
-        self._group.attrs["sweep"] = json.dumps({**notes, "seconds": seconds})
+        """Note the seconds that it took."""
+        assert self._open is not None
+        self._open.note({"seconds": seconds})
 
 
-def saved(sweep: Sweep, path: Path) -> None:
+def saved(sweep: Sheet, path: Path) -> None:
     """Write a sweep that is there as the store that it would have left, in place of what is there."""
     _zarr()
+    _check_free(path)
     columns = Columns.empty(sweep.runs, len(sweep.measures))
     columns.put(0, np.stack([values.ravel() for values in sweep.measures.values()], axis=1), sweep.errors)
     with replaced_folder(path) as folder:
-        group = _laid_out(folder, sweep, chunk_shape(sweep.shape, ROWS), {})
-        for both in chunk_ranges(group["status"].shape, group["status"].chunks):
-            _write(group, both, columns, tuple(sweep.measures))
+        _laid_out(folder, sweep, chunk_shape(sweep.shape, ROWS), {})
+        opened = _Open(folder, "r+")
+        for both in opened.ranges():
+            opened.write(both, columns)
 
 
-def loaded(path: Path) -> Sweep:
-    """The sweep in a store. Raises SceneError where there is none, where it is damaged, and where runs still wait."""
-    from toolbox.sweeps.results import Sweep
+def _check_free(path: Path) -> None:
+    """Raise SceneError where a sweep would take the place of anything but a sweep."""
+    if not os.path.lexists(path):
+        return
+    entries = {entry.name for entry in path.iterdir()} if path.is_dir() else {""}
+    own = {metadata.FILE, *metadata.parts(metadata.notes_of(path))} if metadata.FILE in entries else set()
+    foreign = sorted(entries - own)
+    if foreign:
+        raise SceneError(f"Argument `path` must not hide your own files, but `{path / foreign[0]}` is not of a sweep.")
 
+
+def loaded(path: Path) -> dict[str, Any]:
+    """The sweep in a store, as the arguments of a `Sweep`. Raises SceneError where there is none, where it is damaged, and where runs still wait."""
     _zarr()
-    group, notes = _opened(path, "r")
+    opened = _Open(path, "r")
+    notes, columns = opened.notes, opened.columns()
     names = tuple(notes["names"])
-    columns = _read(path, group, tuple(notes["measure_units"]))
     waiting = int((columns.status == WAITING).sum())
     if waiting:
         raise SceneError(
             f"The sweep in `{path}` must be finished to be loaded, but {waiting} of {columns.status.size} runs wait: the same call of `sweep` goes on with "
             "them; xarray.open_zarr shows what is there."
         )
-    axes = tuple(group[name][...] for name in names)
-    shape = group["status"].shape
-    return Sweep(
-        title=notes["title"], names=names, units=tuple(notes["units"]), points=grid(dict(zip(names, axes, strict=True))).points if notes["grid"] else
-        np.stack(axes, axis=1), shape=shape, axes=axes if notes["grid"] else (), measures={name: columns.values[:, k].reshape(shape) for k, name in
-        enumerate(notes["measure_units"])}, measure_units=notes["measure_units"], errors=columns.errors, duration=notes["duration"],
-        accuracy=notes["accuracy"], seconds=notes["seconds"],
-    )  # fmt: skip
+    axes = tuple(map(opened.axis, names))
+    shape = opened.arrays["status"].shape
+    points = grid(dict(zip(names, axes, strict=True))).points if notes["grid"] else np.stack(axes, axis=1)
+    measures = {name: columns.values[:, k].reshape(shape) for k, name in enumerate(notes["measure_units"])}
+    return {
+        "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
+        "measures": measures, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
+        "accuracy": notes["accuracy"], "seconds": notes["seconds"],
+    }  # fmt: skip
 
 
 def folder_of(path: Path) -> None:
@@ -165,60 +179,95 @@ def folder_of(path: Path) -> None:
         raise SceneError(f"Argument `out` must be a folder that can be written, but `{path}` cannot: {error.strerror}.") from None
 
 
-# --------------------------------------------------------------------------------------------------------------------------------------- chunks
-def _region(group: Any, first: int) -> tuple[slice, ...]:
-    """Where the block stands that begins with an entry."""
-    status = group["status"]
-    at = np.unravel_index(first, status.shape)
-    return tuple(slice(int(i), min(int(i) + size, length)) for i, size, length in zip(at, status.chunks, status.shape, strict=True))
-
-
-def _write(group: Any, both: tuple[int, int], columns: Columns, names: tuple[str, ...]) -> None:
-    first, last = both
-    region = _region(group, first)
-    shape = tuple(each.stop - each.start for each in region)
-    for k, name in enumerate(names):
-        group[name][region] = columns.values[first:last, k].reshape(shape)
-    failed = np.flatnonzero(columns.status[first:last] == FAILED)
-    if failed.size:
-        texts = np.full(last - first, "", dtype=object)
-        for i in failed.tolist():
-            texts[i] = columns.errors[first + i]
-        group["error"][region] = texts.reshape(shape)
-    group["status"][region] = columns.status[first:last].reshape(shape)
-
-
-def _read(path: Path, group: Any, names: tuple[str, ...]) -> Columns:
-    status = group["status"]
-    columns = Columns.empty(math.prod(status.shape), len(names))
-    for first, last in chunk_ranges(status.shape, status.chunks):
-        region = _region(group, first)
-        at = tuple(each.start // size for each, size in zip(region, status.chunks, strict=True))
-        key, name = status.metadata.encode_chunk_key(at), "status"
-        try:
-            columns.status[first:last] = status[region].ravel()
-            if not columns.status[first:last].any():
-                continue
-            for k, name in enumerate(names):
-                if not (path / name / key).is_file():
-                    raise FileNotFoundError
-                columns.values[first:last, k] = group[name][region].ravel()
-            failed = np.flatnonzero(columns.status[first:last] == FAILED)
-            if failed.size:
-                name, texts = "error", group["error"][region].ravel()
-                columns.errors.update({first + i: str(texts[i]) for i in failed.tolist()})
-                if not all(texts[failed]):
-                    raise FileNotFoundError
-        except _UNREADABLE as error:
-            what = "missing" if isinstance(error, FileNotFoundError) else "damaged"
-            raise SceneError(
-                f"The file `{path / name / key}` of the sweep is {what}: delete `{path / 'status' / key}`, and the runs {first} to {last - 1} are done again "
-                "when the sweep is continued."
-            ) from None
-    return columns
-
-
 # ---------------------------------------------------------------------------------------------------------------------------------------- zarr
+class _Open:
+    """The arrays of a store and its notes. Raises SceneError for anything that no sweep has written."""
+
+    def __init__(self, path: Path, mode: Literal["r", "r+"]):
+        zarr = _zarr()
+        self.path, self.notes = path, metadata.notes_of(path)
+        self.names = tuple(self.notes["measure_units"])
+        try:
+            with zarr.config.set({"array.write_empty_chunks": True}):  # a chunk of nothing but nan is there, too
+                self.group = zarr.open_group(_durable()(path, read_only=mode == "r"), mode=mode, zarr_format=3, use_consolidated=False)
+                self.arrays = {name: self.group[name] for name in metadata.parts(self.notes)}
+            if len({self.arrays[name].shape for name in ("status", "error", *self.names)}) > 1:
+                raise ValueError("its arrays are not of one shape")
+        except Exception as error:  # what is damaged raises anything
+            raise SceneError(f"There is no sweep in `{path}`, or it is damaged: {error}") from None
+
+    def ranges(self) -> list[tuple[int, int]]:
+        """(first, behind the last) run of every chunk."""
+        return list(chunk_ranges(self.arrays["status"].shape, self.arrays["status"].chunks))
+
+    def note(self, more: Mapping[str, Any]) -> None:
+        """Write more notes."""
+        self.notes = {**self.notes, **more}
+        metadata.write_notes(self.path, self.notes)
+
+    def write(self, both: tuple[int, int], columns: Columns) -> None:
+        """Write one chunk of results, whose status comes last."""
+        first, last = both
+        region = self._region(first)
+        shape = tuple(each.stop - each.start for each in region)
+        for k, name in enumerate(self.names):
+            self.arrays[name][region] = columns.values[first:last, k].reshape(shape)
+        failed = np.flatnonzero(columns.status[first:last] == FAILED)
+        if failed.size:
+            texts = np.full(last - first, "", dtype=object)
+            for i in failed.tolist():
+                texts[i] = columns.errors[first + i]
+            self.arrays["error"][region] = texts.reshape(shape)
+        self.arrays["status"][region] = columns.status[first:last].reshape(shape)
+
+    def columns(self) -> Columns:
+        """What is there. Raises SceneError for a chunk that is missing or damaged."""
+        status = self.arrays["status"]
+        columns = Columns.empty(math.prod(status.shape), len(self.names))
+        for first, last in self.ranges():
+            region = self._region(first)
+            at = tuple(each.start // size for each, size in zip(region, status.chunks, strict=True))
+            key, name = status.metadata.encode_chunk_key(at), "status"
+            try:
+                columns.status[first:last] = status[region].ravel()
+                if not columns.status[first:last].any():
+                    continue
+                for k, name in enumerate(self.names):
+                    columns.values[first:last, k] = self._chunk(name, key, region).ravel()
+                failed = np.flatnonzero(columns.status[first:last] == FAILED)
+                if failed.size:
+                    name, texts = "error", self._chunk("error", key, region).ravel()
+                    columns.errors.update({first + i: str(texts[i]) for i in failed.tolist()})
+            except Exception as error:  # what is damaged raises anything
+                what = "missing" if isinstance(error, FileNotFoundError) else "damaged"
+                raise SceneError(
+                    f"The file `{self.path / name / key}` of the sweep is {what}: delete `{self.path / 'status' / key}`, and the runs {first} to {last - 1} "
+                    "are done again when the sweep is continued."
+                ) from None
+        return columns
+
+    def axis(self, name: str) -> np.ndarray:
+        """Values of what was varied. Raises SceneError where they are missing or damaged."""
+        array = self.arrays[name]
+        key = array.metadata.encode_chunk_key((0,))
+        try:
+            return self._chunk(name, key, slice(None))
+        except Exception as error:  # what is damaged raises anything
+            what = "missing" if isinstance(error, FileNotFoundError) else "damaged"
+            raise SceneError(f"The file `{self.path / name / key}` of the sweep is {what}, and with it what was varied.") from None
+
+    def _chunk(self, name: str, key: str, region: Any) -> np.ndarray:
+        if not (self.path / name / key).is_file():  # zarr would fill in what is missing
+            raise FileNotFoundError
+        return self.arrays[name][region]
+
+    def _region(self, first: int) -> tuple[slice, ...]:
+        """Where the block stands that begins with an entry."""
+        status = self.arrays["status"]
+        at = np.unravel_index(first, status.shape)
+        return tuple(slice(int(i), min(int(i) + size, length)) for i, size, length in zip(at, status.chunks, status.shape, strict=True))
+
+
 def _zarr() -> Any:
     try:
         import xarray  # noqa: F401, what is written is for it
@@ -247,22 +296,8 @@ def _durable() -> Any:
     return Durable
 
 
-def _opened(path: Path, mode: str) -> tuple[Any, dict[str, Any]]:
-    """The group of a store and its notes."""
-    zarr = _zarr()
-    try:
-        with zarr.config.set({"array.write_empty_chunks": True}):  # a chunk of nothing but nan is there, too
-            group = zarr.open_group(_durable()(path, read_only=mode == "r"), mode=mode)
-            notes = json.loads(group.attrs["sweep"])
-            for name in ("status", "error", *notes["names"], *notes["measure_units"]):
-                group[name].metadata  # noqa: B018, raises where it is not there
-    except _UNREADABLE as error:
-        raise SceneError(f"There is no sweep in `{path}`, or it is damaged: {error}") from None
-    return group, notes
-
-
-def _laid_out(folder: Path, sheet: Sweep, chunk: tuple[int, ...], more: Mapping[str, Any]) -> Any:
-    """A group with all arrays of a sweep, and its coordinates filled in."""
+def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[str, Any]) -> None:
+    """Make a store with all arrays of a sweep, and its coordinates filled in."""
     from zarr.codecs import ZstdCodec
 
     zarr = _zarr()
@@ -270,7 +305,7 @@ def _laid_out(folder: Path, sheet: Sweep, chunk: tuple[int, ...], more: Mapping[
         "title": sheet.title, "names": sheet.names, "units": sheet.units, "measure_units": sheet.measure_units, "grid": bool(sheet.axes),
         "duration": sheet.duration, "accuracy": sheet.accuracy, "seconds": sheet.seconds, **more,
     }  # fmt: skip
-    attributes = {"title": sheet.title, "sweep": json.dumps(notes)}
+    attributes = {"title": sheet.title}
     if not sheet.axes:
         attributes["coordinates"] = " ".join(sheet.names)
     group = zarr.create_group(_durable()(folder), attributes=attributes)
@@ -284,7 +319,7 @@ def _laid_out(folder: Path, sheet: Sweep, chunk: tuple[int, ...], more: Mapping[
         made(name, shape=sheet.shape, chunks=chunk, dtype="float64", fill_value=math.nan, dimension_names=dims, attributes={"units": unit})
     made("status", shape=sheet.shape, chunks=chunk, dtype="uint8", fill_value=WAITING, dimension_names=dims, attributes=STATUS)
     made("error", shape=sheet.shape, chunks=chunk, dtype=str, fill_value="", dimension_names=dims)
+    group.update_attributes(metadata.attributes({**notes, "digests": metadata.digests(folder, metadata.parts(notes))}))
     with warnings.catch_warnings():  # one file for all metadata is what xarray looks for, though zarr 3 calls it not yet specified
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(_durable()(folder))
-    return group

@@ -6,18 +6,24 @@ being written, which is recognised by its missing end and dropped. The first lin
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import json
 import os
 import re
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
+from toolbox.files.interrupts import undivided
 
-FORMAT = "stickslip journal 1"
+FORMAT = "stickslip journal 2"
+
+EARLIER = "stickslip journal 1"
+"""Without checksums."""
 
 
 class Journal:
@@ -29,11 +35,12 @@ class Journal:
     def __init__(self, path: str | Path, arguments: Mapping[str, str]):
         self.path = Path(path)
         self.known: dict[tuple[float | None, ...], Any] = {}
+        self.checked = True
         header = {"format": FORMAT, "arguments": dict(arguments)}
         try:
             content = self.path.read_bytes() if self.path.exists() else b""
             whole = content[: content.rfind(b"\n") + 1]
-            if content and not whole and not json.dumps(header).encode().startswith(content):
+            if content and not whole and not _line(header).startswith(content):
                 raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
             if len(whole) < len(content):
                 with self.path.open("r+b") as file:
@@ -49,9 +56,10 @@ class Journal:
 
     def _read(self, lines: list[str], header: dict[str, Any]) -> None:
         found = _parsed(lines[0])
-        if not isinstance(found, dict) or found.get("format") != FORMAT:
-            raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
+        if not isinstance(found, dict) or found.get("format") not in (FORMAT, EARLIER) or not isinstance(found.get("arguments"), dict):
+            raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else, or damaged in line 1.")
         theirs, ours = found["arguments"], header["arguments"]
+        self.checked = found["format"] == FORMAT
         for name in {**ours, **theirs}:
             if theirs.get(name) != ours.get(name):
                 old, new = (_shortened(each.get(name)) for each in (theirs, ours))
@@ -60,8 +68,12 @@ class Journal:
                 )
         for number, line in enumerate(lines[1:], 2):
             entry = _parsed(line)
-            if not isinstance(entry, dict) or not isinstance(entry.get("numbers"), list) or "result" not in entry:
-                raise SceneError(f"Argument `journal` must hold one result a line, but line {number} of `{self.path}` is none.")
+            whole = isinstance(entry, dict) and isinstance(entry.get("numbers"), list) and "result" in entry and ("check" in entry) == self.checked
+            if not whole or not all(value is None or isinstance(value, (int, float)) for value in entry["numbers"]):
+                raise SceneError(
+                    f"Argument `journal` must hold one result a line, but line {number} of `{self.path}` is none, or damaged: delete it, and the point is "
+                    "tried again."
+                )
             self.known[tuple(entry["numbers"])] = entry["result"]
 
     def add(self, numbers: tuple[float | None, ...], result: Any) -> None:
@@ -69,11 +81,16 @@ class Journal:
         self._append({"numbers": numbers, "result": result})
         self.known[numbers] = result
 
-    def _append(self, entry: Any) -> None:
+    def _append(self, entry: dict[str, Any]) -> None:
+        line = _line(entry, self.checked)
         handle = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         try:
-            os.write(handle, json.dumps(entry).encode() + b"\n")
-            os.fsync(handle)
+            with undivided():
+                written = os.write(handle, line)
+                if written < len(line):
+                    os.ftruncate(handle, os.fstat(handle).st_size - written)
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+                os.fsync(handle)
         finally:
             os.close(handle)
 
@@ -106,11 +123,25 @@ def fingerprint(thing: Any) -> str:
     return f"{thing.__module__}.{thing.__qualname__} {digest.hexdigest()[:16]}"
 
 
+def _line(entry: dict[str, Any], checked: bool = True) -> bytes:
+    """One line of a journal, with the checksum of its text."""
+    text = json.dumps(entry)
+    if checked:
+        text = f'{text[:-1]}, "check": "{zlib.crc32(text.encode()):08x}"}}'
+    return text.encode() + b"\n"
+
+
 def _parsed(line: str) -> Any:
+    """What a line holds; None where it is no JSON, or not what was written."""
     try:
-        return json.loads(line)
-    except ValueError:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
         return None
+    if isinstance(entry, dict) and "check" in entry:
+        text = line[: line.rindex(', "check"')] + "}" if ', "check"' in line else ""
+        if entry["check"] != f"{zlib.crc32(text.encode()):08x}":
+            return None
+    return entry
 
 
 def _shortened(text: Any) -> str:

@@ -189,25 +189,16 @@ class Tuned:
 
     def save(self, path: str | Path) -> Path:
         """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""
-        import csv
-        import io
+        from toolbox.files import tables
 
-        from toolbox.files.atomic import replaced
-
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
         named = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
         each = [f"{label}: {name}" for label in self.scenes for name in named] if len(self.scenes) > 1 else []
-        table.writerow([*(_labelled(free.name, free.unit) for free in self.free), *named, *each, "front", "failure"])
-        front = self.front
+        front, rows = self.front, []
         for trial in self.trials:
             scenes = [value for row in trial.values for value in row] if each else []
-            numbers = ["" if number is None else number for number in trial.numbers]
             failure = "; ".join(words for words in trial.failures if words)
-            table.writerow([*numbers, *self.counted(trial), *scenes, int(any(trial is member for member in front)), failure])
-        with replaced(Path(path)) as file:
-            file.write(text.getvalue().encode())
-        return Path(path)
+            rows.append([*trial.numbers, *self.counted(trial), *scenes, int(any(trial is member for member in front)), failure])
+        return tables.write(path, [*(_labelled(free.name, free.unit) for free in self.free), *named, *each, "front", "failure"], rows)
 
 
 _TUNED = "*"

@@ -1,0 +1,253 @@
+"""Ctrl-C at any instant of a command: 130, one line, nothing half-written, soon, also where Python loses the exception or cannot raise it."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.timeout(300), pytest.mark.skipif(sys.platform == "win32", reason="signals")]
+
+BELT = 'title = "belt"\nduration = 40\n[[plant]]\npart = "BlockOnBelt"\n[[controllers]]\nlabel = "one"\n[[controllers]]\nlabel = "two"\n'
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])}
+NOTHING = "stickslip: interrupted, and nothing was written."
+
+COMMAND = """
+import os, signal, sys, threading, time
+from toolbox.commands import command_line, figures
+from toolbox.scenes import verdicts
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+figures.draw = lambda scene, label, run, *paths: [path.touch() for path in paths]
+figures.draw_comparison = lambda scene, runs, path: path.touch()
+{patch}
+sys.argv = ["stickslip", *sys.argv[1:]]
+command_line.script()
+"""
+
+IN_A_CALLBACK = """
+from numba.core import codegen
+inner = codegen.CPUCodeLibrary._object_getbuffer_hook.__func__
+def hook(cls, module):
+    if not done:
+        done.append(interrupt())
+    return inner(cls, module)
+done = []
+codegen.CPUCodeLibrary._object_getbuffer_hook = classmethod(hook)
+"""
+
+LOST = """
+inner = verdicts.judged
+def judged(*arguments):
+    try:
+        interrupt()
+        time.sleep(0.01)
+    except KeyboardInterrupt:
+        pass
+    return inner(*arguments)
+verdicts.judged = judged
+"""
+
+IN_MACHINE_CODE = """
+import hashlib
+def judged(*arguments):
+    threading.Timer(0.1, interrupt).start()
+    hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
+verdicts.judged = judged
+"""
+
+IN_A_HARD_FINALLY = """
+def judged(*arguments):
+    try:
+        interrupt()
+        time.sleep(100)
+    finally:
+        time.sleep(100)
+verdicts.judged = judged
+"""
+
+TWICE = """
+def judged(*arguments):
+    try:
+        interrupt()
+        time.sleep(100)
+    finally:
+        interrupt()
+        time.sleep(0.05)
+verdicts.judged = judged
+"""
+
+WHILE_PLACING = """
+inner = os.rename
+def rename(*arguments):
+    interrupt()
+    time.sleep(0.01)
+    return inner(*arguments)
+os.rename = rename
+"""
+
+
+def started(tmp_path, *arguments, patch="", **options):
+    (tmp_path / "belt.toml").write_text(BELT)
+    program = [sys.executable, "-c", COMMAND.format(patch=patch), *map(str, arguments)]
+    return subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=ENVIRONMENT, **options)
+
+
+def ended(process, seconds=120):
+    out, errors = process.communicate(timeout=seconds)
+    return process.returncode, [line for line in errors.splitlines() if "once per machine" not in line], out
+
+
+@pytest.mark.parametrize("exists", [False, True], ids=["a new folder", "a folder with results"])
+@pytest.mark.parametrize(
+    "patch", [IN_A_CALLBACK, LOST, IN_MACHINE_CODE, IN_A_HARD_FINALLY, TWICE],
+    ids=["in a callback of LLVM", "caught by somebody", "in machine code", "before a long cleaning up", "twice"],
+)  # fmt: skip
+def test_an_interrupt_ends_the_study_wherever_it_arrives(tmp_path, patch, exists):
+    out = tmp_path / "out"
+    if exists:
+        assert ended(started(tmp_path, "study", "belt.toml", "--out", out))[0] == 0
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    began = time.monotonic()
+    assert ended(started(tmp_path, "study", "belt.toml", "--out", out, patch=patch))[:2] == (130, [NOTHING])
+    assert time.monotonic() - began < 60.0  # and not the 100 s of what holds it up
+    after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert after == (before if exists else {tmp_path / "belt.toml": BELT.encode()})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["belt.toml", *(["out"] if exists else [])]
+
+
+def test_an_interrupt_while_the_result_takes_its_place_comes_too_late(tmp_path):
+    out = tmp_path / "out"
+    for _ in range(2):  # in a new folder, and in one with results
+        assert ended(started(tmp_path, "study", "belt.toml", "--out", out, patch=WHILE_PLACING))[:2] == (0, [])
+        assert len(list(out.iterdir())) == 9 and all(not path.name.startswith(".") for path in out.iterdir())
+
+
+TUNE = ("tune", "rig.toml", "--law", "pi", "--free", "integral=100:4000", "--objective", "severity", "--runs", "100000", "--processes", "2", "--out", "out")
+RIG = """
+title = "rig"
+duration = 20000
+[[plant]]
+part = "wells.JANSEN_2"
+[[plant]]
+part = "BitRock"
+[[controllers]]
+label = "pi"
+law = "PI"
+reference = 9.0
+"""
+
+
+def children(pid):
+    """Processes that a process has started, by number."""
+    found = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True).stdout
+    return [int(line.split()[0]) for line in found.splitlines() if "spawn_main" in line]
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("wait", [0.0, 3.0], ids=["as workers start", "as workers work"])
+@pytest.mark.parametrize("how", ["ctrl-c", "kill"])
+def test_workers_go_with_the_command_and_say_nothing(tmp_path, wait, how):
+    (tmp_path / "rig.toml").write_text(RIG)
+    process = started(tmp_path, *TUNE, start_new_session=True)
+    patience = time.monotonic() + 100
+    while len(workers := children(process.pid)) < 2 and process.poll() is None and time.monotonic() < patience:
+        time.sleep(0.005)
+    time.sleep(wait)
+    assert process.poll() is None
+    if how == "ctrl-c":
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+        assert ended(process)[:2] == (130, [NOTHING])
+        assert [path.name for path in tmp_path.iterdir() if path.name not in ("rig.toml", "belt.toml")] == []
+    else:
+        process.kill()
+        ended(process)
+    patience = time.monotonic() + 60
+    while any(map(alive, workers)) and time.monotonic() < patience:
+        time.sleep(0.02)
+    assert workers and not any(map(alive, workers))
+
+
+BEGUN = """
+inner = command_line.main
+def main(*arguments, **named):
+    open("begun", "w").close()
+    return inner(*arguments, **named)
+command_line.main = main
+"""
+
+LOADING = """
+from numba.core.dispatcher import Dispatcher
+inner = Dispatcher.compile
+def compile(self, signature):
+    if "advance" in self.__name__:
+        open("begun", "w").close()
+    return inner(self, signature)
+Dispatcher.compile = compile
+"""
+
+
+def interrupted_at(tmp_path, patch, latest, times, seed):
+    """Interrupt a study so many times, at random instants after a mark. Returns how many ended with 130, and the longest time that took [s]."""
+    draw, ends, longest, out = random.Random(seed), [], 0.0, tmp_path / "out"
+    for _ in range(times):
+        shutil.rmtree(out, ignore_errors=True)
+        (tmp_path / "begun").unlink(missing_ok=True)
+        process = started(tmp_path, "study", "belt.toml", "--out", out, patch=patch)
+        while not (tmp_path / "begun").exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(draw.uniform(0.0, latest))
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        code, errors, _ = ended(process)
+        took = time.monotonic() - began
+        left = sorted(path.name for path in tmp_path.iterdir() if path.name != "begun")
+        if code == 0:  # it came when the result was in place
+            assert errors == [] and left == ["belt.toml", "out"] and len(list(out.iterdir())) == 9
+        else:
+            assert (code, errors) == (130, [NOTHING]) and left == ["belt.toml"]
+            longest = max(longest, took)
+        ends.append(code)
+    return ends.count(130), longest
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(("patch", "latest", "times"), [(BEGUN, 1.2, 200), (LOADING, 0.15, 50)], ids=["any instant", "while the event loop is loaded"])
+def test_an_interrupt_at_random_instants_ends_the_study(tmp_path, patch, latest, times):
+    count, longest = interrupted_at(tmp_path, patch, latest, times, seed=5)
+    print(f"{count} of {times} ended with 130, the others were in place; at most {longest:.2f} s")
+    assert count > 0.5 * times
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, monkeypatch):
+    draw, longest = random.Random(6), 0.0
+    for number in range(10):
+        monkeypatch.setitem(ENVIRONMENT, "NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+        process = started(tmp_path, "study", "belt.toml", "--out", tmp_path / "out", patch=BEGUN)
+        time.sleep(draw.uniform(3.0, 30.0))
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert ended(process)[:2] == (130, [NOTHING]), number
+        longest = max(longest, time.monotonic() - began)
+        assert not list((tmp_path / "cache").rglob("*.part"))
+        shutil.rmtree(tmp_path / "cache", ignore_errors=True)
+    print(f"10 of 10 while compiling; at most {longest:.2f} s")

@@ -1,0 +1,104 @@
+"""Ctrl-C in a process that is a command: it ends with 130 and one line on stderr, soon, whatever the process is doing, and nothing half-written.
+
+Why not KeyboardInterrupt: Python raises it between any two of its own instructions. While LLVM makes a loop there are none for seconds. Where the next one is
+in a function that LLVM calls back, the exception is lost and the study runs on, or LLVM goes on without what it asked for and the process dies; where it is in
+an import, half a module stays behind, and something else fails. So the signal is noted, no more, and a thread that the system wakes at once ends it all:
+it lets a sweep keep what is finished, waits until no result is just taking its place, and clears the temporary files and the worker processes away.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+from typing import NoReturn
+
+from toolbox.files.atomic import clear_own
+from toolbox.files.interrupts import GATE
+
+INTERRUPTED = 130
+"""Exit code of what was interrupted."""
+
+NOTHING = "interrupted, and nothing was written."
+"""What is said of most commands."""
+
+MOMENT = 0.5
+"""Seconds that a sweep has to keep what is finished and to say how much that is."""
+
+PLACING = 5.0
+"""Seconds that results which are just taking their places have to get there."""
+
+LAST = 2.0
+"""Seconds that clearing away may take."""
+
+
+class Watch:
+    """What looks after the interrupts of a process. words: what it says of them."""
+
+    def __init__(self) -> None:
+        self.words = NOTHING
+        self._out, self._ending = threading.Event(), threading.Lock()
+        self._woken, self._wakes = socket.socketpair()
+        self._wakes.setblocking(False)
+
+    def begin(self) -> None:
+        """Look after them from now on, in the main thread of a process that is nothing but a command."""
+        GATE.asked = GATE.placed = False
+        threading.Thread(target=self._wait, name="interrupts", daemon=True).start()
+        signal.set_wakeup_fd(self._wakes.fileno(), warn_on_full_buffer=False)
+        signal.signal(signal.SIGINT, _noted)
+
+    def interrupted(self, words: str = "") -> NoReturn:
+        """End the process from its main thread."""
+        self._out.set()
+        self._end(words or self.words)
+
+    def over(self, code: int) -> NoReturn:
+        """End the process with the exit code of its result, unless it was interrupted before that was in place."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if GATE.interrupted:
+            self.interrupted()
+        sys.exit(code)
+
+    def _wait(self) -> None:
+        while signal.SIGINT not in self._woken.recv(64):
+            pass
+        GATE.asked = True
+        if GATE.keeping:
+            self._out.wait(MOMENT)
+        if GATE.closed(PLACING):
+            self._end(self.words)
+
+    def _end(self, words: str) -> NoReturn:
+        self._ending.acquire()  # and never released: whoever comes second waits for the end
+        last = threading.Timer(LAST, os._exit, (INTERRUPTED,))
+        last.daemon = True
+        last.start()
+        with contextlib.suppress(Exception):
+            sys.stdout.flush()
+        with contextlib.suppress(Exception):
+            sys.stderr.write(f"stickslip: {' '.join(words.split())}\n")
+            sys.stderr.flush()
+        with contextlib.suppress(Exception):
+            clear_own()
+        with contextlib.suppress(Exception):
+            _without_workers()
+        os._exit(INTERRUPTED)
+
+
+def _noted(number: int, frame: object) -> None:
+    """Do nothing: the thread knows."""
+
+
+def _without_workers() -> None:
+    """End the worker processes, and give back what the system keeps for them."""
+    if "multiprocessing" in sys.modules:
+        import multiprocessing
+        from multiprocessing import util
+
+        for child in multiprocessing.active_children():
+            child.kill()
+        util._run_finalizers(0)  # type: ignore[attr-defined]

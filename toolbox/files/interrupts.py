@@ -1,0 +1,95 @@
+"""Ctrl-C and the few operations on files that must not be cut in two.
+
+What takes the place of an earlier result does so inside `undivided`: an interrupt that comes meanwhile waits for its end. A process that has to end at
+once (see `toolbox.commands.interrupt`) asks `closed` for a moment in which nobody is inside, and nobody comes in any more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+
+class Gate:
+    """How many threads are inside something undivided, and whether a result has taken its place, after which there is nothing to interrupt.
+
+    asked: whether the process was interrupted and is to end;  keeping: whether the main thread looks at that by itself, to keep what is finished;  placed:
+    whether the result of the process is in place.
+    """
+
+    def __init__(self) -> None:
+        self.asked = self.keeping = self.placed = False
+        self._inside = 0
+        self._closed = False
+        self._changed = threading.Condition()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether an interrupt came before the result was in place."""
+        return self.asked and not self.placed
+
+    def enter(self) -> None:
+        """Come in; for ever waiting where the process is about to end."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._closed or self._inside > 0)
+            self._inside += 1
+
+    @contextlib.contextmanager
+    def kept(self) -> Iterator[None]:
+        """The block asks `check` often and keeps what is finished when that raises."""
+        before, self.keeping = self.keeping, True
+        try:
+            yield
+        finally:
+            self.keeping = before
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt where the process was interrupted."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+    def leave(self) -> None:
+        """Go out again."""
+        with self._changed:
+            self._inside -= 1
+            self._changed.notify_all()
+
+    def closed(self, seconds: float) -> bool:
+        """Close behind the last one inside, or after so many seconds; False, and open, where the result is in place by then."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._inside == 0, seconds)
+            self._closed = not self.placed
+            return self._closed
+
+
+GATE = Gate()
+"""The gate of this process."""
+
+
+@contextlib.contextmanager
+def undivided() -> Iterator[None]:
+    """Ctrl-C during the block counts when it ends. Blocks may stand in blocks, and in other threads, which no signal reaches."""
+    came: list[tuple[int, Any]] = []
+    try:
+        before = signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
+    except ValueError:  # not the main thread
+        before, main = None, False
+    else:
+        main = True
+    try:
+        GATE.enter()
+        try:
+            yield
+        finally:
+            GATE.leave()
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+            if came:
+                if callable(before):
+                    before(*came[0])
+                elif before == signal.SIG_DFL:
+                    signal.raise_signal(signal.SIGINT)

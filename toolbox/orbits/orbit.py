@@ -1,0 +1,380 @@
+"""Cycles, and the return map of a machine over a period, by which Newton's method finds them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from toolbox.errors import SceneError, SimulationError
+from toolbox.modelling.inputs import Table
+from toolbox.orbits.sampled_memory import check_laws
+from toolbox.orbits.sensitivity import parameter_column
+from toolbox.simulation.methods import Explicit
+from toolbox.simulation.run import Run
+from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.work_arrays import begun
+
+CONVERGED = 1e-10
+"""Newton step, relative to the size of states and period, at which a cycle counts as found."""
+
+
+class CycleError(SimulationError):
+    """No periodic motion was found; `run` is the last one tried."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
+
+    run: one period of it, from 0 to `period` [s];  monodromy: dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, and
+    behind them the memory of sampled laws and the held signals that they read;
+    multipliers: its eigenvalues, the largest first; for a free cycle without the one that is 1, which belongs to the phase;  forced: whether time
+    enters the equations;  step: the last Newton step, relative;  iterations: how many it took;  period_error: the last change of the period [s].
+    """
+
+    run: Trajectory
+    period: float
+    monodromy: np.ndarray
+    multipliers: np.ndarray
+    returning: np.ndarray
+    forced: bool
+    step: float
+    iterations: int
+    period_error: float
+
+    @property
+    def start(self) -> np.ndarray:
+        """States at time 0 of the cycle, shape (n_x,)."""
+        return self.run.states[0]
+
+    @property
+    def memory(self) -> np.ndarray:
+        """What the sampled laws remember at time 0 of the cycle, one law after the other."""
+        return begun(self.run.run, self.run.program.system)[0]
+
+    @property
+    def stable(self) -> bool:
+        """Whether all multipliers lie inside the unit circle: the cycle attracts what starts near it."""
+        return bool(np.abs(self.multipliers).max(initial=0.0) < 1.0)
+
+    @property
+    def signature(self) -> tuple[tuple[str, str, str], ...]:
+        """The switches of one period, in a form that does not depend on where it starts."""
+        return signature_of(self.run)
+
+    def extremes(self, signal: str) -> tuple[float, float]:
+        """Smallest and largest value of a scalar signal over the period."""
+        found = []
+        for sign in (1.0, -1.0):
+            times = np.unique(np.concatenate([self.run.time, np.linspace(0.0, self.run.end, 400)]))
+            for _ in range(3):  # each look is some twenty times closer than the one before
+                values = sign * self.run.at(times)[signal]
+                i = int(np.argmin(values))
+                times = np.linspace(times[max(i - 1, 0)], times[min(i + 1, times.size - 1)], 41)
+            found.append(sign * float(values.min()))
+        return found[0], found[1]
+
+    def amplitude(self, signal: str) -> float:
+        """Half of the difference between the largest and the smallest value of a scalar signal."""
+        low, high = self.extremes(signal)
+        return (high - low) / 2
+
+    def stick_share(self, element: str) -> float:
+        """Part of the period that an element sticks, from 0 to 1."""
+        return self.run.time_in(element, "stick") / self.period
+
+    def plot(self, x: str, y: str, ax: Any = None) -> Any:
+        """The closed orbit in a phase plane; see `toolbox.plot.phase_plane`."""
+        from toolbox.simulation.plot import phase_plane
+
+        return phase_plane(self.run, x, y, ax=ax)
+
+    def __str__(self) -> str:
+        shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
+        lines = [
+            f"{'Stable' if self.stable else 'Unstable'} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
+            f"found in {self.iterations} steps, the last of {self.step:.1e}",
+            f"  Floquet multipliers  {shown or 'none'}",
+        ]
+        system = self.run.program.system
+        for element in system.elements:
+            if "stick" in element.legend.values():
+                lines.append(f"  {element.name:<20} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+        for name, (row, size, unit) in system.states.items():
+            for i in range(size or 1):
+                if row + i in self.returning:
+                    label = name if size is None else f"{name}.{i}"
+                    low, high = self.extremes(label)
+                    lines.append(f"  {label:<20} {low:.6g} .. {high:.6g} {unit}")
+        return "\n".join(lines)
+
+
+def _complex(value: complex) -> str:
+    return f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} {'+' if value.imag > 0 else '-'} {abs(value.imag):.6g}i"
+
+
+@dataclass
+class Orbit:
+    """The equations of a cycle: arguments of its runs, compiled derivatives, and which states return.
+
+    A point of it holds the states, the memory of sampled laws, and the held signals `read`: those that laws read, and those of a law with a delay, which
+    act on until its next output arrives.  columns: entries of the parameter vector that are
+    directions behind those of the point;  scale: size of every entry of a point;  held: all held signals before the first sample;  approach: how fast the last
+    run met its slowest event, 0 at grazing.
+    """
+
+    run: Run
+    variation: Any
+    columns: tuple[int, ...]
+    returning: np.ndarray
+    forced: bool
+    scale: np.ndarray
+    held: np.ndarray
+    read: np.ndarray
+    approach: float = np.inf
+
+    @staticmethod
+    def of(run: Trajectory, names: tuple[str, ...], accuracy: float, period: float | None = None) -> Orbit:
+        """The equations for cycles of the same plant and arguments as a run, with derivatives by the named parameters."""
+        from toolbox.orbits.variational import variation_of
+
+        check_laws(run)
+        for sample_time, delay in run.run.clocks:
+            if delay >= sample_time:
+                raise SceneError(
+                    f"Argument `delay` must be shorter than the sample time {sample_time:g} s in a periodic motion, but it is {delay:g} s: what is on its way "
+                    "for longer would have to return as well. Let the law remember its output for whole samples, as `Observed(..., late=1)` lets its observer."
+                )
+        if any(update.channels for update in run.program.system.updates):
+            raise SceneError("Argument `controller` must be without noise in a periodic motion.")
+        for name, value in run.run.inputs.items():
+            if isinstance(value, Table) and np.ptp(value.values) > 0 and not (period is not None and _returns(value, period, run.end)):
+                raise SceneError(
+                    f"Argument `{name}` must be constant, a sine or an expression of time in a periodic motion, but it is a table"
+                    + (": give its `period`." if period is None else f" that does not repeat itself after {period:g} s.")
+                )
+        arguments = dataclasses.replace(run.run, accuracy=accuracy, method=Explicit(), output_times=None, duration=0.0)
+        columns = tuple(parameter_column(run, name) for name in names)
+        for name, column in zip(names, columns, strict=True):
+            if column is None:
+                raise SceneError(f"Argument `parameter` must be a parameter or a constant input, but `{name}` is a state.")
+        # a coarse run, or a stiff one, has another program
+        variation = variation_of(arguments.again().program, columns)  # type: ignore[arg-type]
+        returning = np.flatnonzero(~variation.drifting)
+        size = [np.abs(run.states).max(axis=0)]
+        read = np.empty(0, int)
+        if variation.laws is not None:
+            late = [
+                update.first_held + np.arange(len(update.names))
+                for update, (_, delay) in zip(run.program.system.updates, run.run.clocks, strict=True)
+                if delay > 0.0
+            ]
+            read = np.unique(np.concatenate([variation.laws.read, *late]))
+            returning = np.append(returning, run.states.shape[1] + np.arange(variation.laws.memory + read.size))
+            for update in run.program.system.updates:
+                first = update.first_held + len(update.names)
+                found = np.abs(run.held[:, first : first + update.memory.numel()]).max(axis=0)
+                size.append(
+                    np.where(found > 1e-9 * size[0].max(), found, 0.0)
+                )  # of an integral that has come to rest at 0 round-off is left
+            size.append(np.abs(run.held[:, read]).max(axis=0))
+        scale = np.concatenate(size)
+        scale[scale == 0.0] = 1.0
+        held = begun(run.run, run.program.system)[1]
+        return Orbit(arguments, variation, columns, returning, variation.forced or variation.laws is not None, scale, held, read)  # type: ignore[arg-type]
+
+    @property
+    def _holding(self) -> np.ndarray:
+        return np.array([element.holds for element in self.run.system.elements], bool)
+
+    @property
+    def clocked(self) -> bool:
+        """Whether sampled laws act."""
+        return self.variation.laws is not None
+
+    def whole(self, period: float) -> float:
+        """The period, to the last bit that of the samples; raises SceneError unless it is a whole multiple of every sample time."""
+        least = period
+        for sample_time, _ in self.run.clocks:
+            count = round(period / sample_time)
+            if count < 1 or abs(count * sample_time - period) > 1e-9 * period:
+                times = Fraction(period / sample_time).limit_denominator(1000).denominator
+                raise SceneError(
+                    f"Argument `period` must be a whole multiple of the sample time {sample_time:g} s, but it is {period:g} s: "
+                    f"choose another sample time"
+                    + (f", or `period` = {times * period:g} s, where both come round." if times < 1000 else ".")
+                )
+            least = min(least, count * sample_time)
+        return float(least)
+
+    def within(self, run: Trajectory, t: float) -> np.ndarray:
+        """The point of a run at a time, which is an instant of all samples where there are any."""
+        if not self.clocked:
+            return run.at(t).states[0]
+        system = run.program.system
+        if t == 0.0:
+            memory, held = begun(run.run, system)
+            return np.concatenate([run.nodes.states[0], memory, held[self.read]])
+        at, before = run.at(t * (1 + 1e-15)), run.at(t * (1 - 1e-13))
+        self.held = before.held[0, : self.held.size].copy()
+        places = [update.first_held + len(update.names) + np.arange(update.memory.numel()) for update in system.updates]
+        return np.concatenate([at.states[0], at.held[0, np.concatenate(places)], self.held[self.read]])
+
+    def begins(self, run: Trajectory) -> np.ndarray:
+        """The point at the start of a shot."""
+        return self.within(run, 0.0) if self.clocked else run.states[0]
+
+    def ends(self, run: Trajectory) -> np.ndarray:
+        """The point at the end of a shot."""
+        if not self.clocked:
+            return run.states[-1]
+        return np.concatenate([run.states[-1], run.memory, run.held[-1, self.read]])
+
+    def shot(self, x: np.ndarray, period: float) -> tuple[Trajectory, np.ndarray]:
+        """The run over a period from a point, and derivatives of its end, shape (point, point + parameters)."""
+        if not np.isfinite(x).all() or not 0.0 < period < np.inf:
+            raise CycleError("The search for a cycle diverges.")
+        system, n = self.run.system, self.variation.plant
+        start = {name: (x[row] if size is None else x[row : row + size]) for name, (row, size, _) in system.states.items()}
+        if not self.clocked:
+            run = self.run.again(start=start, duration=float(period), longest_step=period / 64)
+            tangent = self.variation.along(run, np.eye(x.size))
+            self.approach = tangent.approach
+            return run, tangent.end
+        laws, every = self.variation.laws, np.eye(x.size)
+        behind, held = n + laws.memory, self.held.copy()
+        held[self.read] = x[behind:]
+        run = self.run.again(start=start, resume=(x[n:behind].copy(), held), duration=float(period), longest_step=period / 64)
+        first = np.zeros((held.size, x.size))
+        first[self.read] = every[behind:]
+        tangent = self.variation.along(run, every[:n], memory=every[n:behind], held_first=first)
+        self.approach, self.held = tangent.approach, run.held[-1, : held.size].copy()
+        return run, np.vstack([tangent.end[:n], tangent.memory, tangent.end[n:][self.read]])
+
+    def slopes(self, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+        """dx/dt at begin and end of a run."""
+        rows = []
+        for row in (0, -1):
+            p = run.parameters.copy()
+            p[run.program.first_held :] = run.held[row]
+            whole = self.variation.whole(run, [row])[0]
+            rate = self.variation.slope_at(run.time[row], whole, p, run.mode[row])[: self.variation.plant]
+            rows.append(np.append(rate, np.zeros(self.scale.size - rate.size)))
+        return rows[0], rows[1]
+
+    def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:
+        """A start whose sticking elements have no slip at all."""
+        from toolbox.compilation.loop_layout import SWITCH
+
+        mode, n = like.mode[0].astype(float), self.variation.plant
+        if not ((like.program.kind != SWITCH) & (mode == 0)).any():
+            return x
+        modes = np.concatenate([mode, np.ones(self.variation.sides.numel())])
+        p = like.parameters.copy()
+        p[like.program.first_held :] = like.held[0]
+        whole = np.concatenate([x[:n], like.held[0, : self.held.size]])
+        return np.concatenate([np.array(self.variation.project(0.0, whole, p, modes)).ravel()[:n], x[n:]])
+
+    def solved(self, x: np.ndarray, period: float, most: int = 25) -> Cycle:
+        """The cycle near a start and a period, by Newton's method."""
+        free, kept = not self.forced, self.returning
+        scale, count = self.scale[kept], kept.size
+        run, tangent = self.shot(x, period)
+        towards, _ = self.slopes(run)
+        reference, guess = self.begins(run).copy(), period
+        towards = towards[kept] / scale
+        towards = towards / (np.linalg.norm(towards) or 1.0)
+
+        def residual(run: Trajectory) -> np.ndarray:
+            begin = self.begins(run)
+            gap = (self.ends(run) - begin)[kept] / scale
+            return np.append(gap, towards @ ((begin - reference)[kept] / scale)) if free else gap
+
+        size = np.linalg.norm(residual(run))
+        step = np.inf
+        for iterations in itertools.count(1):
+            if iterations > most:
+                raise CycleError(
+                    f"No cycle was found near the start: after {most} steps the motion still misses itself by {size:.2g} of its size.", run
+                )
+            matrix = (tangent[np.ix_(kept, kept)] - np.eye(count)) * (scale[None, :] / scale[:, None])
+            if free:
+                matrix = np.block([[matrix, (self.slopes(run)[1][kept] * guess / scale)[:, None]], [towards[None, :], np.zeros((1, 1))]])
+            move = np.linalg.lstsq(matrix, -residual(run), rcond=1e-13)[0]
+            step = float(np.linalg.norm(move))
+            if step < CONVERGED:
+                if size > 1e-7 * max(1.0, float(np.linalg.norm(matrix))):  # no start mends what is missing
+                    raise CycleError(
+                        f"No cycle was found: from round to round the motion changes by {size:.2g} of its size wherever near it starts. It dies out, or "
+                        "grows; start elsewhere, or give what drives it.",
+                        run,
+                    )
+                break
+            share, tried = min(1.0, 0.5 / step), None
+            for attempt in range(8):
+                following = self.begins(run).copy()
+                following[kept] += share * move[:count] * scale
+                longer = period + share * move[count] * guess if free else period
+                try:
+                    tried = self.shot(self.clean(following, run), longer)
+                    grown = np.linalg.norm(residual(tried[0]))
+                    if grown < 2 * size + 1e-9:
+                        break
+                except SimulationError as failed:
+                    if attempt == 7:
+                        raise failed
+                share /= 2
+            if tried is None:
+                raise CycleError("The search for a cycle found no step that can be simulated.", run)
+            run, tangent = tried
+            period = longer
+            size = np.linalg.norm(residual(run))
+        judged = ~self._holding if self.clocked else np.ones(run.mode.shape[1], bool)  # what holds follows the states, and the first sample
+        if (run.mode[0] != run.mode[-1])[judged].any():
+            names = [e.name for e, a, b in zip(run.program.system.elements, run.mode[0], run.mode[-1], strict=True) if a != b]
+            raise CycleError(
+                f"The states return but the mode of `{names[0]}` does not: it starts a run as the states say, not as it was left.", run
+            )
+        if free and (
+            (np.ptp(run.states[:, kept], axis=0) / scale).max(initial=0.0) < 1e-7
+            or np.linalg.norm(self.slopes(run)[0][kept] * period / scale) < 1e-6
+        ):
+            raise CycleError(
+                "The search for a cycle ended in a steady state: the machine rests, or the guess was too near to its rest.", run
+            )
+        monodromy = tangent[np.ix_(kept, kept)]
+        return Cycle(run, float(period), monodromy, multipliers_of(monodromy, free), kept, self.forced, step, iterations,
+                     abs(move[count] * guess) if free else 0.0)  # fmt: skip
+
+
+def multipliers_of(monodromy: np.ndarray, free: bool) -> np.ndarray:
+    """Eigenvalues, the largest first; of a free cycle without the one nearest to 1."""
+    values = np.linalg.eigvals(monodromy).astype(complex)
+    if free and values.size:
+        values = np.delete(values, int(np.argmin(np.abs(values - 1.0))))
+    return values[np.argsort(-np.abs(values), kind="stable")]
+
+
+def signature_of(run: Trajectory) -> tuple[tuple[str, str, str], ...]:
+    """The switches of a run that comes round, beginning with the one that sorts first."""
+    switches = [(e.element, e.before, e.after) for e in run.events]
+    return min((tuple(switches[i:] + switches[:i]) for i in range(len(switches))), default=())
+
+
+def _returns(table: Table, period: float, end: float) -> bool:
+    """Whether a table repeats itself after a period, as far as a run goes."""
+    times = np.unique(np.concatenate([table.times, table.times - period, [0.0, end - period]]))
+    times = times[(times >= 0.0) & (times <= end - period)]
+    if times.size < 2:
+        return True
+    inside = np.concatenate([times[:-1] + part * np.diff(times) for part in (0.25, 0.75)])
+    inside = inside[
+        np.repeat(np.diff(times)[None, :], 2, axis=0).ravel() > 1e-9 * period
+    ]  # the nodes of a period are sums, equal to round-off
+    now, later = (np.interp(t, table.times, table.values) for t in (inside, inside + period))
+    return bool(np.abs(now - later).max(initial=0.0) <= 1e-6 * np.ptp(table.values))

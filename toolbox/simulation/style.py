@@ -1,0 +1,92 @@
+"""The looks that all pictures share: lines, tones, sizes of type, words for names, and empty panels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+
+# loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
+plt.switch_backend(matplotlib.get_backend())
+
+RESOLUTION = 1600
+"""Points along the time axis between which a curve is drawn straight."""
+
+LINES: Sequence[dict[str, Any]] = (
+    {"color": "#12355b", "linestyle": "-", "linewidth": 1.5},
+    {"color": "#e07a1f", "linestyle": "-", "linewidth": 1.3},
+    {"color": "#4f9d8f", "linestyle": (0, (5, 1.5)), "linewidth": 1.4},
+    {"color": "#a23b72", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.6},
+    {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
+)
+
+TONES: dict[str, dict[str, Any]] = {
+    "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "slip": {"facecolor": "0.88", "edgecolor": "0.88"},
+    "slip+": {"facecolor": "0.88", "edgecolor": "0.88"},
+    "slip-": {"facecolor": "0.66", "edgecolor": "0.95", "hatch": "/////"},
+    "closed": {"facecolor": "0.25", "edgecolor": "0.25"},
+    "open": {"facecolor": "0.94", "edgecolor": "0.94"},
+    "high": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "low": {"facecolor": "0.90", "edgecolor": "0.90"},
+    "beyond": {"facecolor": "0.45", "edgecolor": "0.45"},
+    "below": {"facecolor": "0.90", "edgecolor": "0.90"},
+}
+BAND = "0.90"
+MANY_EVENTS = 60
+"""Events in a picture above which their lines grow fainter; above ten times as many they are left out."""
+
+PAPER = {
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.formatter.use_mathtext": True,
+    "hatch.linewidth": 0.7,
+    "figure.dpi": 110,
+    "savefig.dpi": 200,
+}
+WIDTH = 7.2
+"""Width of a figure [inch]: the text width of an A4 report."""
+
+
+def in_words(name: str) -> str:
+    """The name of a signal as a reader says it."""
+    return name.replace(".", " ").replace("_", " ")
+
+
+def axis_label(names: Sequence[str], unit: str) -> str:
+    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
+    if len(names) == 1:
+        return f"{in_words(names[0])} [{unit}]"
+    tails = {name.rpartition(".")[2] for name in names}
+    kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
+    word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
+    return f"{word} [{unit}]".strip()
+
+
+def line_styles(count: int) -> list[dict[str, Any]]:
+    """Looks of so many lines that can be told apart."""
+    if count <= len(LINES):
+        return list(LINES[:count])
+    shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.85, count))
+    return [{"color": tuple(shade), "linestyle": LINES[i % len(LINES)]["linestyle"], "linewidth": 1.2} for i, shade in enumerate(shades)]
+
+
+def legend_above(ax: Any, above: float) -> None:
+    """The names of the curves over the left of a panel, above a ribbon of the given height [inch]."""
+    place = blended_transform_factory(ax.transAxes, ax.figure.dpi_scale_trans + ScaledTranslation(0, 1, ax.transAxes))
+    ax.legend(
+        loc="lower left", bbox_to_anchor=(0.0, above), bbox_transform=place, ncols=4, frameon=False, borderaxespad=0.1, handlelength=2.2,
+        columnspacing=1.2,
+    )  # fmt: skip

@@ -196,8 +196,9 @@ def _renewed(made: Event, was: Rows, firing: Firing, x: list[Value], chosen: lis
             size = changed.choose(was["other_scale"][j], size)
         guard_scale.append(largest(abs(g[j]), size))
         away = side[j] * g[j] > 1e-13 * guard_scale[j]
-        if j < 2 * ne and j % 2 == 0 and zeros[j // 2] is not None:  # let go, it has no slip yet but round-off
-            away &= ~(zeros[j // 2] & chosen[j // 2].differs(0.0))
+        at_zero = zeros[j // 2] if j < 2 * ne and j % 2 == 0 else None
+        if at_zero is not None:  # let go, it has no slip yet but round-off
+            away &= ~(at_zero & chosen[j // 2].differs(0.0))
         armed.append(away.choose(1.0, 0.0))
     for i in range(ne):  # a switch that a new mode throws past its threshold is left to the scalar loop
         if program.kind[i] == SWITCH:

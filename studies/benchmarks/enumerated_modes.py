@@ -24,6 +24,8 @@ GRID = np.arange(1, 5) / 4
 MOST_EVENTS = 600
 ZERO = 1e-9
 """Relative size below which a guard has not left zero yet."""
+SMALL = 1e-4
+"""Size of a slip, of a closure and of a signal [m/s, m, 1]: a contact that is let go may come back to rest when it has slid at a hundredth of that."""
 
 
 class LeftOut(Exception):
@@ -178,17 +180,17 @@ class Reference:
                 found["over", k] = static[k] - force[k], static[k] + abs(force[k])
                 found["under", k] = static[k] + force[k], static[k] + abs(force[k])
                 continue
-            found["slip", k] = self.mode[k] * slip[k], 1.0
+            found["slip", k] = self.mode[k] * slip[k], SMALL
             if k < len(self.rubs) and self.rubs[k][2] == "Drop":
                 over = self.mode[k] * slip[k] - machine.speed[k]  # type: ignore[index]
-                found["break", k] = over if self.beyond[k] else -over, 1.0
+                found["break", k] = over if self.beyond[k] else -over, SMALL
         for i in range(len(self.walls)):
             closure, pushes = self.wall(i, y)
             reach = pushes / machine.stiffness[i]  # type: ignore[index]
-            found["wall", i] = reach if self.closed[i] else -min(closure, reach), 1.0
+            found["wall", i] = reach if self.closed[i] else -min(closure, reach), SMALL
         for i in range(len(self.switches)):
             seen = self._seen(i, t, y)
-            found["switch", i] = seen - machine.low[i] if self.on[i] else machine.high[i] - seen, 1.0  # type: ignore[index]
+            found["switch", i] = seen - machine.low[i] if self.on[i] else machine.high[i] - seen, SMALL  # type: ignore[index]
         return found
 
     def _seen(self, i: int, t: float, y: np.ndarray) -> float:
@@ -330,12 +332,15 @@ class Reference:
     def _first(self, dense: Any, begin: float, end: float, armed: set[tuple[str, int]]) -> tuple[float, tuple[str, int]] | None:
         """Time and name of the first guard that falls through zero in a step."""
         points = begin + (end - begin) * np.concatenate([[0.0], GRID])
+        small = 1e-5 * (end - begin)
         values = [self.guards(s, dense(s)) for s in points]
+        beside = [self.guards(s, dense(s)) for s in [points[0] + small, *(points[1:] - small)]]
         first: tuple[float, tuple[str, int]] | None = None
         for name in values[0]:
             row = [value[name][0] for value in values]
+            slopes = [(near[name][0] - value[name][0]) * (1 if i == 0 else -1) for i, (near, value) in enumerate(zip(beside, values, strict=True))]
             for i in range(len(points)):
-                if first is not None and i > 1 and points[i - 2] > first[0]:
+                if first is not None and i and points[i - 1] > first[0]:
                     break
                 if name not in armed:
                     size = values[i][name][1]
@@ -344,16 +349,15 @@ class Reference:
                     elif row[i] < -ZERO * 10 * size:
                         raise LeftOut("a guard leaves zero to the wrong side")
                     continue
+                if i == 0:
+                    continue
 
                 def value(s: float, name: tuple[str, int] = name) -> float:
                     return self.guards(s, dense(s))[name][0]
 
                 a, b = points[i - 1], points[i]
-                if i and row[i] > 0.0 and 1 < i < len(points) and row[i - 1] < min(row[i], row[i - 2]):
-                    a = points[i - 2]
-                    b = _lowest(value, a, points[i - 1], b)
-                elif not (i and row[i] <= 0.0 < row[i - 1]):
-                    continue
+                if row[i] > 0.0 and row[i - 1] > 0.0 and slopes[i - 1] < 0.0 < slopes[i]:
+                    b = _lowest(value, a, 0.5 * (a + b), b)
                 if value(b) <= 0.0 < value(a):
                     at = float(brentq(value, a, b, xtol=1e-15, rtol=1e-14))
                     if first is None or at < first[0]:

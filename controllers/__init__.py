@@ -13,6 +13,7 @@ from controllers.linear_mpc import LinearMPC
 from controllers.lqg import LQG
 from controllers.lqr import LQR
 from controllers.nonlinear_mpc import NonlinearMPC
+from controllers.on_estimates import OnEstimates
 from controllers.pi import PI, StiffPI
 from controllers.pipe import pipe_impedance
 from controllers.sliding_mode import IdealSlidingMode, SlidingMode
@@ -36,6 +37,7 @@ __all__ = [
     "LinearMPC",
     "NonlinearMPC",
     "NormalDither",
+    "OnEstimates",
     "PhasedDither",
     "SlidingMode",
     "SoftTorque",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from controllers.bumpless import acting, begun
 from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
@@ -16,13 +17,16 @@ from toolbox import Equations, SceneError, Update, quantity, state
 class HInfinity(TorqueLimits):
     """The law from the top speed to the torque that makes the worst gain from disturbances to sizes that count small.
 
-        u = u_0 + K(s) (w_top - reference),   || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
+        u = u_0 + K(s) (1 + leak / s) (w_top - reference)
+        || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
 
-    z is the error of the top speed through 1 / (s + leak), in place of an integral. `design` linearises the plant with the bit sliding at
-    `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
-    optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer gets the torque that is given.
-    Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near
-    the operating point.
+    z is the error of the top speed through 1 / (s + leak), because with a true integral no law keeps the norm: a constant error of the measured speed would
+    count without end. So K alone leaves an error under a load that it does not know; the factor
+    1 + leak / s, outside of the norm, makes an integral of its slowest pole and changes nothing above that. `design` linearises the plant with the bit
+    sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
+    optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer gets the torque that is given, and the
+    integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts (`controllers.bumpless`). Source: J. C.
+    Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the operating point.
     """
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
@@ -39,6 +43,7 @@ class HInfinity(TorqueLimits):
         None, "1", "A of K where `places` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design"
     )
     torque: float | None = quantity(None, "N m", "u_0; filled in by design")
+    begins: tuple[float, ...] | None = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
     worst: float | None = quantity(None, "1", "the norm that is kept; filled in by design")
 
     def design(self, plant):
@@ -68,35 +73,51 @@ class HInfinity(TorqueLimits):
         places = entries(A_K)
         numbers = [A_K.ravel()[list(places)], B_K / self.speed_noise, C_K * self.torque_size, B2 / self.torque_size]
         matrices = np.concatenate([matrix.ravel() for matrix in numbers])
-        return replace(self, order=n + 1, places=places, matrices=tuple(matrices.tolist()), torque=u, worst=self.margin * high)
+        begins = -np.linalg.solve(A_K, B_K.ravel() / self.speed_noise)
+        steady = float(C_K.ravel() @ begins) * self.torque_size
+        return replace(
+            self, order=n + 1, places=places, matrices=tuple(matrices.tolist()), torque=u, begins=(*(begins / steady).tolist(), steady),
+            worst=self.margin * high,
+        )  # fmt: skip
 
     def continuous(self, signal):
-        x, rate, command, _ = self._law(signal, None)
-        return Equations(flow={x: rate(x)}, gives={"top.torque": (command, "N m")})
+        x, angle, rate, turning, command, _ = self._law(signal, None)
+        return Equations(flow={x: rate(x), angle: turning}, gives={"top.torque": (command, "N m")})
 
     def sampled(self, signal, period):
-        x, rate, command, memory = self._law(signal, period)
+        x, angle, rate, turning, command, memory = self._law(signal, period)
         a = rate(x)
         b = rate(x + period / 2 * a)
         c = rate(x + period / 2 * b)
         d = rate(x + period * c)
-        return Update({x: x + period / 6 * (a + 2 * b + 2 * c + d), **memory}, {"top.torque": (command, "N m")})
+        memory = {x: x + period / 6 * (a + 2 * b + 2 * c + d), angle: angle + period * turning, **memory}
+        beyond = acting(signal) - self.torque
+        starts = {x: ca.vertcat(*self.begins[:-1]) * beyond, angle: (beyond / self.begins[-1] - self._error(signal)) / self.leak}
+        return begun(Update(memory, {"top.torque": (command, "N m")}), signal, "hinfinity", starts)
+
+    def _column(self, name):
+        """B, C or the drive column of K."""
+        n, place = self.order, ("B", "C", "drive").index(name)
+        many = len(self.places) or n * n
+        return ca.vertcat(*self.matrices[many + place * n : many + (place + 1) * n])
+
+    def _error(self, signal):
+        return signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)
 
     def _law(self, signal, period):
-        if self.matrices is None or self.torque is None:
+        if self.matrices is None or self.torque is None or self.begins is None:
             raise SceneError("HInfinity needs the plant it acts on: call `design(plant)`.")
         n = self.order
-        numbers = ca.vertcat(*self.matrices)
-        many = len(self.places) or n * n
-        A = with_entries((n, n), self.places, numbers[:many])
-        B, C, drive = numbers[many : many + n], numbers[many + n : many + 2 * n].T, numbers[many + 2 * n :]
-        x = state("hinfinity.state", "1", n)
-        error = signal("top.speed", "rad/s") - signal("top.reference", "rad/s", default=self.reference)
+        A = with_entries((n, n), self.places, ca.vertcat(*self.matrices[: len(self.places) or n * n]))
+        B, C, drive = self._column("B"), self._column("C").T, self._column("drive")
+        x, angle = state("hinfinity.state", "1", n), state("hinfinity.angle", "rad")
+        error = self._error(signal)
         wanted = self.torque + C @ x
         command, memory = self.limited(wanted, period)
         # A holds drive C: the observer knows its own torque, of which the limits take something away
         cut = 0 if command is wanted else drive * (command - wanted)
-        return x, lambda z: A @ z + B * error + cut, command, memory
+        turning = error if command is wanted else error * (command == wanted)
+        return x, angle, lambda z: A @ z + B * (error + self.leak * angle) + cut, turning, command, memory
 
 
 def central_law(

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from controllers.watchdog import MEMORY
 from toolbox import SceneError
 from toolbox.authoring import Declared, written
 
@@ -49,15 +50,17 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
         ("estimate.bit.torque", "N m"),
         *[(f"torque sent {k} periods ago" if k > 1 else "last torque", "N m") for k in range(law.filter.periods + 1, 0, -1)],
         ("torque of the soft drive", "N m"),
+        *[(f"watchdog: {what}", unit) for what, unit in MEMORY],
+        ("the first sample is over", "1"),
         ("soft drive acts", "1"),
     ]
     declared = Declared(
         "LinearMPC", name, period,
-        [*reads, ("top.reference", "rad/s", numbers.reference)],
+        [*reads, ("top.torque.held", "N m", 0.0), ("top.reference", "rad/s", numbers.reference)],
         memory, [("top.torque", "N m")],
         note=f"The solver in {name}_osqp (OSQP, Apache 2.0) keeps its last answer to start from in static memory: one law, one thread.\n"
         f"Compile with {name}_osqp/*.c and {name}_osqp/src/*.c, and -I {name}_osqp -I {name}_osqp/inc/public -I {name}_osqp/inc/private.\n"
-        "The last entry of the memory is 1 while the plan did not pass its check and the soft drive acts.",
+        "The last entry of the memory is 1 while the soft drive acts: the plan did not pass its check, or the watchdog found no motion.",
     )  # fmt: skip
     return written(c, h, declared, [before, after], _orchestration(name, law, before, after))
 
@@ -65,14 +68,22 @@ def export(law: PlannedLinear, c: Path, h: Path, period: float, iterations: int 
 def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
     """Functions (y, memory) -> (g, low, high), and (y, memory, primal, dual, solved) -> (u, next memory, sound).
 
-    memory: z-, the commands on their way with the last one at the end, the torque of the soft drive, and whether it acts.
+    y: the sensors, the torque that is held at the top, the set-point.  memory: z-, the commands on their way with the last one at the end, the torque of the
+    soft drive, what the watchdog remembers, whether the first sample is over, and whether the soft drive acts.
     """
     numbers, observer = law.law, law.filter
     n, sensors, waits = law.model.A.shape[0] + 1, len(numbers.sensors), observer.periods + 1
-    y, memory = ca.MX.sym("y", sensors + 1), ca.MX.sym("memory", n + waits + 2)
-    prior, waiting, offset, acting = memory[:n], memory[n : n + waits], memory[n + waits], memory[n + waits + 1]
+    watched = len(MEMORY)
+    y, memory = ca.MX.sym("y", sensors + 2), ca.MX.sym("memory", n + waits + watched + 3)
+    places = [0, n, n + waits, n + waits + 1, n + waits + 1 + watched, memory.numel() - 1, memory.numel()]
+    prior, waiting, offset, watch, started, acting = ca.vertsplit(memory, places)
+    first = ca.logic_and(started < 0.5, y[sensors] != 0.0)
+    begun_string = ca.DM(law.steady_string) @ y[: sensors + 1]
+    prior, waiting = ca.if_else(first, begun_string, prior), ca.if_else(first, y[sensors] * ca.DM.ones(waits), waiting)
+    moving = ca.vertcat(*[ca.DM(row[None, :]) @ begun_string[:-1] for row in (law.top, law.model.load)], watch[2:])
+    watch = ca.if_else(first, moving, watch)
     last = waiting[-1]
-    reference = y[sensors]
+    reference = y[sensors + 1]
     z = prior + ca.DM(observer.gain) @ (y[:sensors] - ca.DM(observer.rows) @ prior)
     begun_period = ca.DM(observer.first) @ z + ca.DM(observer.first_drive) * waiting[0]
     arrival = begun_period
@@ -98,16 +109,19 @@ def _steps(law: PlannedLinear, name: str) -> tuple[ca.Function, ca.Function]:
     standing = ca.fabs(dual) / size * ca.if_else(distance < FAR / 10, distance / reach, 1.0)
     residual = ca.fmax(ca.fmax(ca.mmax(ca.fabs(w + g + pushed)) / size, ca.mmax(outside)), ca.mmax(standing))
     sound = ca.logic_and(solved > 0.5, residual <= TOLERANCE)
+    speed, load = (ca.DM(row[None, :]) @ z[:-1] for row in (law.top, law.model.load))
+    watch_next, stopped = law.watchdog.expressions(watch, speed, load, last, reference)
+    trusted = ca.logic_and(sound, ca.logic_not(stopped))
 
-    error = reference - ca.DM(law.top[None, :]) @ z[:-1]
+    error = reference - speed
     begun = ca.if_else(acting > 0.5, offset, last - law.drive.proportional * error) + law.drive.integral * numbers.period * error
-    wanted = ca.if_else(sound, ca.DM(law.back[:1]) @ w * numbers.torque_size, begun + law.drive.proportional * error)
+    wanted = ca.if_else(trusted, ca.DM(law.back[:1]) @ w * numbers.torque_size, begun + law.drive.proportional * error)
     if np.isfinite(law.rate):
         wanted = ca.fmin(ca.fmax(wanted, last - law.rate), last + law.rate)
     command = ca.fmin(ca.fmax(wanted, max(law.lowest, -FAR)), min(law.highest, FAR))
     sent = ca.vertcat(*[waiting[k] for k in range(1, observer.periods + 1)], command)
     following = ca.DM(observer.rest) @ begun_period + ca.DM(observer.rest_drive) * sent[0]
-    memory_next = ca.vertcat(following, sent, ca.if_else(sound, 0.0, begun), 1.0 - sound)
+    memory_next = ca.vertcat(following, sent, ca.if_else(trusted, 0.0, begun), watch_next, 1.0, 1.0 - trusted)
     after = ca.Function(
         f"{name}_after",
         [y, memory, w, dual, solved],

@@ -7,14 +7,15 @@ from typing import ClassVar
 
 from controllers.lqr import LQR
 from controllers.observers import Kalman
-from toolbox import Observed, quantity
+from controllers.on_estimates import OnEstimates
+from toolbox import quantity
 
 
 @dataclass(frozen=True)
 class LQG(LQR):
     """`LQR` on the states that `Kalman` estimates from the top speed alone.
 
-    `design` returns `Observed(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number
+    `design` returns `OnEstimates(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number
     of samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of
     the filter (separation); with a rock the filter knows less than the regulator was designed on, and tests say what is left of that.
     """
@@ -34,4 +35,4 @@ class LQG(LQR):
             tracking=self.tracking, states=self.states, units=self.units, gain=self.gain, point=self.point, slope=self.slope, name=self.name, **self.limits,
         )  # fmt: skip
         observer = Kalman(speed_noise=self.speed_noise, period=self.period, torque_walk=self.torque_walk, drive_walk=self.drive_walk)
-        return Observed(regulator, observer, late=self.late).design(plant)
+        return OnEstimates(regulator, observer, late=self.late).design(plant)

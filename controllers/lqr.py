@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from controllers.bumpless import acting, begun, over
 from controllers.string_model import drilling_point
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
@@ -21,9 +22,9 @@ class LQR(TorqueLimits):
 
     The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design`
     linearises the plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0
-    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Measures
-    all states of the string. Range: near that point. K holds the twist of that point, too, so that a stuck bit is wound up and freed only as fast as
-    the integral overcomes K: tens of seconds at low set-points.
+    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Sampled,
+    z begins where the law gives the torque that acts (`controllers.bumpless`). Measures all states of the string. Range: near that point. K holds the twist
+    of that point, too, so that a stuck bit is wound up and freed only as fast as the integral overcomes K: tens of seconds at low set-points.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
@@ -88,7 +89,8 @@ class LQR(TorqueLimits):
         angle = state("lqr.angle", "rad")
         wanted, error = self._feedback(signal, angle)
         command, memory = self.limited(wanted, period)
-        return Update({angle: angle + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")})
+        update = Update({angle: angle + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")})
+        return begun(update, signal, "lqr", {angle: over(self._feedback(signal, 0.0)[0] - acting(signal), self.gain[-1])})
 
     def _rate(self, error, wanted, command):
         return error if command is wanted else error + (wanted - command) / (self.gain[-1] * self.tracking)

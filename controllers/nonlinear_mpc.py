@@ -37,6 +37,8 @@ class NonlinearMPC(Predictive):
     Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
+    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    drive_error: float = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
     width: float | None = quantity(None, "rad/s", "width of regularised friction", above=0)
     matched: bool = True
     adapt: bool = True
@@ -97,7 +99,7 @@ class PlannedNonlinear(PredictiveLaw):
             sensors = sensor_rows(plant, law.sensors)
             self.filter = RockFilter(
                 string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk,
-                strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
+                drive_error=law.drive_error, strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
                 turning=2.0 * law.rest_speed, lasting=3,
             )  # fmt: skip
         limits = [(model.bit / law.bit_size, law.slowest * law.reference / law.bit_size, np.inf)]
@@ -129,6 +131,17 @@ class PlannedNonlinear(PredictiveLaw):
         self.torques, self.states, self.modes = np.zeros((N, 1)), np.zeros((N + 1, n)), np.zeros((N + 1, self.rollout.contacts))
         self.record = Record()
         self.drive.rest()
+
+    def begin(self, y: np.ndarray, torque: float) -> None:
+        super().begin(y, torque)
+        if isinstance(self.filter, RockFilter):
+            self.filter.mean = torque
+        speed, load = float(self.filter.z[self.place]), float(self.filter.z[-1])
+        if speed > self.settings.rest_speed:
+            self.turning, self.resting = 3, False
+            if self.settings.adapt:
+                self.strength = float(np.clip(load / self._rock_torque(speed), 0.5, 2.0))
+                self.rollout.scale[self.contact] = self.strength
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         from controllers.condensing import condense, regulated, wound_up

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
 
@@ -15,7 +16,7 @@ class PI(TorqueLimits):
 
     Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the stand-in of
     the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
-    (command - wanted) / proportional.
+    (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
     """
 
     proportional: float = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
@@ -49,7 +50,8 @@ class PI(TorqueLimits):
         wanted = self.proportional * error + self.integral * angle
         command, memory = self.limited(wanted, period)
         rate = self._rate(error, wanted, command)
-        return Update(memory={angle: angle + period * rate, **memory}, outputs={"top.torque": (command, "N m")})
+        update = Update(memory={angle: angle + period * rate, **memory}, outputs={"top.torque": (command, "N m")})
+        return begun(update, signal, "pi", {angle: over(acting(signal) - self.proportional * error, self.integral)})
 
     def _rate(self, error, wanted, command):
         return error if command is wanted else error + (command - wanted) / self.proportional

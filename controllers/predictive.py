@@ -13,6 +13,7 @@ from controllers.disturbance_filter import DisturbanceFilter, held
 from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
+from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, SceneError, quantity
 from toolbox.authoring import check_fields
 
@@ -34,8 +35,13 @@ class Predictive(TorqueLimits):
     `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
     law knows it; it may exceed the period.
 
-    Every answer of the solver must pass the KKT conditions. Where none does, a soft-torque drive acts, from the torque that was. `run.laws[0].record` tells
-    when and why, and how long each sample took. Sampled only, at `period`.
+    drive_walk stands for what the law does not know of its drive: with an inertia 20 % off, commands that move by some kN m accelerate the top by
+    a few hundred N m more or less than the filter expects, for a second or so. A filter that trusts the drive (50 N m s^1/2) reads this as motion of
+    the bit, and the motor swings between its limits with the bit parked. `move_size` keeps the plan slower than that filter.
+
+    Every answer of the solver must pass the KKT conditions. Where none does, or where `controllers.watchdog` finds that the string stands or that the motor
+    swings between its limits for longer than `patience`, an impedance drive acts, from the torque that was. `run.laws[0].record` tells when and why, and how
+    long each sample took. Sampled only, at `period`.
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
@@ -53,7 +59,8 @@ class Predictive(TorqueLimits):
     soft: bool = True
     priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
     torque_walk: float = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    drive_walk: float = quantity(400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0)
+    patience: float = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
     solver: str = "daqp"
     warm: bool = True
 
@@ -114,7 +121,12 @@ class Record:
 
 
 class SoftDrive:
-    """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was."""
+    """The drive that stands in: PI on the top speed with the impedance of the string, started from the torque that was.
+
+        proportional = sqrt(k J_b),   integral = proportional sqrt(k / J_b) / 5
+
+    The integral is slow, a fifth of the string's own frequency, so that the impedance stays where the string swings; see `controllers.ZTorque`.
+    """
 
     def __init__(self, law: Predictive, plant: HybridSystem):
         try:
@@ -122,7 +134,8 @@ class SoftDrive:
         except SceneError as error:
             raise SceneError(f"{type(law).__name__} falls back on soft torque, which is designed on a chain of inertias: {error}") from None
         series, below = 1.0 / float(np.sum(1.0 / stiffness)), float(np.sum(inertia[1:]))
-        self.proportional, self.integral = float(np.sqrt(series * below)), series / below * float(inertia[0])
+        self.proportional = float(np.sqrt(series * below))
+        self.integral = self.proportional * float(np.sqrt(series / below)) / 5
         self.offset: float | None = None
 
     def torque(self, error: float, last: float, period: float) -> float:
@@ -140,7 +153,8 @@ class SoftDrive:
 class PredictiveLaw:
     """A designed predictive law: a callable (t, y) -> torque with a memory. `plan` of a subclass makes the torques, or None with a reason.
 
-    y: the sensors, then `top.reference`, which stays what it was where it is left out.
+    y: the sensors, then the torque that is held at the top and `top.reference`, which may be left out: no torque acts, and the set-point stays what it was. At
+    the first sample under a torque the estimate begins at the string that turns steadily at its measured top speed under that torque.
     """
 
     measures: tuple[str, ...]
@@ -153,13 +167,15 @@ class PredictiveLaw:
         sensors = sensor_rows(plant, law.sensors)
         self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
         self.drive = SoftDrive(law, plant)
+        self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)
-        self.stand_ins = {"top.reference": (self.reference, "rad/s")}
+        self.stand_ins = {"top.torque": (0.0, "N m"), "top.reference": (self.reference, "rad/s")}
+        self.steady_string = steady_string(A, model, sensors)
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
         self.highest = np.inf if law.highest_torque is None else law.highest_torque
         self.rate = np.inf if law.torque_rate is None else law.torque_rate * law.period
-        self.last, self.samples = 0.0, 0
+        self.last, self.samples, self.began = 0.0, 0, 0.0
         self.record = Record()
 
     def design(self, plant: HybridSystem) -> PredictiveLaw:
@@ -170,18 +186,29 @@ class PredictiveLaw:
         """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""
         raise NotImplementedError
 
+    def begin(self, y: np.ndarray, torque: float) -> None:
+        """Take over from a drive whose torque [N m] acts, at the first sample with what the sensors measure."""
+        estimate = self.steady_string @ np.append(y, torque)
+        self.filter.z, self.filter.waiting[:], self.last = estimate, torque, torque
+        self.watchdog.speed, self.watchdog.load = float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1])
+
     def __call__(self, t: float, y: Any) -> float:
         began = time.perf_counter()
-        if self.samples and abs(t - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
+        if not self.samples:
+            self.began = t
+        if abs(t - self.began - self.samples * self.law.period) > 1e-6 * max(t, self.law.period):
             raise SceneError(
                 f"Argument `sample_time` must be {self.law.period:g} s, the `period` of the law, but a sample came at {t:g} s."
             )
         y = np.asarray(y, float)
         if y.size > len(self.measures):
             self.reference = float(y[-1])
+        if not self.samples and y.size > len(self.measures) + 1 and y[-2] != 0.0:
+            self.begin(y[: len(self.measures)], float(y[-2]))
         estimate = self.filter.correct(y[: len(self.measures)])
         wanted, reason = self.plan(self.filter.arrival())
-        if wanted is None:
+        reason = self.watchdog(float(self.top @ estimate[:-1]), float(self.model.load @ estimate[:-1]), self.last, self.reference) or reason
+        if reason or wanted is None:
             self.record.fallbacks.append((float(t), reason))
             wanted = self.drive.torque(self.reference - float(self.top @ estimate[:-1]), self.last, self.law.period)
         else:
@@ -252,6 +279,16 @@ def steady(A: np.ndarray, model: StringModel, reference: float, torque: float) -
     return found[:n], float(found[n])
 
 
+def steady_string(A: np.ndarray, model: StringModel, sensors: np.ndarray) -> np.ndarray:
+    """The matrix that gives (x, T) of the steady string from what the sensors measure and the torque u: 0 = A x + B u - E T, C x = y, by least squares."""
+    n, m = A.shape[0], sensors.shape[0]
+    size = np.append(np.ones(n), 1e4)  # torques in 10 kN m
+    still = 1e3 * np.column_stack([A, -model.E])  # the balance counts before the noise of the sensors
+    matrix = np.vstack([still, np.column_stack([sensors, np.zeros(m)])]) * size
+    right = np.block([[np.zeros((n, m)), -1e3 * model.B[:, None]], [np.eye(m), np.zeros((m, 1))]])
+    return size[:, None] * np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
+
+
 __all__ = [
     "Predictive",
     "PredictiveLaw",
@@ -260,6 +297,7 @@ __all__ = [
     "riccati",
     "sensor_rows",
     "steady",
+    "steady_string",
     "string_model",
     "twist_row",
     "without_actuators",

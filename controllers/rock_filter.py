@@ -11,6 +11,10 @@ from controllers.disturbance_filter import DisturbanceFilter
 
 SURPRISE = 4.0
 """Mean square of the innovations, in units of what the filter expects, beyond which the law of the rock is no longer believed."""
+MEMORY = 1.0
+"""How long [s] an error of the drive's torque lasts, as white noise stands for it."""
+SETTLED = 5.0
+"""Time [s] in which the mean of the commands follows them."""
 
 
 class RockFilter(DisturbanceFilter):
@@ -24,22 +28,36 @@ class RockFilter(DisturbanceFilter):
     down; its states follow the hybrid prediction of the plant. It ends where its bit comes to rest, or where its innovations are larger than it can
     explain (their mean square over about ten samples above `SURPRISE`).
 
+    What is not known of the drive, a part `drive_error` of its inertia or torque, matters only while its torque moves. Both filters take it for white noise
+    of the drive's torque with the intensity
+
+        drive_walk^2 + (drive_error (u - u_mean))^2 `MEMORY`,    u_mean' = (u - u_mean) / `SETTLED`
+
+    so that they are careful while the command swings, and sharp in steady drilling; the gain of the linear filter follows its Riccati equation in time.
+
     rollout: the prediction;  contact: which of its contacts is the bit;  bit: row of the bit speed;  rock: torque and slope at a speed > 0;
     turning: estimated speed above which a bit turns.
     """
 
     def __init__(
         self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float, *,
-        strength_walk: float, rollout: Any, contact: int, bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
+        drive_error: float, strength_walk: float, rollout: Any, contact: int,
+        bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
     ):  # fmt: skip
         super().__init__(A, B, E, C, period, delay, noise, torque_walk, drive_walk)
         n = A.shape[0]
+        self.drive_walk, self.drive_error, self.mean = drive_walk, drive_error, 0.0
+        # what the drive's noise of intensity 1 adds in a period to the linear filter, beside the rest of `walk`
+        self.pushed = self._pushed(A, B, E, period)
+        self.still = self.walk - drive_walk**2 * self.pushed
         self.rollout, self.contact, self.bit, self.rock, self.turning, self.lasting = rollout, contact, bit, rock, turning, lasting
         self.seen = np.column_stack([C, np.zeros(C.shape[0])])
         self.period = period
         # noise of a period, as it reaches the states of the string alone
         self.wander = np.zeros((n + 1, n + 1))
-        self.wander[:n, :n], self.wander[n, n] = drive_walk**2 * np.outer(B, B) * period, strength_walk**2 * period
+        self.shaken = np.zeros((n + 1, n + 1))
+        self.shaken[:n, :n] = np.outer(B, B) * period
+        self.wander[n, n] = strength_walk**2 * period
         self.turned, self.surprise, self.sliding = 0, 0.0, False
         self.xi, self.doubt = np.zeros(n + 1), np.zeros((n + 1, n + 1))
 
@@ -48,7 +66,21 @@ class RockFilter(DisturbanceFilter):
         """The factor s on the torque of the rock, while `sliding`."""
         return float(self.xi[-1])
 
+    @staticmethod
+    def _pushed(A: np.ndarray, B: np.ndarray, E: np.ndarray, period: float) -> np.ndarray:
+        """Covariance of (x, T) after a period with white noise of intensity 1 in the drive's torque (C. F. Van Loan, 1978)."""
+        from scipy.linalg import expm
+
+        n = A.shape[0]
+        F = np.block([[A, -E[:, None]], [np.zeros((1, n + 1))]])
+        G = np.append(B, 0.0)
+        both = expm(np.block([[-F, np.outer(G, G)], [np.zeros_like(F), F.T]]) * period)
+        return both[n + 1 :, n + 1 :].T @ both[: n + 1, n + 1 :]
+
     def correct(self, y: np.ndarray) -> np.ndarray:
+        seen = self.rows @ self.spread
+        self.gain = np.linalg.solve(seen @ self.rows.T + self.noise, seen).T
+        self.covariance = self.spread - self.gain @ seen
         z = super().correct(y)
         speed = float(self.bit @ z[:-1])
         self.turned = self.turned + 1 if speed > self.turning else 0
@@ -100,6 +132,10 @@ class RockFilter(DisturbanceFilter):
     def predict(self, command: float) -> None:
         commands = self.waiting[0], (np.append(self.waiting[1:], command))[0]
         super().predict(command)
+        self.mean += (command - self.mean) * min(1.0, self.period / SETTLED)
+        unknown = self.drive_walk**2 + (self.drive_error * (command - self.mean)) ** 2 * MEMORY
+        spread = self.whole @ self.covariance @ self.whole.T + self.still + unknown * self.pushed
+        self.spread = 0.5 * (spread + spread.T)
         if not self.sliding:
             return
         n, nudge = self.xi.size - 1, 1e-6
@@ -112,5 +148,5 @@ class RockFilter(DisturbanceFilter):
             step = np.eye(n + 1)
             step[:n, :n], step[:n, n] = A[0], (more[:n] - X[1]) / nudge
             self.xi = np.append(X[1], self.xi[-1])
-            self.doubt = step @ self.doubt @ step.T + self.wander * (duration / self.period)
+            self.doubt = step @ self.doubt @ step.T + (self.wander + unknown * self.shaken) * (duration / self.period)
         self.doubt = 0.5 * (self.doubt + self.doubt.T)

@@ -20,8 +20,12 @@ from typing import ClassVar
 
 import casadi as ca
 
+from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, Relay, SceneError, Update, quantity, state
+
+MOST_LATE = 100
+"""Samples by which a command may be late."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,12 @@ class SlidingSurface(TorqueLimits):
     """What both forms share: the surface, the equivalent control and the numbers in them; use one of the two below.
 
     `inertia` J_r and `drag` c_r of the top drive are read from the plant (`chain.inertia`, `chain.top_drag`) unless given. Where torque limits are
-    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given.
+    known, the integral takes up what the drive cannot give, (wanted - command) / (J_r lam), so that s moves as if it had been given. Sampled, the integral
+    begins where the law gives the torque that acts (`controllers.bumpless`).
+
+    late: number of samples by which commands reach the drive later (sampled only). The law then acts on the top speed at the instant at which its command
+    arrives, J_r w' = u - c_r w - tau under the commands on their way and the present torque of the string. On the estimates of `OnEstimates`, which look
+    ahead by themselves, it stays 0.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
@@ -39,9 +48,12 @@ class SlidingSurface(TorqueLimits):
     reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
     inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
     drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
+    late: int = 0
 
     def check(self):
         super().check()
+        if not 0 <= self.late <= MOST_LATE:
+            raise SceneError(f"Argument `late` must be between 0 and {MOST_LATE} samples, but it is {self.late}.")
         if self.limits_known and not self.surface > 0:
             raise SceneError(f"Argument `surface` must be > 0 1/s with torque limits, but it is {self.surface!r}.")
 
@@ -61,6 +73,36 @@ class SlidingSurface(TorqueLimits):
         rate = error + (top - bit)
         equivalent = self.drag * top + load - self.inertia * self.surface * rate
         return rate, error + self.surface * angle, equivalent
+
+    def ahead(self, signal, period, unknown=0.0):
+        """(signal, memory): measurements with the top speed at which a command of this sample arrives, and what makes the memory of a command.
+
+        unknown: acceleration of the top [rad/s2] that the model lacks.
+        """
+        line = [state(f"slidingmode.waiting{k}", "N m") for k in range(self.late)]
+        drag, load = self.drag, signal("top.load", "N m")
+        speed = signal("top.speed", "rad/s")
+        for torque in line:
+            middle = speed + period / 2 * ((torque - drag * speed - load) / self.inertia + unknown)
+            speed = speed + period * ((torque - drag * middle - load) / self.inertia + unknown)
+
+        def arriving(name, unit, default=None):
+            return speed if name == "top.speed" else signal(name, unit, default)
+
+        return arriving, lambda command: dict(zip(line, [*line[1:], command], strict=True)) if line else {}
+
+    def started(self, update, signal, starts):
+        """The update, begun at these values of its memory and with the torque that acts on its way."""
+        waiting = {memory: acting(signal) for memory in update.memory if memory.label.startswith("slidingmode.waiting")}
+        return begun(update, signal, "slidingmode", {**starts, **waiting})
+
+    def angle_at(self, signal, surface):
+        """The integral at which s has this value."""
+        return over(surface - self.terms(signal, 0.0)[1], self.surface)
+
+    def lacking(self, signal):
+        """What the equivalent control has beyond the torque that acts, in parts of J_r eta, cut at 1 either way."""
+        return ca.fmin(ca.fmax((self.terms(signal, 0.0)[2] - acting(signal)) / (self.inertia * self.reaching), -1), 1)
 
     def taken_up(self, rate, wanted, command):
         """Rate of the integral with what the drive cannot give."""
@@ -84,12 +126,14 @@ class SlidingMode(SlidingSurface):
 
     def sampled(self, signal, period):
         angle = state("slidingmode.angle", "rad")
+        signal, sent = self.ahead(signal, period)
         rate, s, wanted = self._wanted(signal, angle)
         command, memory = self.limited(wanted, period)
-        return Update(
-            memory={angle: angle + period * self.taken_up(rate, wanted, command), **memory},
+        update = Update(
+            memory={angle: angle + period * self.taken_up(rate, wanted, command), **sent(command), **memory},
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
+        return self.started(update, signal, {angle: self.angle_at(signal, self.width * self.lacking(signal))})
 
     def _wanted(self, signal, angle):
         rate, s, equivalent = self.terms(signal, angle)

@@ -15,6 +15,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from controllers.bumpless import acting
 from controllers.sliding_mode import SlidingSurface
 from toolbox import SceneError, Update, quantity, state
 
@@ -31,15 +32,18 @@ class SuperTwisting(SlidingSurface):
 
     def sampled(self, signal, period):
         angle, v = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")
+        signal, sent = self.ahead(signal, period)
         rate, s, equivalent = self.terms(signal, angle)
         sign = ca.sign(s)
         k1, k2 = 1.5 * ca.sqrt(self.disturbance_rate), 1.1 * self.disturbance_rate
         wanted = equivalent - self.inertia * (k1 * ca.sqrt(ca.fabs(s)) * sign - v)
         command, memory = self.limited(wanted, period)
-        return Update(
-            memory={angle: angle + period * self.taken_up(rate, wanted, command), v: v - period * k2 * sign, **memory},
+        update = Update(
+            memory={angle: angle + period * self.taken_up(rate, wanted, command), v: v - period * k2 * sign, **sent(command), **memory},
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
+        starts = {angle: self.angle_at(signal, 0.0), v: (acting(signal) - equivalent) / self.inertia}
+        return self.started(update, signal, starts)
 
 
 @dataclass(frozen=True)

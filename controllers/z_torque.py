@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
 from toolbox import Equations, SceneError, Update, quantity, state
 
@@ -22,7 +23,8 @@ class ZTorque(TorqueLimits):
     compensated through a filter: J_c = J (1 - sqrt(zeta T_f / J))^2 is what leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
     `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the
     drag of the drive, I = zeta sqrt(k / J_b) / 5. Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I
-    are choices of this file. Where torque limits are known, z is led back by (command - wanted) / zeta.
+    are choices of this file. Where torque limits are known, z is led back by (command - wanted) / zeta. Sampled, f begins at
+    the speed that is measured and z where the law gives the torque that acts (`controllers.bumpless`).
     """
 
     impedance: float | None = quantity(None, "N m s/rad", "gain P", at_least=0)
@@ -73,9 +75,11 @@ class ZTorque(TorqueLimits):
         f, z = state("ztorque.speed", "rad/s"), state("ztorque.angle", "rad")
         error, wanted, acceleration = self._wanted(signal, f, z)
         command, memory = self.limited(wanted, period)
-        return Update(
+        update = Update(
             {f: f + period * acceleration, z: z + period * self._rate(error, wanted, command), **memory}, {"top.torque": (command, "N m")}
         )
+        starts = {f: signal("top.speed", "rad/s"), z: over(acting(signal) - self.impedance * error, self.integral)}
+        return begun(update, signal, "ztorque", starts)
 
     def _wanted(self, signal, f, z):
         speed = signal("top.speed", "rad/s")

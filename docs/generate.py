@@ -19,6 +19,10 @@ PACKAGES = {
     "models": "Physics: one mechanism per file.",
     "controllers": "Control laws and observers.",
 }
+AUTHORS = {
+    "toolbox.authoring": "What parts, laws and packages of your own build on, beside the names of `toolbox` itself. "
+    "It changes only with a line in the changelog.",
+}
 _ENDS = r"(?=[.;] (?:Range|range|Defaults?|Assumed|Raises|Signals|Accuracy|Without|Sampled|Exact|Why|Where|The|A(?= [a-z])|It|With|Their|They)\b|$)"
 _SOURCE = re.compile(r"\bSources?: (.+?)" + _ENDS)
 _CITED = re.compile(r"((?:[A-Z]\. ?)+[A-Z][a-z][^:;]*?\(\d{4}\)(?: \d+(?:-\d+)?)?(?:, doi:10\.[^\s,;]+)?)")
@@ -80,10 +84,10 @@ def sources_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference_page(package: str) -> str:
-    """The page of the public names of a package, for mkdocstrings."""
+def reference_page(package: str, says: str) -> str:
+    """The page of the public names of a package or module, for mkdocstrings."""
     module = importlib.import_module(package)
-    lines = [f"# {package}", "", PACKAGES[package], ""]
+    lines = [f"# {package}", "", says, ""]
     hidden = {"toolbox": ["time"]}.get(package, [])  # public, but in no star import
     for name in sorted([*module.__all__, *hidden], key=str.lower):
         lines += [f"::: {package}.{name}", ""]
@@ -92,7 +96,10 @@ def reference_page(package: str) -> str:
 
 def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
-    return {FOLDER / "sources.md": sources_page(), **{FOLDER / "reference" / f"{name}.md": reference_page(name) for name in PACKAGES}}
+    references = {
+        FOLDER / "reference" / f"{name.rpartition('.')[2]}.md": reference_page(name, says) for name, says in (PACKAGES | AUTHORS).items()
+    }
+    return {FOLDER / "sources.md": sources_page(), **references}
 
 
 def main() -> None:

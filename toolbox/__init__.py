@@ -1,52 +1,97 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
 import sys
+from importlib import import_module
 from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from toolbox.calibration.fit import Fit, fit
-from toolbox.calibration.recording import Recording
-from toolbox.errors import AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError
-from toolbox.export.c_code import export_c, to_control
-from toolbox.export.fmu import export_fmu
-from toolbox.measuring import measure as measure
-from toolbox.measuring.measure import cycles, energy_audit, overshoot, settling, severity, stick_intervals
-from toolbox.modelling import inputs as inputs
-from toolbox.modelling.components import Component, Equations, Update
-from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state
-from toolbox.modelling.elements import time as time  # not in __all__: a star import must not shadow the module `time`
-from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import ramp, sine, square, step, triangle
-from toolbox.modelling.laws import Controller, Sampled, Takeover
-from toolbox.modelling.observers import Observed, Observer
-from toolbox.modelling.regularisation import smoothed
-from toolbox.onsets.onset import onset
-from toolbox.onsets.severity_map import SeverityMap, severity_map
-from toolbox.orbits.branch import Bifurcation, Branch
-from toolbox.orbits.continuation import follow
-from toolbox.orbits.limit_cycle import Cycle, CycleError, limit_cycle
-from toolbox.orbits.sensitivity import Sensitivity, sensitivity
-from toolbox.robustness.absorber import absorber_limit
-from toolbox.robustness.limits import performance_limit
-from toolbox.robustness.margins import Margins, margins
-from toolbox.robustness.worst_case import WorstCase, cycle_phases, worst_case
-from toolbox.scenes.scene import Scene
-from toolbox.scenes.work_precision import WorkPrecision, work_precision
-from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TimeStepping
-from toolbox.simulation.run import Budget
-from toolbox.simulation.samples import Event
-from toolbox.simulation.simulate import simulate
-from toolbox.simulation.trajectory import Trajectory
-from toolbox.steady_states import linear as linear
-from toolbox.steady_states.equilibria import equilibria
-from toolbox.steady_states.hopf import hopf_curve, hopf_points
-from toolbox.steady_states.impedance import impedance, reflection
-from toolbox.steady_states.linear import equilibrium, linearise
-from toolbox.steady_states.poles import pole_locus
-from toolbox.sweeps.sweep import Sweep, sweep
-from toolbox.tuning.results import Tuned
-from toolbox.tuning.tune import tune
+if TYPE_CHECKING:
+    from toolbox.calibration.fit import Fit as Fit
+    from toolbox.calibration.fit import fit as fit
+    from toolbox.calibration.recording import Recording as Recording
+    from toolbox.errors import AccuracyError as AccuracyError
+    from toolbox.errors import BudgetError as BudgetError
+    from toolbox.errors import GrazingError as GrazingError
+    from toolbox.errors import SceneError as SceneError
+    from toolbox.errors import SimulationError as SimulationError
+    from toolbox.errors import ZenoError as ZenoError
+    from toolbox.export.c_code import export_c as export_c
+    from toolbox.export.c_code import to_control as to_control
+    from toolbox.export.fmu import export_fmu as export_fmu
+    from toolbox.measuring.measure import cycles as cycles
+    from toolbox.measuring.measure import energy_audit as energy_audit
+    from toolbox.measuring.measure import overshoot as overshoot
+    from toolbox.measuring.measure import settling as settling
+    from toolbox.measuring.measure import severity as severity
+    from toolbox.measuring.measure import stick_intervals as stick_intervals
+    from toolbox.modelling.components import Component as Component
+    from toolbox.modelling.components import Equations as Equations
+    from toolbox.modelling.components import Update as Update
+    from toolbox.modelling.composition import compose as compose
+    from toolbox.modelling.elements import DryFriction as DryFriction  # not in __all__: a star import must not shadow the module `time`
+    from toolbox.modelling.elements import FrictionLaw as FrictionLaw
+    from toolbox.modelling.elements import Hysteresis as Hysteresis
+    from toolbox.modelling.elements import Relay as Relay
+    from toolbox.modelling.elements import UnilateralContact as UnilateralContact
+    from toolbox.modelling.elements import quantity as quantity
+    from toolbox.modelling.elements import state as state
+    from toolbox.modelling.elements import time as time
+    from toolbox.modelling.hybrid_system import HybridSystem as HybridSystem
+    from toolbox.modelling.inputs import ramp as ramp
+    from toolbox.modelling.inputs import sine as sine
+    from toolbox.modelling.inputs import square as square
+    from toolbox.modelling.inputs import step as step
+    from toolbox.modelling.inputs import triangle as triangle
+    from toolbox.modelling.laws import Controller as Controller
+    from toolbox.modelling.laws import Sampled as Sampled
+    from toolbox.modelling.laws import Takeover as Takeover
+    from toolbox.modelling.observers import Observed as Observed
+    from toolbox.modelling.observers import Observer as Observer
+    from toolbox.modelling.regularisation import smoothed as smoothed
+    from toolbox.onsets.onset import onset as onset
+    from toolbox.onsets.severity_map import SeverityMap as SeverityMap
+    from toolbox.onsets.severity_map import severity_map as severity_map
+    from toolbox.orbits.branch import Bifurcation as Bifurcation
+    from toolbox.orbits.branch import Branch as Branch
+    from toolbox.orbits.continuation import follow as follow
+    from toolbox.orbits.limit_cycle import Cycle as Cycle
+    from toolbox.orbits.limit_cycle import CycleError as CycleError
+    from toolbox.orbits.limit_cycle import limit_cycle as limit_cycle
+    from toolbox.orbits.sensitivity import Sensitivity as Sensitivity
+    from toolbox.orbits.sensitivity import sensitivity as sensitivity
+    from toolbox.robustness.absorber import absorber_limit as absorber_limit
+    from toolbox.robustness.limits import performance_limit as performance_limit
+    from toolbox.robustness.margins import Margins as Margins
+    from toolbox.robustness.margins import margins as margins
+    from toolbox.robustness.worst_case import WorstCase as WorstCase
+    from toolbox.robustness.worst_case import cycle_phases as cycle_phases
+    from toolbox.robustness.worst_case import worst_case as worst_case
+    from toolbox.scenes.scene import Scene as Scene
+    from toolbox.scenes.work_precision import WorkPrecision as WorkPrecision
+    from toolbox.scenes.work_precision import work_precision as work_precision
+    from toolbox.simulation.methods import Automatic as Automatic
+    from toolbox.simulation.methods import EventExact as EventExact
+    from toolbox.simulation.methods import Explicit as Explicit
+    from toolbox.simulation.methods import Implicit as Implicit
+    from toolbox.simulation.methods import Smoothing as Smoothing
+    from toolbox.simulation.methods import TimeStepping as TimeStepping
+    from toolbox.simulation.run import Budget as Budget
+    from toolbox.simulation.samples import Event as Event
+    from toolbox.simulation.simulate import simulate as simulate
+    from toolbox.simulation.trajectory import Trajectory as Trajectory
+    from toolbox.steady_states.equilibria import equilibria as equilibria
+    from toolbox.steady_states.hopf import hopf_curve as hopf_curve
+    from toolbox.steady_states.hopf import hopf_points as hopf_points
+    from toolbox.steady_states.impedance import impedance as impedance
+    from toolbox.steady_states.impedance import reflection as reflection
+    from toolbox.steady_states.linear import equilibrium as equilibrium
+    from toolbox.steady_states.linear import linearise as linearise
+    from toolbox.steady_states.poles import pole_locus as pole_locus
+    from toolbox.sweeps.sweep import Sweep as Sweep
+    from toolbox.sweeps.sweep import sweep as sweep
+    from toolbox.tuning.results import Tuned as Tuned
+    from toolbox.tuning.tune import tune as tune
 
 __all__ = [
     "AccuracyError",
@@ -135,9 +180,68 @@ __all__ = [
     "worst_case",
 ]
 
+_ROOMS = {
+    "toolbox.calibration.fit": "Fit fit",
+    "toolbox.calibration.recording": "Recording",
+    "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
+    "toolbox.export.c_code": "export_c to_control",
+    "toolbox.export.fmu": "export_fmu",
+    "toolbox.measuring.measure": "cycles energy_audit overshoot settling severity stick_intervals",
+    "toolbox.modelling.components": "Component Equations Update",
+    "toolbox.modelling.composition": "compose",
+    "toolbox.modelling.elements": "DryFriction FrictionLaw Hysteresis Relay UnilateralContact quantity state time",
+    "toolbox.modelling.hybrid_system": "HybridSystem",
+    "toolbox.modelling.inputs": "ramp sine square step triangle",
+    "toolbox.modelling.laws": "Controller Sampled Takeover",
+    "toolbox.modelling.observers": "Observed Observer",
+    "toolbox.modelling.regularisation": "smoothed",
+    "toolbox.onsets.onset": "onset",
+    "toolbox.onsets.severity_map": "SeverityMap severity_map",
+    "toolbox.orbits.branch": "Bifurcation Branch",
+    "toolbox.orbits.continuation": "follow",
+    "toolbox.orbits.limit_cycle": "Cycle CycleError limit_cycle",
+    "toolbox.orbits.sensitivity": "Sensitivity sensitivity",
+    "toolbox.robustness.absorber": "absorber_limit",
+    "toolbox.robustness.limits": "performance_limit",
+    "toolbox.robustness.margins": "Margins margins",
+    "toolbox.robustness.worst_case": "WorstCase cycle_phases worst_case",
+    "toolbox.scenes.scene": "Scene",
+    "toolbox.scenes.work_precision": "WorkPrecision work_precision",
+    "toolbox.simulation.methods": "Automatic EventExact Explicit Implicit Smoothing TimeStepping",
+    "toolbox.simulation.run": "Budget",
+    "toolbox.simulation.samples": "Event",
+    "toolbox.simulation.simulate": "simulate",
+    "toolbox.simulation.trajectory": "Trajectory",
+    "toolbox.steady_states.equilibria": "equilibria",
+    "toolbox.steady_states.hopf": "hopf_curve hopf_points",
+    "toolbox.steady_states.impedance": "impedance reflection",
+    "toolbox.steady_states.linear": "equilibrium linearise",
+    "toolbox.steady_states.poles": "pole_locus",
+    "toolbox.sweeps.sweep": "Sweep sweep",
+    "toolbox.tuning.results": "Tuned",
+    "toolbox.tuning.tune": "tune",
+}
+"""{file: the public names that it defines}: a name is imported when it is first asked for, so that a script pays for what it uses."""
+
+_HOMES = {name: file for file, names in _ROOMS.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported from its file."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
+
 
 def _lazy(name: str) -> ModuleType:
-    """A module that is executed when something of it is first asked for: `plot` needs matplotlib, which few runs do."""
+    """A module that is executed when something of it is first asked for."""
+    if name in sys.modules:
+        return sys.modules[name]
     spec = find_spec(name)
     assert spec is not None and spec.loader is not None
     spec.loader = LazyLoader(spec.loader)
@@ -146,8 +250,8 @@ def _lazy(name: str) -> ModuleType:
     return module
 
 
-plot = _lazy("toolbox.simulation.plot")
-
 # the public modules have short names: `from toolbox.measure import severity` finds the one that stands in its room
-for _name, _module in {"inputs": inputs, "linear": linear, "measure": measure, "plot": plot}.items():
-    sys.modules[f"{__name__}.{_name}"] = _module
+inputs = sys.modules[f"{__name__}.inputs"] = _lazy("toolbox.modelling.inputs")
+linear = sys.modules[f"{__name__}.linear"] = _lazy("toolbox.steady_states.linear")
+measure = sys.modules[f"{__name__}.measure"] = _lazy("toolbox.measuring.measure")
+plot = sys.modules[f"{__name__}.plot"] = _lazy("toolbox.simulation.plot")

@@ -37,6 +37,9 @@ class StringObserver(Observer):
         None, "1", "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design"
     )
     gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
+    begins: tuple[float, ...] | None = quantity(
+        None, "1", "states per torque, then per top speed, of the string that turns steadily; filled in by design"
+    )
     rock: tuple[float, ...] | None = quantity(
         None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
     )
@@ -62,27 +65,49 @@ class StringObserver(Observer):
         places = entries(stacked)
         return replace(
             self, states=model.states, units=model.units, rock=rock, places=places, model=tuple(stacked.ravel()[list(places)].tolist()),
-            gain=tuple(gain.ravel().tolist()),
+            gain=tuple(gain.ravel().tolist()), begins=tuple(steady_string(A, B, rows[0]).T.ravel().tolist()),
         )  # fmt: skip
+
+    def begun(self, speed: Any, torque: Any) -> Any:
+        """The state of a string that turns steadily at a top speed under a torque: what is known when the observer begins."""
+        if self.begins is None:
+            raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
+        n = len(self.begins) // 2
+        return ca.vertcat(*self.begins[:n]) * torque + ca.vertcat(*self.begins[n:]) * speed
 
     def injection(self, error: Any) -> Any:
         """What the gain is multiplied with, given w_top - w_top_hat."""
         return error
 
-    def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
-        """State, its rate as a function of the state, and the estimates."""
+    def _stacked(self):
+        """The number of states, and the rows of the model."""
         if self.gain is None or self.model is None:
             raise SceneError(f"{type(self).__name__} needs the plant it observes: call `design(plant)`.")
         n = len(self.gain)
-        stacked = with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
-        A, B, L = stacked[:n, :], stacked[n, :].T, ca.vertcat(*self.gain)
-        top, bit, load = (stacked[i, :] for i in range(n + 1, n + 4))
+        return n, with_entries((n + 4, n), self.places, ca.vertcat(*self.model))
+
+    def _equations(self, signal) -> tuple[Any, Any, dict[str, tuple[Any, str]]]:
+        """State, its rate as a function of the state, and the estimates."""
+        n, stacked = self._stacked()
+        A, B, L, top = stacked[:n, :], stacked[n, :].T, ca.vertcat(*(self.gain or ())), stacked[n + 1, :]
         x = state("observer.state", "1", n)
         speed, torque = signal("top.speed", "rad/s"), signal("top.torque", "N m")
 
         def rate(z: Any) -> Any:
             return A @ z + B * torque + L * self.injection(speed - top @ z)
 
+        return x, rate, self.seen(x)
+
+    def moved(self, x: Any, torque: Any, duration: Any) -> Any:
+        """The state after a duration [s] under a held torque [N m], with nothing measured."""
+        n, stacked = self._stacked()
+        A, B = stacked[:n, :], stacked[n, :].T
+        return one_step(lambda z: A @ z + B * torque, x, duration)
+
+    def seen(self, x: Any) -> dict[str, tuple[Any, str]]:
+        """{signal: (estimate, unit)} of a state."""
+        n, stacked = self._stacked()
+        top, bit, load = (stacked[i, :] for i in range(n + 1, n + 4))
         estimates: dict[str, tuple[Any, str]] = {
             name: (x[i], unit) for i, (name, unit) in enumerate(zip(self.states, self.units, strict=True))
         }
@@ -95,7 +120,7 @@ class StringObserver(Observer):
         if self.rock is not None:
             at_speed, excess, decay = self.rock
             estimates["bit.friction_scale"] = (x[n - 1] / (at_speed + excess * ca.exp(-decay * ca.fabs(bit @ x))), "1")
-        return x, rate, estimates
+        return estimates
 
     def continuous(self, signal):
         x, rate, estimates = self._equations(signal)
@@ -103,11 +128,16 @@ class StringObserver(Observer):
 
     def sampled(self, signal, period):
         x, rate, estimates = self._equations(signal)
-        a = rate(x)
-        b = rate(x + period / 2 * a)
-        c = rate(x + period / 2 * b)
-        d = rate(x + period * c)
-        return Update({x: x + period / 6 * (a + 2 * b + 2 * c + d)}, estimates)
+        return Update({x: one_step(rate, x, period)}, estimates)
+
+
+def one_step(rate: Any, x: Any, period: Any) -> Any:
+    """A Runge-Kutta step of order four of x' = rate(x)."""
+    a = rate(x)
+    b = rate(x + period / 2 * a)
+    c = rate(x + period / 2 * b)
+    d = rate(x + period * c)
+    return x + period / 6 * (a + 2 * b + 2 * c + d)
 
 
 def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,6 +145,15 @@ def with_disturbance(model: StringModel) -> tuple[np.ndarray, np.ndarray, np.nda
     A = np.block([[model.A, -model.E[:, None]], [np.zeros((1, model.A.shape[0] + 1))]])
     rows = np.array([np.append(row, 0.0) for row in (model.top, model.bit, model.load)])
     return A, np.append(model.B, 0.0), rows
+
+
+def steady_string(A: np.ndarray, B: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Columns z with A z + B u = 0 and row z = w for (u, w) = (1, 0) and (0, 1), z the states of the string and the torque of its rock."""
+    n = A.shape[0]
+    size = np.append(np.ones(n - 1), 1e4)  # torques in 10 kN m
+    matrix = np.vstack([A * size, row * size])
+    right = np.array([np.append(-B, 0.0), np.append(np.zeros(n), 1.0)]).T
+    return size[:, None] * np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,10 @@ drag of the drive wrong by a fifth, so that it has something to hold against. Th
 
 Over the last 5 s of 40 s: largest change of s and of the torque from one sample to the next.
 
+Commands that come some samples late make the implicit sign chatter as well: it takes back what is already on its way. A law that knows how many are on their
+way (field `late`) acts on the speed at which its command will arrive, and varies its torque as it does without delay. A set-point that rises belongs to the
+equivalent control; without its rate what is left of s is of first order in the period.
+
     python -m studies chatter [--out FOLDER]        (seconds; the table, and chatter.png)
 """
 
@@ -16,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +28,10 @@ import numpy as np
 from controllers import ImplicitSlidingMode, SlidingMode, SuperTwisting
 from controllers.sliding_mode import SlidingSurface
 from models import BitRock, wells
-from toolbox import compose, simulate, sine
+from toolbox import Sampled, compose, simulate, sine
 
 REACHING, INERTIA, DRAG = 2.0, 2122.0, 340.0
+LATE = (0, 1, 2, 3)
 PERIODS = (0.08, 0.04, 0.02, 0.01, 0.005)
 PLANT = compose(wells.JANSEN_2, BitRock())
 
@@ -40,11 +46,11 @@ def laws() -> dict[str, SlidingSurface]:
     }
 
 
-def held(law: SlidingSurface, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times [s], s [rad/s] and torque [N m] of the samples of the last 5 s."""
+def held(law: SlidingSurface, period: float, late: int = 0, rising: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times [s], s [rad/s] and torque [N m] of the samples of the last 5 s; commands `late` samples late, the set-point rising by so much [rad/s2]."""
     run = simulate(
-        PLANT, 40.0, controller=law, sample_time=period, start={"chain.speed": (8.0, 8.0), "chain.twist": 17.0},
-        inputs={"bit.weight": sine(97_347.0, 5000.0, 0.3)},
+        PLANT, 40.0, controller=Sampled(law, period, delay=late * period), start={"chain.speed": (8.0, 8.0), "chain.twist": 17.0},
+        inputs={"bit.weight": sine(97_347.0, 5000.0, 0.3), "top.reference": ((0.0, 40.0), (8.0, 8.0 + 40.0 * rising))},
     )  # fmt: skip
     times = np.arange(35.0, 40.0 - period, period)
     point = run.at(times + period / 2)
@@ -58,6 +64,23 @@ def changes() -> dict[str, np.ndarray]:
         rows = [held(law, period)[1:] for period in PERIODS]
         found[name] = np.array([[np.abs(np.diff(values)).max() for values in row] for row in rows])
     return found
+
+
+def late_torques() -> dict[str, np.ndarray]:
+    """{law: rows for commands `LATE` samples of 10 ms late: change of the torque [N m/s] of a law that does not know it, and of one that does}."""
+    found = {}
+    for name, law in laws().items():
+        pairs = [[np.abs(np.diff(held(replace(law, late=known), 0.01, late)[2])).sum() / 5.0 for known in (0, late)] for late in LATE]
+        found[name] = np.array(pairs)
+    return found
+
+
+def late_table(found: dict[str, np.ndarray]) -> str:
+    """The changes of the torque under late commands as text."""
+    lines = [f"{'torque, kN m/s':<18}" + "".join(f"{name:>28}" for name in found), f"{'samples late':<18}" + f"{'not known':>18}{'known':>10}" * len(found)]
+    for i, late in enumerate(LATE):
+        lines.append(f"{late:>6}{'':<12}" + "".join(f"{rows[i, 0] / 1e3:>18.2f}{rows[i, 1] / 1e3:>10.2f}" for rows in found.values()))
+    return "\n".join(lines)
 
 
 def table(found: dict[str, np.ndarray]) -> str:
@@ -109,6 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     found = changes()
     print(table(found))
+    print(f"\n{late_table(late_torques())}")
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         picture(found, given.out / "chatter.png")

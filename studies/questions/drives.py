@@ -1,22 +1,17 @@
-"""Which drive law ends an existing stick-slip at the lowest set-point?
+"""Which drive law ends an existing stick-slip at the lowest set-point, and what is left of that on a rig that is not the declared one?
 
-Plant: the two inertias of Jansen and van den Steen with the bit of Navarro-Lopez and Cortes at 97 347 N, as in `studies/scenes/jansen_2.toml`. Every law is
-switched on cold (memories at their start values) at the end of a stick phase of the stiff PI drive at the same set-point, commands 0 to 20 kN m,
-and is sampled every 10 ms for 300 s. It succeeds where, over the last 30 %, the bit does not stick, severity is below 0.05 (0.15 with noise) and the
-mean speed is within 5 % of the set-point. Set-points are scanned from 14 rad/s downward in steps of 0.1 rad/s until the first failure; the table shows
-the last success before it.
+Every law is judged by `studies.protocol`: it takes over from a stiff PI drive that has the rig in stick-slip, at eight phases of the cycle, on the declared
+rig and on others, with seeds of the noise that no tuning has seen. All measure the top speed alone, know that commands come 30 ms late, give 0 to 20 kN m and
+are sampled every 10 ms; those that ask for more act on a Kalman filter. Predictive laws are sampled every 0.1 s, plan 4 s and bring their own filter; a run
+of theirs costs hundreds of times that of the others, so that their set-points are searched in steps of 0.5 rad/s, with two phases and one seed.
 
-nominal: every signal that the law asks for is measured, at once and exactly.  real: only the top speed is measured, with 0.01 rad/s rms of white
-noise; commands come 30 ms late; the weight on bit is 10 % more than the law was designed for; each set-point must succeed with five seeds of noise that
-no tuning has seen. Laws that ask for more than the top speed then act on a Kalman filter.
+Laws whose label ends on "tuned" have the gains of `studies/data/gains.json`; those of the others are as they are delivered.
 
-Predictive laws are sampled every 0.1 s, plan 4 s, bring their own filter, and know that commands are late; nominal, they measure speeds and twist. A sample
-of theirs costs a thousand times that of the others, so that between 14 and 5 rad/s only whole set-points are tried.
+Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised;  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at
+8 rad/s on the declared rig, and there the standard deviation of the torque over its mean under noise;  99th percentile of the processor time of a sample.
 
-Settling (into 5 %, for good) and overshoot of the bit speed are nominal, at 8 rad/s. Step: 99th percentile of the processor time that one sample of the
-law takes, its Kalman filter included.
-
-    python -m studies drives [--out FOLDER] [--only LABEL ...] [--jobs N]        (some minutes; the table, drives.csv and drives.png)
+    python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...]      (the table and drives.csv; goes on where it was stopped)
+    python -m studies drives --tune FAMILY ... [--runs N]                               (the gains, see `studies.gains`)
 """
 
 from __future__ import annotations
@@ -25,9 +20,8 @@ import argparse
 import csv
 import ctypes
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -44,6 +38,7 @@ from controllers import (
     ImplicitSlidingMode,
     LinearMPC,
     NonlinearMPC,
+    OnEstimates,
     SlidingMode,
     SoftTorque,
     StiffPI,
@@ -51,193 +46,167 @@ from controllers import (
     ZTorque,
 )
 from controllers.observers import Kalman
-from models import BitRock, wells
-from toolbox import Observed, Sampled, SimulationError, Trajectory, compose, simulate
+from studies import gains
+from studies.protocol import (
+    DELAY,
+    GROUPS,
+    LIMITS,
+    LOWEST,
+    NOISE,
+    PLANT,
+    WAYS,
+    WEIGHT,
+    Cells,
+    Group,
+    Law,
+    Rig,
+    TakenOver,
+    cycle,
+    lowest,
+    plant_with,
+    rock_torques,
+)
+from toolbox import Controller, Sampled, Takeover, Trajectory, simulate
 
-WEIGHT = 97_347.0
-PLANT = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
-LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
-STATES: dict[str, Any] = {"sensors": ("top.speed", "bit.speed", "chain.twist.0"), "noise": (1e-3, 1e-3, 1e-3)}
-DURATION, WINDOW = 300.0, 210.0
-NOISE, DELAY, HEAVIER = 0.01, 0.03, 1.1
-SEEDS = (101, 102, 103, 104, 105)
-"""Seeds of the verdict; the numbers of the laws were chosen with the seeds 1 to 3."""
-HIGHEST, STEP = 14.0, 0.1
-GRID = np.arange(WINDOW, DURATION, 0.02)
+__all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
 
-
-@dataclass(frozen=True)
-class Contender:
-    """A row: what makes the law for a set-point [rad/s], with every signal measured and with the top speed alone, and its period [s].
-
-    Both may return a Controller or a Python callable (t, y) -> torque; the second knows that commands are late by DELAY. Above `coarse` [rad/s] only
-    whole set-points are tried.
-    """
-
-    label: str
-    nominal: Callable[[float], Any]
-    real: Callable[[float], Any]
-    period: float = 0.01
-    coarse: float = np.inf
-
-
-def on_speed(label: str, law: Callable[..., Any], **numbers: float) -> Contender:
-    """A law that asks for the top speed alone: the same with either information."""
-    return Contender(
-        label,
-        lambda reference: law(reference=reference, **numbers, **LIMITS),
-        lambda reference: law(reference=reference, **numbers, **LIMITS),
-    )
+COMMON = 8.0
+"""Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
+LATE = round(DELAY / 0.01)
+PREDICTIVE = ("linear MPC", "nonlinear MPC")
 
 
-def on_estimates(label: str, law: Callable[..., Any], **numbers: float) -> Contender:
-    """A law that asks for more, and gets the estimates of a Kalman filter where the top speed is all there is."""
+def laws() -> dict[str, Law]:
+    """All rows, in the order of the table, by label."""
 
-    def nominal(reference: float) -> Any:
-        return law(reference=reference, **numbers, **LIMITS)
+    def plain(kind: Callable[..., Any], **numbers: Any) -> Callable[[float], Any]:
+        return lambda reference: kind(reference=reference, **numbers, **LIMITS)
 
-    return Contender(label, nominal, lambda reference: Observed(nominal(reference), Kalman(speed_noise=NOISE), late=round(DELAY / 0.01)))
+    def on_estimates(kind: Callable[..., Any]) -> Callable[[float], Any]:
+        return lambda reference: OnEstimates(kind(reference=reference, **LIMITS), Kalman(speed_noise=NOISE), late=LATE)
 
+    def tuned(family: str) -> Callable[[float], Any]:
+        return lambda reference: gains.FAMILIES[family].of(reference, gains.stored(family))
 
-def predictive(label: str, law: Callable[..., Any]) -> Contender:
-    """A predictive law on the plant, which estimates what it does not measure."""
-    return Contender(
-        label,
-        lambda reference: law(reference=reference, **LIMITS, **STATES).design(PLANT),
-        lambda reference: law(reference=reference, delay=DELAY, **LIMITS).design(PLANT),
-        period=0.1,
-        coarse=5.0,
-    )
-
-
-def contenders() -> list[Contender]:
-    """All rows, in the order of the table."""
-    return [
-        on_speed("stiff PI", StiffPI),
-        on_speed("PI", PI),
-        on_speed("active damping", ActiveDamping),
-        on_speed("soft torque", SoftTorque),
-        on_speed("Z-torque", ZTorque, filter_time=0.02),
-        on_estimates("sliding mode", SlidingMode),
-        on_estimates("implicit sliding mode", ImplicitSlidingMode),
-        on_estimates("super-twisting", SuperTwisting),
-        on_estimates("impedance super-twisting", ImpedanceSuperTwisting),
-        on_speed("H-infinity", HInfinity),
-        Contender(
-            "LQR, LQG",
-            lambda reference: LQR(reference=reference, **LIMITS),
-            lambda reference: LQG(reference=reference, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS),
-        ),
-        predictive("linear MPC", LinearMPC),
-        predictive("nonlinear MPC", NonlinearMPC),
-    ]
-
-
-# --- one attempt
-
-
-@cache
-def stick_phase_end(reference: float, real: bool) -> dict[str, Any]:
-    """The states at the end of a stick phase of the stiff PI drive; where it leaves none, after 200 s."""
-    run = simulate(PLANT, 200.0, controller=StiffPI(reference=reference, **LIMITS), sample_time=0.01, inputs=_weight(real))
-    releases = [event.time for event in run.events if event.before == "stick"]
-    point = run.at(releases[-1] if releases else 200.0)
-    return {name: point[name] for name in PLANT.states}
-
-
-def _weight(real: bool) -> dict[str, float]:
-    return {"bit.weight": HEAVIER * WEIGHT} if real else {}
-
-
-def run_of(contender: Contender, reference: float, real: bool, seed: int = 0, output_times: Any = GRID, law: Any = None) -> Trajectory:
-    """A contender at a set-point, from the end of a stick phase. Raises SimulationError where the run cannot be finished."""
-    law = law if law is not None else (contender.real if real else contender.nominal)(reference)
-    measured = (
-        Sampled(law, contender.period, delay=DELAY, noise={"top.speed": NOISE}, seed=seed) if real else Sampled(law, contender.period)
-    )
-    return simulate(
-        PLANT, DURATION, controller=measured, start=stick_phase_end(reference, real), inputs=_weight(real), output_times=output_times
-    )
-
-
-def succeeds(run: Trajectory, reference: float, real: bool) -> bool:
-    """Whether the bit is free, steady and at its set-point over the last 30 % of a run recorded at GRID."""
-    speed = run["bit.speed"]
-    mean = float(speed.mean())
-    if run.time_in("bit", "stick", after=WINDOW) > 0.0 or abs(mean / reference - 1.0) > 0.05:
-        return False
-    return float(np.ptp(speed)) / (2.0 * mean) < (0.15 if real else 0.05)
-
-
-def lowest(contender: Contender, real: bool, highest: float = HIGHEST) -> float:
-    """The last set-point [rad/s] of the downward scan that succeeds; nan where the first one fails."""
-    found = np.nan
-    for reference in _downward(highest, contender.coarse):
-        for seed in SEEDS if real else (0,):
-            try:
-                if not succeeds(run_of(contender, reference, real, seed), reference, real):
-                    return found
-            except SimulationError:
-                return found
-        found = reference
+    rows = {
+        "stiff PI": plain(StiffPI),
+        "PI": plain(PI),
+        "active damping": plain(ActiveDamping),
+        "soft torque": plain(SoftTorque),
+        "impedance, tuned": tuned("impedance"),
+        "Z-torque": plain(ZTorque, filter_time=0.02),
+        "Z-torque, tuned": tuned("Z-torque"),
+        "sliding mode": on_estimates(SlidingMode),
+        "implicit sliding mode": on_estimates(ImplicitSlidingMode),
+        "super-twisting": on_estimates(SuperTwisting),
+        "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
+        "LQR on a Kalman filter": on_estimates(LQR),
+        "H-infinity": plain(HInfinity),
+        "H-infinity, tuned": tuned("H-infinity"),
+        "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
+        "LQG, tuned": tuned("LQG"),
+    }
+    found = {label: Law(label, of) for label, of in rows.items()}
+    for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):
+        found[label] = Law(label, _designed(kind), 0.1)
     return found
 
 
-def _downward(highest: float, coarse: float = np.inf) -> Iterator[float]:
-    for k in range(round(highest / STEP) - 4):
-        reference = round(highest - k * STEP, 1)
-        if reference <= coarse or reference.is_integer():
-            yield reference
+def _designed(kind: Callable[..., Any]) -> Callable[[float], Any]:
+    return lambda reference: kind(reference=reference, delay=DELAY, **LIMITS).design(PLANT)
 
 
-# --- the table
+def groups_of(law: Law) -> dict[str, Group]:
+    """The groups of rigs for a law: fewer phases and seeds for laws that are Python."""
+    if law.label not in PREDICTIVE:
+        return GROUPS
+    return {name: replace(group, phases=group.phases[::4], seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """A line of the table: set-points in rad/s (nan for none), settling in s (inf for never), overshoot in parts of the set-point, step in s."""
+class Row:
+    """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s]."""
 
     label: str
-    nominal: float
-    real: float
+    lowest: Mapping[str, tuple[float, float]]
     settling: float
     overshoot: float
+    ripple: float
     step: float
 
 
-PARTS = ("nominal", "real", "common")
-"""What a line is made of: two scans, and one run."""
+def row(law: Law, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
+    """The line of a law with some of the groups."""
+    found: dict[str, tuple[float, ...]] = {}
+    step = 0.1 if law.label not in PREDICTIVE else 0.5
+    for name in names:
+        pair = []
+        for i, way in enumerate(WAYS):  # noise and errors are not expected to help by more than 0.5 rad/s
+            known = found.get("declared", (np.nan, np.nan))[i]
+            lower = LOWEST if np.isnan(known) else max(known - 0.5, LOWEST)
+            pair.append(lowest(law, groups_of(law)[name], way, cells, lower=lower, step=step).speed)
+        found[name] = tuple(pair)
+    quiet = run_of(law, COMMON, Rig("declared"), noise=0.0)
+    after = quiet.at(np.arange(_takeover(law, COMMON), quiet.end, 0.02))
+    speed = after["bit.speed"]
+    outside = np.flatnonzero(np.abs(speed / COMMON - 1.0) > 0.05)
+    settling = 0.0 if not outside.size else np.inf if outside[-1] == speed.size - 1 else 0.02 * float(outside[-1] + 1)
+    noisy = run_of(law, COMMON, Rig("declared"))
+    torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
+    ripple = float(torque.std() / torque.mean())
+    return Row(law.label, found, settling, float(speed.max() / COMMON - 1.0), ripple, step_time(law, COMMON))  # type: ignore[arg-type]
 
 
-def part_of(label: str, part: str) -> tuple[float, ...]:
-    """Numbers of one of PARTS of the line of a contender, by its label, so that it can be made in another process."""
-    contender = next(c for c in contenders() if c.label == label)
-    if part != "common":
-        return (lowest(contender, part == "real"),)
-    common = 8.0
-    run = run_of(contender, common, False, output_times=np.arange(0.0, DURATION, 0.02))
-    speed = run["bit.speed"]
-    outside = np.flatnonzero(np.abs(speed / common - 1.0) > 0.05)
-    settling = 0.0 if not outside.size else np.inf if outside[-1] == speed.size - 1 else float(run.time[outside[-1] + 1])
-    return settling, float(speed.max() / common - 1.0), step_time(contender, common)
+def _takeover(law: Law, reference: float, phase: float = 0.0) -> float:
+    """When the law takes over [s]: at a sample of its own."""
+    period = cycle(reference)[1]
+    return float(np.ceil(period * (1.0 + phase) / law.period) * law.period)
 
 
-def step_time(contender: Contender, reference: float) -> float:
-    """99th percentile [s] of the time of one sample of the law that knows the top speed alone; of the processor, where that can be resolved."""
-    law = contender.real(reference)
+@cache
+def _rows_of_start(reference: float) -> tuple[dict[str, Any], float]:
+    start, _ = cycle(reference)
+    return {name: value for name, value in start.items() if not name.startswith("before.")}, float(start["before.pi.angle"])
+
+
+def run_of(law: Law, reference: float, rig: Rig, noise: float = NOISE, seed: int = 0, phase: float = 0.0, made: Any = None) -> Trajectory:
+    """180 s of a law that takes over at a phase of the cycle, directly. Raises SimulationError where the run cannot be finished."""
+    made = law.of(reference) if made is None else made
+    states, angle = _rows_of_start(reference)
+    at = _takeover(law, reference, phase)
+    both: Any
+    if isinstance(made, Controller):
+        both, states = Takeover(StiffPI(reference=reference, **LIMITS), made.design(PLANT), at=at), cycle(reference)[0]
+    else:
+        both = TakenOver(made, law.period, at, reference, angle)
+    numbers = rig.numbers
+    parameters = {"chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]), "chain.stiffness": (numbers["chain.stiffness.0"],)}
+    return simulate(
+        plant_with(rig.rock), 180.0, start=states, parameters=parameters, inputs={"bit.weight": numbers["bit.weight"], "top.reference": reference},
+        controller=Sampled(both, law.period, delay=rig.delay, noise={"top.speed": noise} if noise else {}, seed=seed),
+    )  # fmt: skip
+
+
+def step_time(law: Law, reference: float) -> float:
+    """99th percentile [s] of the time of one sample of a law: of its record where it is predictive, else of its compiled update."""
+    made = law.of(reference)
+    if isinstance(made, Controller):
+        run = simulate(PLANT, 20.0, controller=Sampled(made, law.period, noise={"top.speed": NOISE}))
+        return float(np.percentile(update_times(run), 99))
     times: list[int] = []
-    if not hasattr(law, "sampled"):  # a Python callable: timed where it is called
 
-        def timed(t: float, y: Any) -> Any:
+    class Timed:
+        """The law, timed where it is called."""
+
+        measures, drives, stand_ins = made.measures, made.drives, made.stand_ins
+
+        def __call__(self, t: float, y: Any) -> float:
             began = time.thread_time_ns()
-            answer = law(t, y)
+            answer = float(made(t, y))
             times.append(time.thread_time_ns() - began)
             return answer
 
-        timed.measures, timed.drives = getattr(law, "measures", ("top.speed",)), getattr(law, "drives", ("top.torque",))  # type: ignore[attr-defined]
-        run_of(contender, reference, True, SEEDS[0], law=timed)
-    else:
-        return float(np.percentile(update_times(run_of(contender, reference, True, SEEDS[0])), 99))
+    run_of(law, reference, Rig("declared"), made=Timed())
     return float(np.percentile(times, 99)) * 1e-9
 
 
@@ -257,77 +226,70 @@ def update_times(run: Trajectory) -> list[float]:
     return times
 
 
-def table(rows: Sequence[Verdict]) -> str:
+def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
-    head = f"{'controller':<26}{'lowest set-point':>20}{'settling':>12}{'overshoot':>12}{'step p99':>12}"
-    lines = [head, f"{'':<26}{'nominal':>10}{'real':>10}{'at 8 rad/s':>24}", "-" * len(head)]
-    for row in rows:
-        speeds = [f"{value:.1f}" if value == value else f"> {HIGHEST:g}" for value in (row.nominal, row.real)]
-        settling = f"{row.settling:.1f} s" if np.isfinite(row.settling) else "never"
-        lines.append(f"{row.label:<26}{speeds[0]:>10}{speeds[1]:>10}{settling:>12}{100 * row.overshoot:>10.0f} %{1e6 * row.step:>9.1f} us")
+    names = list(rows[0].lowest)
+    head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}{'step p99':>11}"
+    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}"
+    lines = [head, under, "-" * len(head)]
+    for each in rows:
+        speeds = [" / ".join(f"{value:.1f}" if value == value else "none" for value in each.lowest[name]) for name in names]
+        settling = f"{each.settling:.1f} s" if np.isfinite(each.settling) else "never"
+        lines.append(
+            f"{each.label:<26}" + "".join(f"{text:>14}" for text in speeds)
+            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{1e6 * each.step:>8.1f} us"
+        )  # fmt: skip
     return "\n".join(lines)
 
 
-def picture(rows: Sequence[Verdict], path: Path) -> None:
-    """Lowest set-points of all laws, and what three of them do with a bit in stick-slip at 3 rad/s under real conditions."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, (bars, traces) = pyplot.subplots(1, 2, figsize=(12, 4.6), layout="constrained", gridspec_kw={"width_ratios": [1, 1.25]})
-    place = np.arange(len(rows))[::-1]
-    for offset, attribute, colour in ((0.2, "nominal", "0.72"), (-0.2, "real", "0.25")):
-        values = [getattr(row, attribute) for row in rows]
-        bars.barh(place + offset, np.nan_to_num(values, nan=HIGHEST), 0.38, color=colour, label=attribute)
-        for y, value in zip(place + offset, values, strict=True):
-            bars.text(
-                np.nan_to_num(value, nan=HIGHEST) + 0.15, y, f"{value:.1f}" if value == value else f"> {HIGHEST:g}", va="center", fontsize=7
-            )
-    bars.set_yticks(place, [row.label for row in rows], fontsize=8)
-    bars.set_xlabel("lowest set-point at which stick-slip ends [rad/s]")
-    bars.legend(loc="lower right", fontsize=8)
-    bars.spines[["top", "right"]].set_visible(False)
-    every = {c.label: c for c in contenders()}
-    styles = {"soft torque": ("0.6", "-"), "Z-torque": ("tab:blue", "--"), "LQR, LQG": ("black", "-")}
-    for label, (colour, line) in styles.items():
-        run = run_of(every[label], 3.0, True, SEEDS[0], output_times=np.arange(0.0, 80.0, 0.02))
-        traces.plot(run.time, run["bit.speed"], line, color=colour, lw=1.2, label=label if label != "LQR, LQG" else "LQG")
-    traces.axhline(3.0, color="0.5", lw=0.7, ls=":")
-    traces.set(xlabel="time since the law was switched on [s]", ylabel="bit speed [rad/s]", xlim=(0, 80))
-    traces.set_title("top speed measured with noise, 30 ms late, weight + 10 %", fontsize=9)
-    traces.legend(fontsize=8, loc="upper right")
-    traces.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+def rocks() -> str:
+    """How far the torques of the rocks are apart at set-points, as text."""
+    lines = [f"{'torque of the rock [kN m]':<26}" + "".join(f"{name:>18}" for name in rock_torques(COMMON))]
+    for reference in (0.001, 3.0, 4.0, 6.0, 8.0):
+        lines.append(f"{reference:>10.0f} rad/s{'':<10}" + "".join(f"{value / 1e3:>18.2f}" for value in rock_torques(reference).values()))
+    return "\n".join(lines)
 
 
 def write_rows(rows: Sequence[Any], path: Path) -> None:
-    """Write rows of a verdict, dataclasses of one kind, as csv."""
+    """Write rows of a verdict, dataclasses or mappings of one kind, as csv."""
+    made = [each if isinstance(each, dict) else asdict(each) for each in rows]
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(asdict(rows[0])))
+        writer = csv.DictWriter(file, list(made[0]))
         writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+        writer.writerows(made)
+
+
+def flat(each: Row) -> dict[str, Any]:
+    """A row as one level of names."""
+    speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
+    return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Make the table, and with --out its csv and picture."""
-    labels = [contender.label for contender in contenders()]
+    """Make the table, and with --out its csv; or tune."""
+    every = laws()
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for drives.csv and drives.png")
-    parser.add_argument("--only", nargs="+", choices=labels, default=labels, metavar="LABEL", help=f"some of: {', '.join(labels)}")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--out", type=Path, help="folder for drives.csv and for what is known of the cells")
+    parser.add_argument("--only", nargs="+", choices=list(every), default=list(every), metavar="LABEL", help=f"some of: {', '.join(every)}")
+    parser.add_argument("--groups", nargs="+", choices=list(GROUPS), default=list(GROUPS), metavar="NAME", help=f"some of: {', '.join(GROUPS)}")
+    parser.add_argument("--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}")
+    parser.add_argument("--runs", type=int, default=240, help="points that a search tries (240)")
     given = parser.parse_args(arguments)
-    tasks = sorted(((label, part) for label in given.only for part in PARTS), key=lambda task: ("MPC" not in task[0], task[1] != "real"))
-    with ProcessPoolExecutor(given.jobs) as pool:  # the longest first, so that none is left alone at the end
-        found = dict(zip(tasks, pool.map(part_of, *zip(*tasks, strict=True)), strict=True))
-    rows = [Verdict(label, *(value for part in PARTS for value in found[label, part])) for label in given.only]
-    print(table(rows))
+    for label in given.tune or ():
+        found = gains.searched(label, given.runs)
+        gains.store(label, found)
+        print(f"{label}: {found.numbers}, {found.failures} failures, {found.points} points in {found.seconds:.0f} s of the processor")
+    if given.tune:
+        return
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        write_rows(rows, given.out / "drives.csv")
-        picture(rows, given.out / "drives.png")
-        print(f"\nTable and picture are in {given.out}")
+    cells = Cells(given.out / "drives.jsonl" if given.out else None, progress=True)
+    rows = [row(every[label], given.groups, cells) for label in given.only]
+    print(table(rows))
+    print(f"\n{rocks()}")
+    if given.out:
+        write_rows([flat(each) for each in rows], given.out / "drives.csv")
+        print(f"\nThe table is in {given.out}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 """What does tuning a drive give, and what does it cost? Copy this script and put your own rig, law and objectives in.
 
 One run asks both questions. First the machine starts from rest, and the time in which the bit settles at its set-point is measured. Then the set-point falls
-until the bit sticks and rises slowly again: the set-point at the last release is the lowest speed at which the drive ends an existing stick-slip, a little
-late by the slope of the ramp. What is good for one is not good for the other: `tune` gives the front.
+until the bit sticks and rises in steps, with every set-point held for 40 s: the lowest speed at which the drive ends an existing stick-slip is the
+first set-point from which on the bit does not stick in the second half of any. A slow ramp in place of the steps tells another number: it passes the
+threshold while the string is still swinging, and what it reads constant set-points do not keep. What is good for one question is not good
+for the other: `tune` gives the front.
 
     drill string   JANSEN_2 under 90, 97 and 107 kN, designed for 97 kN, the worst counts; top speed measured with noise, commands 30 ms late, every 10 ms.
                    A PI drive that starts from the gains of soft torque, and the LQG drive with its weights as they are delivered.
@@ -38,15 +40,27 @@ from toolbox.scenes.cases import Waveform
 SET_POINT = 8.0
 STARTED = 60.0
 """When the start is over and the set-point falls [s]."""
-LOWEST, HIGHEST = 0.5, 12.0
-"""Set-points [rad/s] between which the ramp rises."""
+LEVELS = tuple(np.arange(1.5, 9.01, 0.5).tolist())
+"""Set-points [rad/s] that are held, one after the other."""
+HELD = 40.0
+"""How long each is held [s], with half a second to rise to it."""
+LOW = 0.5
+"""Set-point [rad/s] at which every bit sticks."""
 FIGURES = Path(__file__).parents[1] / "figures"
 
 
 def set_points(first: float) -> Waveform:
-    """The set-point over time: constant for the start, down to where every bit sticks, and slowly up again."""
-    times = (0.0, STARTED, STARTED + 10.0, STARTED + 30.0, STARTED + 230.0)
-    return Waveform("table", {"times": times, "values": (first, first, LOWEST, LOWEST, HIGHEST)})
+    """The set-point over time: constant for the start, down to where every bit sticks, and up again in steps."""
+    times, values = [0.0, STARTED, STARTED + 10.0, STARTED + 30.0], [first, first, LOW, LOW]
+    for k, level in enumerate(LEVELS):
+        times += [begin_of(k) + 0.5, begin_of(k + 1)]
+        values += [level, level]
+    return Waveform("table", {"times": tuple(times), "values": tuple(values)})
+
+
+def begin_of(level: int) -> float:
+    """When the set-point rises to one of `LEVELS` [s]."""
+    return STARTED + 30.0 + HELD * level
 
 
 def settling(run: Trajectory) -> float:
@@ -55,12 +69,15 @@ def settling(run: Trajectory) -> float:
 
 
 def lowest_set_point(run: Trajectory) -> float:
-    """Set-point [rad/s] at which the stick-slip ends while the set-point rises; inf where it does not end."""
+    """The lowest of `LEVELS` [rad/s] from which on the bit does not stick in the second half of any; inf where it sticks in the last."""
     sticks = measure.stick_intervals(run, "bit", after=STARTED)
-    if not sticks:
-        return LOWEST
-    last = sticks[-1][1]
-    return float("inf") if last > run.end - 10.0 else float(run.at(last)["top.reference"])
+    kept = float("inf")
+    for k in reversed(range(len(LEVELS))):
+        begin, end = begin_of(k) + HELD / 2, begin_of(k + 1)
+        if any(first < end and last > begin for first, last in sticks):
+            break
+        kept = LEVELS[k]
+    return kept
 
 
 def impacts(run: Trajectory) -> float:
@@ -80,7 +97,7 @@ def collar() -> Scene:
 
 
 def _scene(title: str, parts: Any, first: float, parameters: Mapping[str, float]) -> Scene:
-    end = STARTED + 230.0
+    end = begin_of(len(LEVELS))
     return Scene(
         title, parts, (), end, "bit", "bit.speed", "top.torque", STARTED, inputs={"top.reference": set_points(first)}, parameters=parameters
     )

@@ -202,6 +202,7 @@ def test_an_unknown_operation_in_a_plant_is_an_error_that_names_it():
         simulate(compose(Odd()), 1.0)
 
 
+@pytest.mark.slow
 def test_a_function_too_large_to_be_optimised_hard_is_as_right_as_a_small_one():
     # 24 000 instructions: the code generator takes its fast way
     symbols = ca.SX.sym("x", 3)

@@ -103,8 +103,8 @@ def test_a_law_on_its_estimates_follows_a_set_point_as_the_same_law_on_a_filter(
 def test_designed_observers_copy_and_pickle_with_their_memory():
     law = Observed(StiffPI(), MovingHorizon()).design(RIG)
     for k in range(5):
-        law(0.05 * k, np.array([0.1 * k, 8.0]))
-    torques = [twin(0.25, np.array([0.6, 8.0])) for twin in (copy.deepcopy(law), pickle.loads(pickle.dumps(law)), law)]
+        law(0.05 * k, np.array([0.1 * k, 0.0, 8.0]))
+    torques = [twin(0.25, np.array([0.6, 0.0, 8.0])) for twin in (copy.deepcopy(law), pickle.loads(pickle.dumps(law)), law)]
     assert torques[0] == torques[1] == torques[2]
 
 

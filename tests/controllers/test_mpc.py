@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import pickle
 
+import casadi as ca
 import control
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from controllers import LinearMPC, NonlinearMPC, StiffPI
 from controllers.predictive import Record, held
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
+from controllers.watchdog import MEMORY, STANDS, SWINGS, Watchdog
 from models import BitRock, TorsionalChain, wells
 from toolbox import Sampled, Scene, SceneError, compose, simulate
 
@@ -106,7 +108,7 @@ def test_a_limit_of_the_top_speed_is_kept_by_the_prediction_and_passed_without_i
         run = simulate(RIG, 30.0, start=start, controller=law, sample_time=0.1)
         speeds[limit] = run["top.speed"].max()
         assert not run.laws[0].record.fallbacks
-    assert speeds[None] > 8.5
+    assert speeds[None] > 8.35
     assert speeds[8.2] < 8.25  # the slope of the rock changes on the way, which the linear law does not know
 
 
@@ -114,7 +116,7 @@ def test_a_hard_limit_that_cannot_be_kept_makes_the_soft_drive_act_and_is_record
     start, _ = drilling(8.0)
     runs = {}
     for soft in (True, False):
-        law = LinearMPC(reference=8.0, highest_twist=5.0, soft=soft, **LIMITS, **STATES)
+        law = LinearMPC(reference=8.0, highest_twist=5.0, soft=soft, drive_walk=50.0, torque_walk=200.0, **LIMITS, **STATES)
         runs[soft] = simulate(RIG, 5.0, start=start, controller=law, sample_time=0.1)
     assert start["chain.twist.0"] > 5.0
     assert not runs[True].laws[0].record.fallbacks
@@ -336,7 +338,7 @@ def test_a_delay_of_three_and_a_half_periods_leaves_a_law_that_knows_it_able_to_
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
 def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_success(speed):
-    naive = NonlinearMPC(reference=speed, width=0.5, matched=False, adapt=False, **LIMITS, **STATES)
+    naive = NonlinearMPC(reference=speed, width=0.5, matched=False, adapt=False, patience=1e6, **LIMITS, **STATES)
     run = simulate(RIG, 120.0, inputs=HEAVIER, controller=naive, sample_time=0.1)
     record = run.laws[0].record
     assert run.time_in("bit", "stick") == 120.0
@@ -344,6 +346,10 @@ def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_succe
     assert abs(run.at(120.0)["top.speed"]) < 0.05  # it stands
     assert run.at(120.0)["top.load"] < 0.8 * 1.1 * WEIGHT * 0.155575  # below what would break the bit free
     assert run["top.torque"][-1] < 19_000.0  # and the drive could
+    # the watchdog, which looks at the string and not at the solver, has the soft drive break the bit free
+    watched = simulate(RIG, 120.0, inputs=HEAVIER, controller=dataclasses.replace(naive, patience=5.0), sample_time=0.1)
+    assert watched.time_in("bit", "stick") < 110.0
+    assert watched.laws[0].record.fallbacks[0][1] == STANDS
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
@@ -367,6 +373,109 @@ def test_exact_modes_free_the_bit_on_the_top_speed_alone(speed):
 def test_the_linear_law_frees_the_bit_too(speed):
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=LinearMPC(reference=speed, **LIMITS, **STATES), sample_time=0.1)
     assert run.time_in("bit", "stick", after=45.0) == 0.0
+
+
+# --- a drive that is not the declared one
+
+OTHERS = {
+    "drive - 10 %": (0.9, 1.0, 1.0),
+    "drive + 20 %": (1.2, 1.0, 1.0),
+    "light drive, heavy bit, soft string": (0.8, 1.2, 0.8),
+    "heavy drive, light bit, stiff string": (1.2, 0.8, 1.2),
+    "all light": (0.8, 0.8, 0.8),
+}
+TRUSTING = {LinearMPC: {"drive_walk": 50.0}, NonlinearMPC: {"drive_error": 0.0}}
+
+
+def on_another_rig(law, drive, bit, stiffness):
+    """180 s on the top speed alone, noise and delay included, with inertias and stiffness in parts of the declared ones."""
+    other = {"chain.inertia": (2122.0 * drive, 374.0 * bit), "chain.stiffness": (473.0 * stiffness,)}
+    late = Sampled(law, 0.1, delay=0.03, noise={"top.speed": 0.01}, seed=3)
+    return simulate(RIG, 180.0, controller=late, parameters=other, output_times=np.arange(0.0, 180.0, 0.05))
+
+
+@pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
+@pytest.mark.parametrize("rig", OTHERS.values(), ids=OTHERS)
+def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_with_the_soft_drive_at_rest(law, rig):
+    run = on_another_rig(law(reference=8.0, delay=0.03, **LIMITS), *rig)
+    assert run.time_in("bit", "stick", after=60.0) == 0.0
+    assert run["bit.speed"][1200:].mean() == pytest.approx(8.0, rel=0.05)
+    taken = [when for when, _ in run.laws[0].record.fallbacks if when >= 60.0]
+    assert 0.1 * len(taken) <= 0.1 * 120.0
+
+
+@pytest.mark.parametrize("rig", [OTHERS["drive - 10 %"], OTHERS["drive + 20 %"]])
+def test_a_filter_that_trusts_its_drive_parks_the_bit_and_the_watchdog_sees_the_motor_swing(rig):
+    trusting = NonlinearMPC(reference=8.0, delay=0.03, **TRUSTING[NonlinearMPC], **LIMITS)
+    parked = on_another_rig(dataclasses.replace(trusting, patience=1e6), *rig)
+    assert parked.time_in("bit", "stick", after=60.0) > 60.0
+    assert not parked.laws[0].record.fallbacks and parked.laws[0].record.answer.sound
+    watched = on_another_rig(trusting, *rig)
+    assert {why for _, why in watched.laws[0].record.fallbacks} <= {STANDS, SWINGS}
+    assert watched.time_in("bit", "stick", after=60.0) < 20.0
+
+
+def test_the_linear_law_swings_between_its_limits_with_a_filter_that_trusts_its_drive():
+    trusting = LinearMPC(reference=8.0, delay=0.03, patience=1e6, **TRUSTING[LinearMPC], **LIMITS)
+    swings = {}
+    for label, law in (("trusts", trusting), ("allows for 20 %", LinearMPC(reference=8.0, delay=0.03, **LIMITS))):
+        run = on_another_rig(law, *OTHERS["drive + 20 %"])
+        swings[label] = float(np.std(run["top.torque"][1200:]) / np.mean(run["top.torque"][1200:]))
+    assert swings["trusts"] > 0.5
+    assert swings["allows for 20 %"] < 0.02
+
+
+# --- the watchdog
+
+
+def watched_for(seconds, speed, load, command):
+    """What a watchdog of a drive of 0 to 20 kN m with 5 s of patience says in each sample of 0.1 s, and the watchdog."""
+    dog = Watchdog(0.1, 5.0, 0.0, 20_000.0)
+    times = np.arange(0.0, seconds, 0.1)
+    return times, [dog(speed(t), load(t), command(t), 8.0) for t in times], dog
+
+
+def test_a_string_that_stands_is_given_its_patience_and_one_that_is_wound_up_all_the_time_it_takes():
+    times, said, _ = watched_for(40.0, lambda t: 0.0, lambda t: 6000.0, lambda t: 6000.0)
+    first = next(t for t, why in zip(times, said, strict=True) if why)
+    assert said[round(first / 0.1)] == STANDS
+    assert 5.0 < first < 30.0  # the mean torque settles, then nothing is gained
+    _, winding, _ = watched_for(40.0, lambda t: 0.5, lambda t: 500.0 + 400.0 * t, lambda t: 10_000.0)
+    _, turning, _ = watched_for(40.0, lambda t: 8.0, lambda t: 9000.0, lambda t: 9000.0)
+    assert not any(winding[:200]) and not any(turning[100:])
+
+
+def test_the_soft_drive_acts_twice_as_long_each_time():
+    _, said, dog = watched_for(200.0, lambda t: 0.0, lambda t: 6000.0, lambda t: 6000.0)
+    acts = np.array([bool(why) for why in said])
+    edges = np.flatnonzero(np.diff(acts.astype(int)))
+    lengths = np.diff(edges)[::2] * 0.1
+    assert dog.times >= 3
+    assert lengths[:3] == pytest.approx([10.0, 20.0, 40.0], abs=0.11)
+
+
+def test_a_motor_between_its_limits_is_seen_and_one_at_a_limit_is_not():
+    _, said, _ = watched_for(30.0, lambda t: 4.0, lambda t: 8000.0, lambda t: 20_000.0 * (int(t / 0.5) % 2))
+    assert SWINGS in said
+    _, said, _ = watched_for(30.0, lambda t: 4.0, lambda t: 8000.0 + 500.0 * t, lambda t: 20_000.0)
+    assert SWINGS not in said
+
+
+def test_the_exported_watchdog_is_the_one_in_python():
+    rng, dog = np.random.default_rng(4), Watchdog(0.1, 1.0, 0.0, 20_000.0)
+    symbols = [ca.SX.sym("memory", len(MEMORY))] + [ca.SX.sym(name) for name in ("speed", "load", "command", "reference")]
+    step = ca.Function("step", symbols, dog.expressions(*symbols))
+    memory, seen = np.zeros(len(MEMORY)), set()
+    for k in range(3000):
+        phase = (k // 300) % 3  # parked, swinging, turning
+        speed = (0.0, 4.0, 8.0)[phase] + 0.1 * rng.normal()
+        load, command = 8000.0 + 10.0 * rng.normal(), (8000.0, 20_000.0 * (k % 2), 9000.0)[phase]
+        why = dog(speed, load, command, 8.0)
+        memory, acts = step(memory, speed, load, command, 8.0)
+        memory = np.array(memory).ravel()
+        assert bool(acts) == bool(why)
+        seen.add(why)
+    assert seen == {"", STANDS, SWINGS}
 
 
 # --- set-points that move

@@ -29,14 +29,14 @@ def test_with_a_constant_rock_it_becomes_the_stationary_filter_of_states_and_str
     unit = np.append(np.ones(3), seen.rock(8.0)[0])
     F = seen.whole * unit / unit[:, None]
     H = seen.rows * np.append(np.ones(3), 0.0)
-    expected = solve_discrete_are(F.T, H.T, seen.wander, seen.noise)
+    expected = solve_discrete_are(F.T, H.T, seen.wander + seen.drive_walk**2 * seen.shaken, seen.noise)
     assert seen.doubt == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
     assert seen.strength == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_at_low_speed_it_finds_a_heavier_rock_and_halves_the_errors_of_the_filter_that_does_not_know_its_law(seed):
-    speed = 3.0
+    speed = 4.0
     _, x, _, _ = drilling_point(compose(wells.JANSEN_2, BitRock(weight=1.1 * WEIGHT)), speed)
     start = dict(zip(("chain.twist.0", "chain.speed.0", "chain.speed.1"), x, strict=True))
     law = NonlinearMPC(reference=speed, delay=0.03, **LIMITS).design(RIG)

@@ -89,9 +89,11 @@ def test_the_description_names_variables_units_and_start_values(tmp_path):
     variables = {each.get("name"): (each.get("causality"), each.find("Real").attrib) for each in root.find("ModelVariables")}
     assert variables == {
         "top.speed": ("input", {"unit": "rad/s", "start": "0.0"}),
+        "top.torque.held": ("input", {"unit": "N m", "start": "0.0"}),
         "top.reference": ("input", {"unit": "rad/s", "start": "7.25"}),
         "top.torque": ("output", {"unit": "N m"}),
         "memory.pi.angle": ("local", {"unit": "rad", "start": "0.0"}),
+        "memory.pi.started": ("local", {"unit": "1", "start": "0.0"}),
     }
     assert root.get("fmiVersion") == "2.0" and root.find("CoSimulation").get("modelIdentifier") == "stiff"
 

@@ -177,12 +177,16 @@ def test_a_bad_start_of_a_memory_is_refused():
 # --- switched on in the middle
 
 
-def test_a_law_that_takes_over_acts_as_one_that_starts_from_that_instant():
+def test_a_law_that_takes_over_acts_as_one_that_starts_from_that_instant_with_the_torque_that_was():
     whole = simulate(RIG, 40.0, controller=Takeover(StiffPI(), SoftTorque(), at=25.0), sample_time=0.05, accuracy=1e-9)
     first = simulate(RIG, 25.0, controller=StiffPI(), sample_time=0.05, accuracy=1e-9)
     times = np.linspace(0.0, 24.9, 40)
     np.testing.assert_allclose(whole.at(times)["bit.speed"], first.at(times)["bit.speed"], atol=1e-9)
-    second = simulate(RIG, 15.0, controller=SoftTorque(), sample_time=0.05, start=first.at(25.0), accuracy=1e-9)
+    # the integral of the drive that takes over begins where it gives the torque of the drive before it
+    law, last = SoftTorque().design(RIG), first.at(25.0 - 0.025)["top.torque"]
+    angle = (last - law.proportional * (8.0 - first.at(25.0)["top.speed"])) / law.integral
+    start = {name: first.at(25.0)[name] for name in RIG.states} | {"pi.angle": angle}
+    second = simulate(RIG, 15.0, controller=law, sample_time=0.05, start=start, accuracy=1e-9)
     times = np.linspace(0.0, 15.0, 40)
     np.testing.assert_allclose(whole.at(25.0 + times)["bit.speed"], second.at(times)["bit.speed"], atol=1e-6)
 

@@ -143,6 +143,7 @@ def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stall
         assert word in str(found)
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_motor_frees_a_bit_that_the_same_law_without_limit_keeps(stiff):
     limited = compose(wells.JANSEN_2, BitRock(), TopDrive(torque_limit=15_000.0))
     guess = {"chain.speed": (9.95, 9.95), "drive.speed": 9.95}  # the limit hides the steady state from a search that begins at rest

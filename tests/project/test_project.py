@@ -33,7 +33,15 @@ def imported(tree):
             assert node.level == 0, "imports are absolute here, so that this test sees them"
             yield node.module.partition(".")[0]
         elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in ("import_module", "__import__"):
-            raise AssertionError("imports are written down, so that this test sees them")
+            assert ast.unparse(node) == "import_module(_HOMES[name])", "imports are written down, so that this test sees them"
+
+
+def test_the_face_finds_every_public_name_where_its_imports_for_types_say_it_is(root):
+    tree = ast.parse((root / "toolbox" / "__init__.py").read_text())
+    written = {alias.name: node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module.startswith("toolbox.")
+               for alias in node.names}  # fmt: skip
+    assert written == toolbox._HOMES
+    assert set(toolbox.__all__) | {"time"} == set(written)
 
 
 @pytest.mark.parametrize("package", FORBIDDEN)

@@ -33,6 +33,7 @@ def test_few_contacts_are_run_with_located_events():
     assert simulate(plant, 1.0).why == ""
 
 
+@pytest.mark.slow
 def test_many_contacts_at_a_loose_accuracy_are_stepped_in_time():
     n = 60
     dry = TorsionalChain(

@@ -7,7 +7,11 @@ import pytest
 
 from toolbox import AccuracyError, Scene, simulate
 
-SCENES = sorted(path.stem for path in (Path(__file__).parents[2] / "studies/scenes").glob("*.toml"))
+LONG = {"whirl", "predictive"}
+SCENES = [
+    pytest.param(path.stem, marks=pytest.mark.slow) if path.stem in LONG else path.stem
+    for path in sorted((Path(__file__).parents[2] / "studies/scenes").glob("*.toml"))
+]
 
 # motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut
 SENSITIVE = {("popp_rudolph", 1e-6), ("alternating_load", 1e-3), ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}

@@ -32,6 +32,7 @@ def test_lqg_ends_stick_slip_at_2_6_rad_s_from_the_top_speed_alone_and_its_twins
         assert not succeeds(run_of(EVERY[label], 2.6, True, SEEDS[0]), 2.6, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "numbers"), [(LinearMPC, {"torque_walk": 2000.0}), (NonlinearMPC, {"adapt": False})])
 def test_predictive_laws_end_stick_slip_at_2_6_rad_s_too_and_fail_with_a_filter_that_does_not_know_the_rock(law, numbers):
     row = EVERY["linear MPC" if law is LinearMPC else "nonlinear MPC"]

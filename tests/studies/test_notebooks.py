@@ -154,6 +154,7 @@ def test_friction_along_an_inclined_string_makes_it_stick_off_bottom_and_a_drive
     assert found["break-off torque simulated"] == pytest.approx(found["break-off torque"], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_row_of_bristles_slips_by_regions_and_converges_to_the_rounded_contact(answer):
     found = answer("11")
     assert found["partial"] > 0.3

@@ -51,6 +51,7 @@ def test_sampled_drilling_grows_below_its_hopf_speed_and_dies_above():
         assert point.stable == (side > 0) == dies != grows
 
 
+@pytest.mark.slow
 def test_sliding_mode_loses_stick_slip_in_a_fold_and_soft_torque_by_period_doubling():
     fold, corner, hopf = study.cycles(SLIDING).bifurcations
     assert [fold.kind, corner.kind, hopf.kind] == ["fold", "grazing-sliding", "Hopf"]

@@ -665,6 +665,7 @@ def test_threads_that_need_the_same_code_at_once_share_it():
 # --- stiff plants
 
 
+@pytest.mark.slow
 def test_a_sweep_finds_out_once_that_its_plant_is_stiff_and_steps_all_runs_so(monkeypatch):
     n = 100  # a pipe cut into n elements
     inertia = (2122.0 + 374.0 / n, *(374.0 / n,) * (n - 2), 374.0 + 374.0 / n)

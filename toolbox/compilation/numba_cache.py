@@ -44,6 +44,11 @@ def inlined(function: Any) -> Any:
     return numba.njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
+def called(function: Any) -> Any:
+    """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer."""
+    return numba.njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+
+
 def cached(function: Any = None, **options: Any) -> Any:
     """A function that numba compiles once per machine, and anew when anything changes that it calls or reads.
 

@@ -5,6 +5,7 @@ Both are read off the equations that the law states once, with its numbers fille
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +30,8 @@ from toolbox.steady_states.linear import control_name
 class OpenLaw:
     """A law by itself, with numbers in place of its parameters: what it reads, its memory, and what it gives.
 
-    reads: {signal: (symbol, unit, stand-in or None)}, those without stand-in first, in the order in which the law asks;  memory: its states;
+    reads: {signal: (symbol, unit, stand-in or None)}, those without stand-in first, in the order in which the law asks, what it drives itself as
+    `<signal>.held`, the value held until the sample;  memory: its states;
     following: their next values (sampled) or rates (continuous);  gives: {signal: (expression, unit)};  period: sample time [s], None where it is continuous.
     """
 
@@ -76,8 +78,11 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
         raise SceneError(f"Argument `controller` must be a law that casadi expressions hold, but {title} is designed as a Python callable.")
     check_fields(law)
     reads: dict[str, tuple[ca.SX, str, float | None]] = {}
+    driven = names(law.drives)
 
     def signal(name: str, unit: str, default: Any = None) -> ca.SX:
+        if name in driven:  # what was held before, under a name of its own
+            name = f"{name}.held"
         if name not in reads:
             reads[name] = (ca.SX.sym(name), unit, None if default is None else float(default))
         return reads[name][0]
@@ -116,6 +121,7 @@ def to_control(
     import control
 
     law = opened(controller, plant, period)
+    law = settled(law)
     known = ca.vertcat(law.z, law.y)
     wanted = names(outputs) if outputs is not None else law.drives
     for name in wanted:
@@ -139,6 +145,31 @@ def to_control(
     )  # fmt: skip
 
 
+def settled(law: OpenLaw) -> OpenLaw:
+    """A law after its first sample: scalars of its memory that come out constant are these constants, and what it reads of its own torques then is left out."""
+    constant = {
+        variable: value
+        for variable, value in zip(law.memory, ca.vertsplit(law.following, _places(law.memory)), strict=True)
+        if variable.length is None and ca.SX(value).is_constant()
+    }
+    if not constant:
+        return law
+    old, new = [ca.SX(variable) for variable in constant], list(constant.values())
+    *gives, following = ca.substitute([value for value, _ in law.gives.values()] + [law.following], old, new)
+    kept = tuple(variable for variable in law.memory if variable not in constant)
+    pieces = zip(law.memory, ca.vertsplit(following, _places(law.memory)), strict=True)
+    following = ca.vertcat(ca.SX(0, 1), *[piece for variable, piece in pieces if variable not in constant])
+    found = {name: (value, unit) for (name, (_, unit)), value in zip(law.gives.items(), gives, strict=True)}
+    every = ca.vertcat(following, *gives)
+    reads = {name: row for name, row in law.reads.items() if not name.endswith(".held") or ca.depends_on(every, row[0])}
+    return dataclasses.replace(law, memory=kept, following=following, gives=found, reads=reads)
+
+
+def _places(memory: Sequence[Any]) -> list[int]:
+    """Where each of the memory begins in its vector, and the end."""
+    return [0, *np.cumsum([variable.numel() for variable in memory]).tolist()]
+
+
 def _entry(name: str) -> str:
     """The name that `linearise` gives to the same signal, so that python-control connects the two: chain_speed[0] for chain.speed.0."""
     return control_name(re.sub(r"\.(\d+)$", r"[\1]", name))
@@ -157,9 +188,10 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
         int NAME_step(const double *y, double *memory, double *u);     0 for success
 
     One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the stand-ins that the
-    header lists. The memory belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between
-    samples are the machine's own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a
-    method `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp.
+    header lists; `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first one. The memory
+    belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples are the machine's
+    own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a method
+    `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp.
 
     Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
     """

@@ -152,9 +152,6 @@ def settling(
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))
     h = largest(smallest(100.0 * h0, h1), 1e-9 * end)
     h = ((h > 0.0) & (h < np.inf)).choose(h, 1e-9)
-    spread = call(field, t, [a + b * h for a, b in zip(x, noise, strict=True)], was["p"], chosen)[:n]
-    reached = [abs(b - c) for b, c in zip(spread, k, strict=True)]
-    noise = [((size > 0.0) & (size <= 1e6 * more * h)).choose(a + more, a) for a, more, size in zip(noise, reached, scale, strict=True)]
 
     results = {"x": x, "k": k, "m": chosen, "g": g, "side": side, "armed": armed, "guard_scale": guard_scale, "other_scale": other_scale,
                "scale": scale, "group_scale": group_scale, "noise": noise}  # fmt: skip

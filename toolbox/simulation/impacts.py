@@ -6,7 +6,7 @@ import math
 
 from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import EPS, FIELD, FRICTION, IMPULSE, NE, PROBE, RIGID, SWITCH, N
-from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import guard_size, nudge, project
 
 
@@ -43,7 +43,7 @@ def balanced(w, t):
     return energy if energy > 1e-12 * size else 0.0
 
 
-@inlined
+@called
 def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
     n, ne = w.ints[N], w.ints[NE]

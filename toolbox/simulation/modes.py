@@ -25,7 +25,7 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )
-from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh
 from toolbox.simulation.impacts import impact
 
@@ -195,7 +195,7 @@ def fire(w, t):
     return True
 
 
-@inlined
+@called
 def _other_choice(w, t, i):
     """Whether the contact i that has just switched could have done otherwise: stuck where it slides, or slid on or back where it sticks.
 
@@ -226,7 +226,7 @@ def _other_choice(w, t, i):
     return possible
 
 
-@inlined
+@called
 def begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
 

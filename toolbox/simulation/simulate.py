@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
-from toolbox.errors import SceneError
-from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.steady_point import Equilibrium
-from toolbox.simulation.methods import Method
-from toolbox.simulation.request import Request
-from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Samples
-from toolbox.simulation.trajectory import Trajectory
+    from toolbox.modelling.hybrid_system import HybridSystem
+    from toolbox.modelling.steady_point import Equilibrium
+    from toolbox.simulation.methods import Method
+    from toolbox.simulation.run import Budget
+    from toolbox.simulation.samples import Samples
+    from toolbox.simulation.trajectory import Trajectory
 
 FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(width=...)"}
 """Arguments that have become options of a method, and how they are given now."""
@@ -32,7 +31,7 @@ def simulate(
     method: Method | str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
-    budget: Budget = UNHURRIED,
+    budget: Budget | None = None,
     **former: Any,
 ) -> Trajectory:
     """Simulate a plant for `duration` seconds, from rest unless a start is given, with every switch between stick and slip located as an event.
@@ -53,7 +52,7 @@ def simulate(
         option until the accuracy is met, unless it is given. "auto" takes the cheapest and says why in `run.why`.
     accuracy: target for the global error, with every state scaled by its size; between 1e-13 and 0.1.
     output_times: increasing times [s] at which to record, shape (nt,), right-hand limits at events; without, every step and both sides of every event.
-    budget: what the run may spend.
+    budget: what the run may spend; None takes `Budget()`.
 
     Returns
     -------
@@ -65,9 +64,14 @@ def simulate(
     SimulationError, ZenoError, BudgetError: for a run that cannot be finished; `.run` is the trajectory so far.
     AccuracyError: for a method that cannot meet the accuracy at a bearable price.
     """
+    from toolbox.errors import SceneError  # here, so that a script pays for the machinery of runs with its first run
+    from toolbox.simulation.request import Request
+    from toolbox.simulation.run import UNHURRIED
+
     for name in former:
         if name not in FORMER:
             raise TypeError(f"simulate() got an unexpected keyword argument {name!r}")
         raise SceneError(f"Argument `{name}` is an option of the method now: give `{FORMER[name]}`.")
-    run = Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times, budget).checked()
+    run = Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times,
+                  UNHURRIED if budget is None else budget).checked()  # fmt: skip
     return run.again()

@@ -23,7 +23,7 @@ from toolbox.compilation.loop_layout import (
     TWO_ERRORS,
     N,
 )
-from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import nudge
 
 
@@ -68,9 +68,17 @@ def spread_round_off(w, h):
     A position whose speed is only the round-off of balanced forces has no scale of its own: without this its error would be held to one. States of a size
     that round-off does not reach are left alone.
     """
+    reached = False
+    for i in range(w.ints[N]):
+        reached = reached or (w.scale[i] > 0.0 and w.noise[i] * h > 1e-7 * w.scale[i])
+    if reached and w.ints[IMPLICIT] == 0:
+        _spread(w, h)
+
+
+@called
+def _spread(w, h):
+    """Add the noise for `spread_round_off`."""
     n = w.ints[N]
-    if w.ints[IMPLICIT] == 1:
-        return
     for i in range(n):
         w.s[i] = w.x[i] + w.noise[i] * h
     call(w.ints[FIELD], w.reals[TIME], 0.0, w.s, w.k, w.p, w.m, w.z)

@@ -1,0 +1,123 @@
+"""Gains of the laws of the drive study: searched on rigs, phases and a seed that its table does not use, with equal budgets, and stored with their command.
+
+    minimise over the numbers q of a law:   failures over a ladder of set-points, of 28 runs each: every rig of the groups robust and corners of
+    `studies.protocol`, half-way between the phases of the table, with another seed
+
+    python -m studies drives --tune LABEL ... [--runs N]        (minutes; writes studies/data/gains.json)
+
+The search is differential evolution from a Sobol population (R. Storn, K. Price, J. Global Optimization 11 (1997) 341-359, scipy), as in `toolbox.tune`. Why
+not `tune` itself: it simulates one run after the other, and the 28 runs of a set-point step side by side in lanes, some twenty times as fast. A law with many
+failures at a set-point is not tried at lower ones, where all of its runs count as failed.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers import LQG, PI, HInfinity, ZTorque
+from studies.protocol import CORNERS, DELAY, LIMITS, SINGLES, Group, Law, attempts
+from toolbox import SceneError, SimulationError
+
+STORE = Path(__file__).parent / "data" / "gains.json"
+LADDER = (6.5, 5.5, 4.5, 4.0)
+"""Set-points [rad/s] that a law is tuned at, the easiest first."""
+TUNING = Group("tuning", SINGLES + CORNERS, (1,), phases=(1 / 16, 9 / 16))
+LATE = round(DELAY / 0.01)
+
+
+@dataclass(frozen=True)
+class Family:
+    """Laws with free numbers: what makes one for a set-point [rad/s] and numbers, and the bounds of these, positive, searched by their logarithm."""
+
+    of: Callable[[float, Mapping[str, float]], Any]
+    bounds: Mapping[str, tuple[float, float]]
+
+
+FAMILIES: dict[str, Family] = {
+    "impedance": Family(
+        lambda reference, q: PI(reference=reference, **q, **LIMITS), {"proportional": (200.0, 4000.0), "integral": (50.0, 3000.0)}
+    ),
+    "Z-torque": Family(
+        lambda reference, q: ZTorque(reference=reference, **q, **LIMITS),
+        {"impedance": (100.0, 3000.0), "integral": (20.0, 2000.0), "inertia": (50.0, 1900.0), "filter_time": (0.01, 1.0)},
+    ),
+    "H-infinity": Family(
+        lambda reference, q: HInfinity(reference=reference, **q, **LIMITS),
+        {"bit_size": (0.1, 10.0), "angle_size": (1.0, 100.0), "disturbance": (200.0, 20_000.0), "speed_noise": (0.003, 0.3), "margin": (1.02, 3.0)},
+    ),
+    "LQG": Family(
+        lambda reference, q: LQG(reference=reference, late=LATE, **q, **LIMITS),
+        {"top_size": (0.3, 30.0), "bit_size": (0.1, 10.0), "angle_size": (1.0, 100.0), "torque_walk": (200.0, 20_000.0), "drive_walk": (20.0, 1000.0)},
+    ),
+}
+
+
+def failures(family: Family, numbers: Mapping[str, float], way: str, ladder: tuple[float, ...] = LADDER) -> int:
+    """How many of the runs of a ladder of set-points fail; the rest of the ladder counts as failed below one at which more than half do."""
+    total = 0
+    for i, speed in enumerate(ladder):
+        try:
+            here = sum(len(failed) for failed, _ in attempts(Law("tuned", lambda at: family.of(at, numbers)), TUNING, speed, way))
+        except (SceneError, SimulationError):  # numbers for which there is no law
+            here = TUNING.runs
+        total += here
+        if here > TUNING.runs // 2:
+            return total + TUNING.runs * (len(ladder) - 1 - i)
+    return total
+
+
+@dataclass(frozen=True)
+class Found:
+    """The best numbers of a search, how many runs fail with them, points tried, and processor seconds."""
+
+    numbers: dict[str, float]
+    failures: int
+    points: int
+    seconds: float
+
+
+def searched(label: str, points: int, way: str = "direct", seed: int = 1, ladder: tuple[float, ...] = LADDER) -> Found:
+    """The numbers of a family with the fewest failures among so many points; the same arguments give the same numbers."""
+    from scipy.optimize import differential_evolution
+
+    family, began, tried = FAMILIES[label], time.process_time(), [0]
+    names, low, high = list(family.bounds), *(np.log([pair[side] for pair in family.bounds.values()]) for side in (0, 1))
+    best: tuple[int, dict[str, float]] = (TUNING.runs * len(ladder) + 1, {})
+
+    def value(q: np.ndarray) -> int:
+        nonlocal best
+        if tried[0] >= points:  # the budget is spent, the search only ends
+            return TUNING.runs * len(ladder) + 1
+        tried[0] += 1
+        numbers = {name: float(f"{each:.4g}") for name, each in zip(names, np.exp(q), strict=True)}
+        found = failures(family, numbers, way, ladder)
+        best = min(best, (found, numbers), key=lambda pair: pair[0])
+        return found
+
+    size = max(5, 40 // len(names))
+    differential_evolution(
+        value, list(zip(low, high, strict=True)), popsize=size, maxiter=max(1, points // (size * len(names))), seed=seed, polish=False, init="sobol"
+    )
+    return Found(best[1], best[0], tried[0], time.process_time() - began)
+
+
+def store(label: str, found: Found, path: Path = STORE) -> None:
+    """Keep the numbers of a family beside those of the others, with the command that found them."""
+    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    rows[label] = {
+        "numbers": found.numbers, "command": f"python -m studies drives --tune {label!r} --runs {found.points}", "failures": found.failures,
+        "of": TUNING.runs * len(LADDER), "points": found.points, "processor seconds": round(found.seconds),
+    }  # fmt: skip
+    path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+def stored(label: str, path: Path = STORE) -> dict[str, float]:
+    """The numbers of a family as they were found. Raises KeyError where none are stored."""
+    return dict(json.loads(path.read_text(encoding="utf-8"))[label]["numbers"])

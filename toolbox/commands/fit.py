@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import complaint, plain
+from toolbox.commands.terminal import common, complaint, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -20,6 +20,13 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip fit`."""
     calibration = commands.add_parser(
         "fit",
+        parents=[
+            common(
+                "folder for report, table, figure and scene; those of an earlier fit are replaced",
+                scene="the machine; its inputs and start hold where nothing is measured",
+                controller="the controller of the scene that was running; the plant alone without",
+            )
+        ],
         help="parameters of a scene's plant from measured signals, with confidence intervals",
         description="Fit parameters to measured signals: by simulation, driven by the measured inputs, or with --contact the friction law of one contact "
         "directly to measured torque over measured slip. The folder gets the report, the estimates (csv), a figure of model and data, and the "
@@ -27,9 +34,6 @@ def add(commands: Any) -> None:
         epilog="example: stickslip fit studies/scenes/jansen_2.toml studies/data/rig.csv --column 'top.torque=drive torque' "
         "--column 'bit.weight=weight on bit' --column 'top.speed=table speed' --column 'bit.speed=downhole speed' "
         "--column 'bit.torque=downhole torque' --free bit.friction.static=0.6:1 --free bit.friction.kinetic=0.3:0.6 --out fitted",
-    )
-    calibration.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="the machine; its inputs and start hold where nothing is measured"
     )
     calibration.add_argument("data", type=Path, metavar="DATA", help="measured signals: CSV or TOML with units in headings, or MAT")
     calibration.add_argument(
@@ -39,11 +43,7 @@ def add(commands: Any) -> None:
         "--column", metavar="SIGNAL=HEADING", action="append", default=[], help="what a signal, or time, is called in the data"
     )
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
-    calibration.add_argument("--controller", metavar="LABEL", help="the controller of the scene that was running; the plant alone without")
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
-    calibration.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report, table, figure and scene; those of an earlier fit are replaced"
-    )
     calibration.set_defaults(action=run)
 
 

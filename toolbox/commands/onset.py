@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import file_stems, plain, progress
+from toolbox.commands.terminal import common, file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
 
@@ -19,23 +19,19 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip onset`."""
     border = commands.add_parser(
         "onset",
+        parents=[common("folder for figure, report and tables; those of an earlier search are replaced")],
         help="where stick-slip begins and where it ends over one parameter, for every controller of a scene",
         description="Simulate every controller of a scene from smooth running and from inside stick-slip over one parameter or input, find both borders, "
         "and print them with the Hopf point and the margin at the working point. With --out, the folder gets a figure, the report and two tables (csv) "
         "per controller, runs and borders: all of it, or nothing.",
         epilog="example: stickslip onset studies/scenes/jansen_2.toml --parameter top.reference --from '10 rpm' --to '150 rpm' --out borders",
     )
-    border.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
     border.add_argument("--parameter", required=True, metavar="NAME", help="what varies: an input, or a parameter of the plant or of a law")
     border.add_argument("--from", dest="low", required=True, metavar="LOW", help="begin of its range: SI, or with a unit such as '10 rpm'")
     border.add_argument("--to", dest="high", required=True, metavar="HIGH", help="end of its range")
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
-    border.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
-    border.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for figure, report and tables; those of an earlier search are replaced"
-    )
     border.set_defaults(action=run)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import file_stems, progress
+from toolbox.commands.terminal import common, file_stems, progress
 from toolbox.errors import SimulationError
 from toolbox.files.atomic import whole_folder
 from toolbox.simulation.methods import METHODS
@@ -23,21 +23,17 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip simulate`."""
     single = commands.add_parser(
         "simulate",
+        parents=[common("folder for report, figures and data; those of an earlier simulation are replaced")],
         help="simulate one controller of a scene, or all, by any method; report, figure and data",
         description="Simulate one controller of a scene, or all, and print each run with its measured error. With --out, the folder gets the report and, "
         "for each run, all signals (npz), the table of its scalar signals in SI with units in the headings (csv) and a figure with time traces: all of it, "
         "or nothing.",
         epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
     )
-    single.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
-    single.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
     single.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
     single.add_argument("--method", choices=METHODS, default="event", metavar="M", help=f"{', '.join(METHODS)} (event)")
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
-    )
-    single.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report, figures and data; those of an earlier simulation are replaced"
     )
     single.set_defaults(action=run)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import file_stems, progress
+from toolbox.commands.terminal import common, file_stems, progress
 from toolbox.files.atomic import whole_folder
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
@@ -20,20 +20,18 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip study`."""
     study = commands.add_parser(
         "study",
+        parents=[
+            common(
+                "folder for the results; an earlier study in it is replaced, other files stay",
+                required=True,
+                controller=None,
+                scene="what to simulate; see `toolbox/scenes/scene_file.py` and studies/scenes for the keys",
+            )
+        ],
         help="simulate every controller of a scene; table, figures and data",
         description="Simulate every controller of a scene and print a table. The folder gets one figure with time traces, one phase plane and the "
         "trajectory (npz) per controller, a comparison, the table (csv, SI units) and the scene with every parameter in SI: all of it, or nothing.",
         epilog="example: stickslip study studies/scenes/navarro_lopez_4.toml --out results",
-    )
-    study.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="what to simulate; see `toolbox/scenes/scene_file.py` and studies/scenes for the keys"
-    )
-    study.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the results; an earlier study in it is replaced, other files stay",
     )
     study.set_defaults(action=run)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import file_stems, plain
+from toolbox.commands.terminal import common, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -28,6 +28,7 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip sweep` and `stickslip map`."""
     many = commands.add_parser(
         "sweep",
+        parents=[common("folder for the results; that of an interrupted sweep is continued", required=True)],
         help="simulate a scene over many values of its numbers, on all cores",
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
@@ -35,7 +36,6 @@ def add(commands: Any) -> None:
         "--controller 'stiff PI' --measure severity --out swept;   ... --vary bit.weight=50kN:110kN --vary top.reference=3:14 --sampling sobol --runs 1024;   "
         "... --rows runs.csv, with headings such as `bit.weight [kN]`",
     )
-    many.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
     many.add_argument(
         "--vary",
         action="append",
@@ -53,29 +53,21 @@ def add(commands: Any) -> None:
         help="a run for every row of a table whose headings are names with units, in place of --vary",
     )
     many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
-    many.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
-    many.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted sweep is continued"
-    )
     many.set_defaults(action=run, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
+        parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
         help="severity of stick-slip over two parameters, with its borders",
         description="Simulate every controller of a scene over two inputs or parameters, from smooth running and from inside stick-slip, find the linear and "
         "both simulated borders, print and draw them. The folder gets one folder per controller with figure, report and data (map.npz); an interrupted map "
         "that is called again goes on where it was.",
         epilog="example: stickslip map studies/scenes/jansen_2.toml --x top.reference=3:14 --y bit.weight=50kN:110kN --controller 'stiff PI' --out mapped",
     )
-    chart.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
     chart.add_argument(
         "--x", required=True, metavar="NAME=LOW:HIGH", help="what varies along the first axis; SI, or with units (50kN:110kN)"
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
-    chart.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
-    chart.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder for the results; that of an interrupted map is continued"
-    )
     chart.set_defaults(action=run_map, words=lambda given: GOES_ON)
 
 

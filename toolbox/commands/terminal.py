@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
+
+
+def common(out: str, *, required: bool = False, scene: str = "the machine and its controllers", controller: str | None = "") -> argparse.ArgumentParser:
+    """The arguments that most commands share, as a parent of their parsers: the scene, `--controller` and `--out`.
+
+    out: what the folder gets;  required: whether it must be given;  scene: what the scene is to the command;  controller: what one label is, any number of
+    labels where it is empty, and none where it is None.
+    """
+    parent = argparse.ArgumentParser(add_help=False)
+    parent.add_argument("scene", type=Path, metavar="SCENE.toml", help=scene)
+    if controller:
+        parent.add_argument("--controller", metavar="LABEL", help=controller)
+    elif controller is not None:
+        parent.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
+    parent.add_argument("--out", type=Path, required=required, metavar="DIR", help=out)
+    return parent
 
 
 def complaint(text: str, code: int) -> int:

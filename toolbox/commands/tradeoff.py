@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import complaint
+from toolbox.commands.terminal import common, complaint
 from toolbox.files.atomic import whole_folder
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
@@ -20,15 +20,13 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip tradeoff`."""
     trade = commands.add_parser(
         "tradeoff",
+        parents=[common("folder for figure and table; those of an earlier measurement are replaced", controller="which case; the first without")],
         help="error against time for every method and setting on a scene",
         description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
         "folder gets the figure and the table (csv): both, or nothing.",
         epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
     )
-    trade.add_argument("scene", type=Path, metavar="SCENE.toml", help="the machine and its controllers")
-    trade.add_argument("--controller", metavar="LABEL", help="which case; the first without")
     trade.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
-    trade.add_argument("--out", type=Path, metavar="DIR", help="folder for figure and table; those of an earlier measurement are replaced")
     trade.set_defaults(action=run)
 
 

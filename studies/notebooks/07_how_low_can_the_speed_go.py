@@ -1,14 +1,15 @@
 # %% [markdown]
 # # How low can the speed go?
 #
-# **Question.** A bit is in stick-slip. Which drive ends it at the lowest set-point, and what is left of that when the drive sees what a rig
-# sees?
+# **Question.** A bit is in stick-slip. Which drive ends it at the lowest set-point, and what is left of that on a rig that is not the declared
+# one?
 #
 # **Theory.** Friction that falls with speed feeds the torsional swing, the more the slower the bit turns: $T'(\omega) = -W R_b(\mu_s -
 # \mu_c)\,\gamma\,e^{-\gamma\omega}$. A drive that holds the speed stiffly reflects every wave. One that gives way takes energy out of the
-# string, up to what its impedance allows, and one that knows a model of the string can spend its torque where it counts. A law is therefore
-# reported by the lowest set-point at which it *ends* an existing stick-slip, not by a pretty run from rest: it is switched on at the end of a
-# stick phase, and succeeds where the bit of the last 90 of 300 s does not stick, is steady, and is at its set-point.
+# string, up to what its impedance allows, and one that knows a model of the string can spend its torque where it counts, as long as the model is
+# right. A law is therefore reported by the lowest set-point at which it *ends* an existing stick-slip, from several phases of its cycle, on the
+# rig it was designed for and on rigs that are 20 % off (`studies.protocol`). It takes over at the set-point (*direct*), or the set-point is lifted
+# first and lowered again, as drillers do (*raised*).
 
 # %%
 from dataclasses import replace
@@ -16,59 +17,60 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 import numpy as np
 
-from studies.questions.drives import HIGHEST, SEEDS, contenders, lowest, run_of
+from studies.protocol import GROUPS, HIGHEST, WAYS, Rig, lowest
+from studies.questions.drives import laws, run_of
 from toolbox import plot
 
-shown = ("stiff PI", "PI", "active damping", "soft torque", "Z-torque", "LQR, LQG")
-laws = {contender.label: replace(contender, coarse=0.0) for contender in contenders() if contender.label in shown}
-found = {label: {"nominal": lowest(law, False), "real": lowest(law, True)} for label, law in laws.items()}
-print(f"lowest set-point [rad/s]{'nominal':>12}{'real':>8}")
+shown = ("stiff PI", "soft torque", "impedance, tuned", "LQG", "LQG, tuned")
+every = laws()
+groups = {name: replace(GROUPS[name], phases=(0.0, 0.5), seeds=GROUPS[name].seeds[:1]) for name in ("declared", "robust")}
+found = {
+    label: {f"{name}, {way}": lowest(every[label], group, way, step=1.0, lower=2.0).speed for name, group in groups.items() for way in WAYS}
+    for label in shown
+}
+columns = list(found["LQG"])
+print(f"lowest set-point [rad/s]{'':4}" + "".join(f"{column:>18}" for column in columns))
 for label, row in found.items():
-    print(f"{label:24}{row['nominal']:12.0f}{row['real']:8.0f}")
+    print(f"{label:28}" + "".join(f"{row[column]:18.0f}" for column in columns))
 
 # %% [markdown]
-# *Nominal*: the law has every signal that it asks for, at once and exactly. *Real*: the top speed alone, with noise of 0.01 rad/s, commands
-# 30 ms late, a bit 10 % heavier than the law was designed for, and success with each of five seeds of the noise. Here only **whole
-# set-points** were tried and six of thirteen laws. `python -m studies drives` makes the whole table in steps of 0.1 rad/s, in some minutes;
-# `studies/figures/drives.png` shows it for the laws that do not predict.
+# All laws measure the top speed alone and know that their commands come 30 ms late. *Declared*: no noise. *Robust*: one error at a time (inertia
+# of the drive, of the bit, stiffness and weight 20 % off, or commands 60 ms late), noise of 0.01 rad/s. `nan`: not even the highest set-point.
+# Here only **whole set-points**, two phases and one seed were tried, and five of the laws: `python -m studies drives` makes the whole table.
 
 # %%
 with plt.rc_context(plot.PAPER):
-    figure, ax = plt.subplots(figsize=(plot.WIDTH, 2.8), layout="constrained")
+    figure, ax = plt.subplots(figsize=(plot.WIDTH, 3.0), layout="constrained")
     places = np.arange(len(found))[::-1]
-    for offset, column, color in ((0.18, "nominal", "0.72"), (-0.18, "real", "0.25")):
-        values = np.array([row[column] for row in found.values()])
-        ax.barh(places + offset, HIGHEST - values, 0.34, left=values, color=color, label=column)
-        for place, value in zip(places + offset, values, strict=True):
-            ax.text(value - 0.1, place, f"{value:.0f}", ha="right", va="center", fontsize=8)
+    for offset, column, color in zip((0.3, 0.1, -0.1, -0.3), columns, ("0.8", "0.6", "0.4", "0.15"), strict=True):
+        values = np.nan_to_num([row[column] for row in found.values()], nan=HIGHEST)
+        ax.barh(places + offset, HIGHEST - values, 0.18, left=values, color=color, label=column)
     ax.set_yticks(places, list(found))
     ax.set(xlabel="set-points at which the law ends stick-slip [rad/s]", xlim=(0, HIGHEST))
-    ax.legend(frameon=False, loc="lower left")
+    ax.legend(frameon=False, loc="lower left", fontsize=7)
 
 # %% [markdown]
-# Below its limit a law fails in its own way. At 3 rad/s, under real conditions:
+# What a wrong inertia does to a filter that trusts its drive: the delivered LQG and the tuned one at 8 rad/s on a drive 20 % lighter than declared.
 
 # %%
+light = Rig("drive -20 %", drive=0.8)
+runs = {label: run_of(every[label], 8.0, light, seed=101) for label in ("LQG", "LQG, tuned")}
 times = np.arange(0.0, 120.0, 0.02)
-runs = {label: run_of(laws[label], 3.0, True, SEEDS[0], output_times=times) for label in ("soft torque", "Z-torque", "LQR, LQG")}
 with plt.rc_context(plot.PAPER):
-    figure, panels = plt.subplots(3, 1, figsize=(plot.WIDTH, 4.4), layout="constrained", sharex=True, sharey=True)
+    figure, panels = plt.subplots(2, 1, figsize=(plot.WIDTH, 3.2), layout="constrained", sharex=True, sharey=True)
     for panel, (label, run) in zip(panels, runs.items(), strict=True):
-        for begin, end, mode in run.intervals("bit"):
-            if mode == "stick":
-                panel.axvspan(begin, min(end, 120.0), facecolor=plot.BAND, edgecolor="none", zorder=0)
-        panel.plot(times, run["bit.speed"], **plot.LINES[0])
-        panel.axhline(3.0, color="0.5", linewidth=0.7, linestyle=":")
+        panel.plot(times, run.at(times)["bit.speed"], **plot.LINES[0])
+        panel.axhline(8.0, color="0.5", linewidth=0.7, linestyle=":")
         panel.set_title(label, loc="left", fontsize=9.0)
-    panels[1].set_ylabel("bit speed [rad/s], grey: stuck")
-    panels[2].set(xlabel="time since the law was switched on [s]", xlim=(0, 120))
+    panels[1].set(xlabel="time [s]", ylabel="bit speed [rad/s]", xlim=(0, 120))
 
 # %% [markdown]
-# **Answer.** The stiff drive needs 13 rad/s, soft torque 6, Z-torque 3 with perfect signals and 4 with real ones, and LQG 3 with the top
-# speed alone. The order of the laws stays when signals get real: one that gives way, or that knows the string, is worth ten rad/s. On a grid
-# of whole numbers each limit is up to 1 rad/s too high.
+# **Answer.** On the declared rig LQG, as delivered and tuned, holds 3 rad/s, ten less than the stiff drive. On rigs 20 % off the delivered one
+# fails everywhere, because its filter takes a lighter drive for a moving bit; tuned with those rigs in mind it holds 4 rad/s once the set-point is
+# lifted, and 5 rad/s where it has to break the cycle at the set-point itself (from all eight phases and with three seeds that is 6.8). A drive
+# that only gives way, with gains tuned on the same rigs, is close. Tuning for the declared rig is not tuning.
 
 # %%
-late = {label: run.time_in("bit", "stick", after=210.0) for label, run in runs.items()}
-answer = {"lowest": found, "stuck late at 3 rad/s": late}
-print("\n".join(f"{label:12} at 3 rad/s: stuck {seconds:4.1f} of the last 90 s" for label, seconds in late.items()))
+late = {label: float(np.ptp(run.at(np.arange(120.0, 180.0, 0.02))["bit.speed"])) for label, run in runs.items()}
+answer = {"lowest": found, "swing of the bit on the light drive": late}
+print("\n".join(f"{label:12} on the light drive: the bit swings by {swing:.2f} rad/s" for label, swing in late.items()))

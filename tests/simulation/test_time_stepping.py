@@ -1,4 +1,4 @@
-"""Time stepping: order one over switches and two between them, exact stick, accumulating impacts, many contacts, and a dial that tells the truth."""
+"""Time stepping: order one over switches and two between them, exact stick, accumulating impacts, many contacts, and a refinement that tells the truth."""
 
 import math
 import pickle

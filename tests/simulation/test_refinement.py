@@ -1,4 +1,4 @@
-"""The dial over every shipped scene: the error asked for is the error made, and where it cannot be, `run.error` says so."""
+"""Refinement over every shipped scene: the error asked for is the error made, and where it cannot be, `run.error` says so."""
 
 import functools
 from pathlib import Path

@@ -126,6 +126,7 @@ def scatter(block, rows, lane, w, stop):
 
 @inlined
 def put_parameters(block, rows, lane, w, p):
+    """The parameters of the scalar loop back in their lane."""
     for i in range(w.p.size):
         p[lane, i] = w.p[i]
         block[rows[P] + i, lane] = w.p[i]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import (
     BOUNDS,
     CLOSE,
@@ -16,8 +17,11 @@ from toolbox.compilation.loop_layout import (
     NE,
     NEGATIVE_BOUND,
     NG,
+    STEP,
     STEP_OLD,
     STEP_SIZE,
+    TIME,
+    N,
 )  # fmt: skip
 from toolbox.compilation.numba_cache import inlined
 from toolbox.simulation.guards import flies, guard_size, project
@@ -61,11 +65,14 @@ def after_event(w, t):
 
 @inlined
 def _bound_falls(w):
-    """Whether a bound that fires becomes negative; one that only touches zero, with no rate to speak of, does not."""
+    """Whether a bound that fires becomes negative: one that only touches zero, or that a kink keeps at zero, does not."""
     ng = w.ints[NG]
     for q in range(w.ints[BOUNDS]):
         j = ng - w.ints[BOUNDS] + q
-        if w.fired[j] and w.g[ng + j] * max(w.reals[STEP_OLD], w.reals[STEP_SIZE]) < -1e-6 * guard_size(w, j):
-            w.ints[CULPRIT] = q
-            return True
+        h = max(w.reals[STEP_OLD], w.reals[STEP_SIZE])
+        if w.fired[j] and w.g[ng + j] * h < -1e-6 * guard_size(w, j):
+            call(w.ints[STEP], w.reals[TIME], 1e-3 * h, w.x, w.k, w.p, w.m, w.y)
+            if w.y[2 * w.ints[N] + j] < 0.5e-3 * h * w.g[ng + j]:
+                w.ints[CULPRIT] = q
+                return True
     return False

@@ -102,6 +102,7 @@ class Step:
 
 
 def explicit_pair(program: Program) -> Pair:
+    """The explicit pair that the lanes step with."""
     assert isinstance(program.pair, Pair)
     return program.pair
 

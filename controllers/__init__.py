@@ -9,6 +9,7 @@ from controllers.brake_sliding_mode import BrakeSlidingMode
 from controllers.dither import NormalDither, PhasedDither, SquareDither, SweptDither, dither_map
 from controllers.h_infinity import HInfinity
 from controllers.implicit_sliding_mode import ImplicitSlidingMode
+from controllers.lifting import Lifting
 from controllers.linear_mpc import LinearMPC
 from controllers.lqg import LQG
 from controllers.lqr import LQR
@@ -34,6 +35,7 @@ __all__ = [
     "IdealSlidingMode",
     "ImpedanceSuperTwisting",
     "ImplicitSlidingMode",
+    "Lifting",
     "LinearMPC",
     "NonlinearMPC",
     "NormalDither",

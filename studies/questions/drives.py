@@ -5,7 +5,8 @@ rig and on others, with seeds of the noise that no tuning has seen. All measure 
 are sampled every 10 ms; those that ask for more act on a Kalman filter. Predictive laws are sampled every 0.1 s, plan 4 s and bring their own filter; a run
 of theirs costs hundreds of times that of the others, so that their set-points are searched in steps of 0.5 rad/s, with two phases and one seed.
 
-Laws whose label ends on "tuned" have the gains of `studies/data/gains.json`; those of the others are as they are delivered.
+Laws with "tuned" in their label have the gains of `studies/data/gains.json`; those of the others are as they are delivered. Laws
+with "lifting" in it lift their own set-point while the top swings (`controllers.Lifting`).
 
 Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised;  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at
 8 rad/s on the declared rig, and there the standard deviation of the torque over its mean under noise;  99th percentile of the processor time of a sample.
@@ -36,6 +37,7 @@ from controllers import (
     HInfinity,
     ImpedanceSuperTwisting,
     ImplicitSlidingMode,
+    Lifting,
     LinearMPC,
     NonlinearMPC,
     OnEstimates,
@@ -88,6 +90,9 @@ def laws() -> dict[str, Law]:
     def tuned(family: str) -> Callable[[float], Any]:
         return lambda reference: gains.FAMILIES[family].of(reference, gains.stored(family))
 
+    def lifting(family: str) -> Callable[[float], Any]:
+        return lambda reference: Lifting(law=tuned(family)(reference), reference=reference)
+
     rows = {
         "stiff PI": plain(StiffPI),
         "PI": plain(PI),
@@ -105,6 +110,8 @@ def laws() -> dict[str, Law]:
         "H-infinity, tuned": tuned("H-infinity"),
         "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
         "LQG, tuned": tuned("LQG"),
+        "Z-torque, tuned, lifting": lifting("Z-torque"),
+        "LQG, tuned, lifting": lifting("LQG"),
     }
     found = {label: Law(label, of) for label, of in rows.items()}
     for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):

@@ -53,7 +53,7 @@ def test_the_filter_of_the_delivered_lqg_trusts_its_drive_and_leaves_a_light_one
 @pytest.mark.parametrize("label", ["linear MPC", "nonlinear MPC"])
 @pytest.mark.parametrize("group", ["robust", "corners"])
 def test_predictive_laws_hold_8_rad_s_on_every_rig(label, group):
-    found = judged(EVERY[label], replace(GROUPS[group], phases=(0.0, 0.25, 0.5, 0.75), seeds=(101,)), 8.0)
+    found = judged(EVERY[label], replace(GROUPS[group], phases=(0.0, 0.5), seeds=(101,)), 8.0)
     assert found.passed, found.why
 
 

@@ -1,0 +1,63 @@
+"""A law that lifts its set-point: from inside stick-slip it holds what it otherwise holds only in smooth running, and it leaves smooth running alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers import Lifting, StiffPI, ZTorque
+from models import BitRock, wells
+from studies import gains
+from toolbox import Sampled, SceneError, Takeover, compose, simulate
+
+RIG = compose(wells.JANSEN_2, BitRock())
+LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}
+HEAVY = {"chain.inertia": (1.2 * 2122.0, 374.0)}
+SPEED = 4.5
+
+
+def inner(reference=SPEED):
+    return ZTorque(reference=reference, **gains.stored("Z-torque"), **LIMITS)
+
+
+def inside(law, at):
+    """200 s on a heavy drive, the law taking over from a stiff drive inside stick-slip."""
+    both = Takeover(StiffPI(reference=SPEED, **LIMITS), law, at=at)
+    late = Sampled(both, 0.01, delay=0.03, noise={"top.speed": 0.01}, seed=7)
+    return simulate(RIG, 240.0, controller=late, parameters=HEAVY, inputs={"top.reference": SPEED})
+
+
+def test_it_ends_a_stick_slip_that_the_law_inside_does_not_at_every_phase():
+    stuck = {"alone": [], "lifting": []}
+    for at in (40.0, 42.0, 44.0, 46.0):
+        for name, law in (("alone", inner()), ("lifting", Lifting(law=inner(), reference=SPEED))):
+            run = inside(law, at)
+            assert run.time_in("bit", "stick", until=at) > 5.0
+            stuck[name].append(run.time_in("bit", "stick", after=160.0))
+    assert stuck["lifting"] == [0.0] * 4
+    assert max(stuck["alone"]) > 10.0
+    assert run.at(240.0)["bit.speed"] == pytest.approx(SPEED, rel=0.02)
+
+
+def test_the_set_point_rises_at_its_rate_stays_and_comes_down_at_its_rate_to_what_was_asked():
+    law = Lifting(law=inner(), reference=SPEED, rise=2.0, fall=0.1, hold=10.0)
+    run = inside(law, 44.0)
+    lifted = run.at(np.arange(0.0, 240.0, 0.05) + 0.001)["lifting.reference"][900:]
+    assert lifted.max() == pytest.approx(12.0, abs=1e-9)
+    rates = np.diff(lifted) / 0.05
+    assert rates.max() <= 2.0 * 1.21 and rates.min() >= -0.1 * 1.21  # a step of 0.05 s holds five or six samples
+    assert lifted[-1] == pytest.approx(SPEED, abs=1e-9)
+
+
+def test_smooth_running_is_left_alone():
+    law = Lifting(law=inner(8.0), reference=8.0)
+    run = simulate(RIG, 150.0, controller=Sampled(law, 0.01), inputs={"top.reference": ((0.0, 100.0, 110.0, 150.0), (8.0, 8.0, 9.0, 9.0))})
+    after = run.at(np.arange(90.0, 150.0, 0.1))
+    np.testing.assert_allclose(after["lifting.reference"], after["top.reference"], atol=0.011)  # held over a sample
+
+
+def test_what_is_no_law_is_refused():
+    with pytest.raises(SceneError, match="`law` must be a Controller"):
+        simulate(RIG, 1.0, controller=dataclasses.replace(Lifting(law=inner()), law=3), sample_time=0.01)

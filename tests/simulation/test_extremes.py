@@ -49,7 +49,8 @@ BELT = compose(BlockOnBelt())
 LAWS = sorted(
     name
     for name, kind in vars(controllers).items()
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, Controller) and not issubclass(kind, Observed)  # which needs an observer
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, Controller)
+    and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}
 CONTINUOUS = ("IdealSlidingMode",)

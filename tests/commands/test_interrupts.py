@@ -132,10 +132,10 @@ def test_an_interrupt_while_the_result_takes_its_place_comes_too_late(tmp_path):
         assert len(list(out.iterdir())) == 9 and all(not path.name.startswith(".") for path in out.iterdir())
 
 
-TUNE = ("tune", "rig.toml", "--law", "pi", "--free", "integral=100:4000", "--objective", "severity", "--runs", "100000", "--processes", "2", "--out", "out")
+TUNE = ("tune", "rig.toml", "again.toml", "--law", "pi", "--free", "integral=100:4000", "--objective", "severity", "--processes", "2", "--out", "out")
 RIG = """
 title = "rig"
-duration = 20000
+duration = 20
 [[plant]]
 part = "wells.JANSEN_2"
 [[plant]]
@@ -145,12 +145,23 @@ label = "pi"
 law = "PI"
 reference = 9.0
 """
-
-
-def children(pid):
-    """Processes that a process has started, by number."""
-    found = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True).stdout
-    return [int(line.split()[0]) for line in found.splitlines() if "spawn_main" in line]
+ASLEEP = """
+import pathlib, os, time
+def judged(*arguments):
+    pathlib.Path(f"at-work-{os.getpid()}").touch()
+    time.sleep(1000)
+"""
+WORKERS_ASLEEP = """
+import multiprocessing.process
+import asleep
+from toolbox.tuning import search
+search.judged = asleep.judged
+inner = multiprocessing.process.BaseProcess.start
+def start(self):
+    inner(self)
+    open(f"begun-{self.pid}", "w").close()
+multiprocessing.process.BaseProcess.start = start
+"""
 
 
 def alive(pid):
@@ -161,27 +172,31 @@ def alive(pid):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize("wait", [0.0, 3.0], ids=["as workers start", "as workers work"])
+@pytest.mark.parametrize("mark", ["begun", "at-work"], ids=["as workers start", "as workers work"])
 @pytest.mark.parametrize("how", ["ctrl-c", "kill"])
-def test_workers_go_with_the_command_and_say_nothing(tmp_path, wait, how):
-    (tmp_path / "rig.toml").write_text(RIG)
-    process = started(tmp_path, *TUNE, start_new_session=True)
+def test_workers_go_with_the_command_and_say_nothing(tmp_path, mark, how):
+    for name in ("rig.toml", "again.toml"):
+        (tmp_path / name).write_text(RIG)
+    (tmp_path / "asleep.py").write_text(ASLEEP)
+    process = started(tmp_path, *TUNE, patch=WORKERS_ASLEEP, start_new_session=True)
     patience = time.monotonic() + 100
-    while len(workers := children(process.pid)) < 2 and process.poll() is None and time.monotonic() < patience:
+    while len(list(tmp_path.glob(f"{mark}-*"))) < 2 and process.poll() is None and time.monotonic() < patience:
         time.sleep(0.005)
-    time.sleep(wait)
     assert process.poll() is None
+    workers = [int(path.name.rpartition("-")[2]) for path in tmp_path.glob(f"{mark}-*")]
+    assert len(workers) == 2 and all(map(alive, workers))
     if how == "ctrl-c":
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         assert ended(process)[:2] == (130, [NOTHING])
-        assert [path.name for path in tmp_path.iterdir() if path.name not in ("rig.toml", "belt.toml")] == []
+        ours = {"rig.toml", "again.toml", "belt.toml", "asleep.py", "__pycache__"}
+        assert not [path.name for path in tmp_path.iterdir() if path.name not in ours and not path.name.startswith(("begun-", "at-work-"))]
     else:
         process.kill()
         ended(process)
     patience = time.monotonic() + 60
     while any(map(alive, workers)) and time.monotonic() < patience:
         time.sleep(0.02)
-    assert workers and not any(map(alive, workers))
+    assert not any(map(alive, workers))
 
 
 BEGUN = """

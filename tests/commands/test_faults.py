@@ -269,6 +269,7 @@ def killed(command, tmp_path, times, seed):
     return died
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_goes_on_to_the_same_end(tmp_path):
     pytest.importorskip("zarr")
     killed("sweep", tmp_path, 2, seed=1)

@@ -36,6 +36,7 @@ def closed_loop(
             sampled = Sampled(given, sample_time) if sample_time is not None else None
         law = given.law if isinstance(given, Sampled) else given
         if sampled is not None:
+            sampled = sampled.measured_by(declared.signal_unit)
             sampled.check()
         if isinstance(law, Controller):
             law = designed(law, declared)

@@ -80,12 +80,12 @@ def test_a_shape_with_units_is_made_where_the_unit_of_its_signal_is_known():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (dict(duration="2 rpm"), "`duration` must be in s"),
-        (dict(duration=1.0, inputs={"top.torque": "10 kN"}), "`top.torque` must be in N m, but `10 kN` is in kN"),
-        (dict(duration=1.0, start={"bit.speed": "3 m/s"}), "`bit.speed` must be in rad/s"),
-        (dict(duration=1.0, parameters={"chain.stiffness": ("473 N",)}), r"`chain.stiffness.0` must be in N m/rad"),
-        (dict(duration=1.0, inputs={"top.torque": ([0.0, "1 N"], [0.0, 1.0])}), r"`top.torque.times.1` must be in s"),
-        (dict(duration=1.0, controller=Sampled(PI(reference=9.0), 0.01, noise={"top.speed": "1 N"})), r"`noise.top.speed` must be in rad/s"),
+        ({"duration": "2 rpm"}, "`duration` must be in s"),
+        ({"duration": 1.0, "inputs": {"top.torque": "10 kN"}}, "`top.torque` must be in N m, but `10 kN` is in kN"),
+        ({"duration": 1.0, "start": {"bit.speed": "3 m/s"}}, "`bit.speed` must be in rad/s"),
+        ({"duration": 1.0, "parameters": {"chain.stiffness": ("473 N",)}}, r"`chain.stiffness.0` must be in N m/rad"),
+        ({"duration": 1.0, "inputs": {"top.torque": ([0.0, "1 N"], [0.0, 1.0])}}, r"`top.torque.times.1` must be in s"),
+        ({"duration": 1.0, "controller": Sampled(PI(reference=9.0), 0.01, noise={"top.speed": "1 N"})}, r"`noise.top.speed` must be in rad/s"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_named_with_its_unit(given, words):

@@ -258,8 +258,11 @@ def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, 
     draw, longest = random.Random(6), 0.0
     for number in range(10 if exhaustive else 2):
         monkeypatch.setitem(ENVIRONMENT, "NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-        process = started(tmp_path, "study", "belt.toml", "--out", tmp_path / "out", patch=BEGUN)
-        time.sleep(draw.uniform(3.0, 30.0))
+        (tmp_path / "begun").unlink(missing_ok=True)
+        process = started(tmp_path, "study", "belt.toml", "--out", tmp_path / "out", patch=LOADING)
+        while not (tmp_path / "begun").exists() and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(draw.uniform(0.0, 3.0))  # a loop takes longer than that to compile
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
         assert ended(process)[:2] == (130, [NOTHING]), number

@@ -38,6 +38,8 @@ class Controller(Component):
 
     measures: ClassVar[tuple[str, ...]] = ()
     drives: ClassVar[tuple[str, ...]] = ()
+    dt: ClassVar[float | None] = None
+    """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
         """The law with gains filled in from the plant; by default itself."""

@@ -27,7 +27,6 @@ from toolbox.compilation.loop_layout import (
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import nudge
 
-
 STAGES = 10.0
 """Stages of a step, about: the noise of a slope is in every one of them, that of the first alone leaves a tenth of it in the states."""
 

@@ -443,7 +443,7 @@ class _Search:
             whole = misfit is self.misfit
             given: dict[str, Any] = {"fun": lambda q, misfit=misfit: residuals(misfit, q * size, scales), "jac": slopes, "x0": values / size}
             given |= {"x_scale": "jac", "xtol": 1e-10 if whole else 1e-4, "ftol": 1e-12 if whole else 1e-4, "gtol": 1e-12, "max_nfev": 100 if whole else 30}
-            found = self._unbounded(given, size) if whole and isinstance(misfit, Loop) else None
+            found: Any = self._unbounded(given, size) if whole and isinstance(misfit, Loop) else None
             found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
             values = found.x * size
         found.x = values

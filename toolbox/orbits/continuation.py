@@ -13,7 +13,8 @@ Brent's method to 1e-9:
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
 Where switches change, the point is bisected if the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates
-at which the last two cycles meet the event; either way to about 1e-7 of the span. A Hopf point is solved by Newton's method from there, on the steady state and its pair of poles.
+at which the last two cycles meet the event; either way to about 1e-7 of the span. A Hopf point is solved by Newton's method from there, on the steady
+state and its pair of poles.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 """

@@ -20,7 +20,8 @@ class Budget:
     """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
 
     steps: tried, accepted or not;  events: switches of elements: a run that has exactly so many finishes, one that has more ends where the next is due and
-    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second.
+    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second, and by
+    predictive laws before each program that they solve (other laws in Python: `toolbox.authoring.time_left`).
     Raises SceneError, when a run is given it, for anything but positive numbers.
     """
 

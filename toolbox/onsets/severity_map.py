@@ -271,14 +271,14 @@ def severity_map(
     bad = [branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP]
     edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
 
-    def lost(points: np.ndarray, _: np.ndarray) -> np.ndarray:
+    def lost(points: np.ndarray) -> np.ndarray:
         """Whether smooth running is lost."""
         return loop.growth(points) > 0 if not loop.sampled else judged(points, np.zeros(len(points), bool))[2] != SMOOTH
 
     places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
     borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
-    borders = {"linear": linear.segments(linear.halved(lambda points, _: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
+    borders = {"linear": linear.segments(linear.halved(lambda points: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
     found = SeverityMap(
         title=loop.title, names=loop.names, units=loop.units, axes=axes, element=loop.element, signal=loop.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
         growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolbox.errors import SimulationError
+from toolbox.files import tables
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -126,12 +126,8 @@ def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> 
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
-    """The rows as csv in SI units; a number that does not exist is left empty, what never settles is inf."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
-        table.writeheader()
-        for row in rows:
-            table.writerow({name: value for name, value in dataclasses.asdict(row).items() if value == value})
+    """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
+    tables.write(path, [field.name for field in dataclasses.fields(Row)], map(dataclasses.astuple, rows))
 
 
 def table(scene: Scene, rows: Sequence[Row]) -> str:

@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toolbox import SceneError
-
-
-def held(A: np.ndarray, B: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """exp(A t) and the integral of exp(A s) B over t: the exact motion of x' = A x + B u under a held u."""
-    from scipy.linalg import expm
-
-    n, m = B.shape
-    both = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * duration)
-    return both[:n, :n], both[:n, n:]
+from toolbox.authoring import zero_order_hold
 
 
 class DisturbanceFilter:
@@ -50,9 +42,9 @@ class DisturbanceFilter:
         self.rows = H
         self.periods, self.part = whole_periods(delay, period)
         F, scaled = F * unit[:, None] / unit, G
-        self.first, first_drive = held(F, scaled, self.part)
-        self.rest, rest_drive = held(F, scaled, period - self.part)
-        self.whole, whole_drive = held(F, scaled, period)
+        self.first, first_drive = zero_order_hold(F, scaled, self.part)
+        self.rest, rest_drive = zero_order_hold(F, scaled, period - self.part)
+        self.whole, whole_drive = zero_order_hold(F, scaled, period)
         self.first_drive, self.rest_drive, self.whole_drive = first_drive.ravel(), rest_drive.ravel(), whole_drive.ravel()
         self.z = np.zeros(n + 1)
         self.waiting = np.zeros(self.periods + 1)

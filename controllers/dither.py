@@ -31,7 +31,7 @@ class LoadDither(Controller):
     """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
 
     With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
-    the stand-in of the input `load` unless given.
+    the default of the input `load` unless given.
     """
 
     load: str = "bit.weight"

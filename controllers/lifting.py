@@ -23,7 +23,7 @@ class Lifting(Controller):
     price is speed: for the time of the lift the bit turns faster than asked. The top of a stiff drive does not swing: the law inside must give way to
     the string.
 
-    law: what gets the set-point `top.reference`.  reference: stand-in of that signal, the set-point that the inner law is designed for. From rest, too, the
+    law: what gets the set-point `top.reference`.  reference: default of that signal, the set-point that the inner law is designed for. From rest, too, the
     top is off its set-point, and the start is lifted. Sampled only. Source: the practice of lifting the rotary speed against stick-slip; the rule is a
     choice of this file.
     """

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, sensor_rows, steady, twist_row
+from controllers.predictive import Predictive, PredictiveLaw, Record, riccati, sensor_rows, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.authoring import announced
+from toolbox.authoring import announced, zero_order_hold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +77,7 @@ class PlannedNonlinear(PredictiveLaw):
         super().__init__(law, plant, model, string_model(plant).A)
         self.settings = law
         n, N = A.shape[0], law.horizon
-        step, drive = held(A, model.B[:, None], law.period)
+        step, drive = zero_order_hold(A, model.B[:, None], law.period)
         P, self.gain, _ = riccati(step, drive[:, 0], law, model)
         self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
         values, vectors = np.linalg.eigh(P)

@@ -14,7 +14,7 @@ from toolbox import Equations, SceneError, Update, quantity, state
 class PI(TorqueLimits):
     """PI speed control: u = proportional e + integral int e dt, e = reference - top speed.
 
-    Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the stand-in of
+    Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the default of
     the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
     (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
     """

@@ -53,7 +53,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
 
     slip: v > 0;  frequency: of the dither [Hz], far above what the plant answers to;  drag: viscous drag that helps, of the slip against the force of
-    the contact. N is the load of the contact at rest and at the stand-ins of the inputs, A the acceleration of its slip per unit of force. Constant
+    the contact. N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of force. Constant
     kinetic friction needs none: B = 0. Where falling friction is the trouble B comes out near v: the slip must turn round in every cycle. B
     to a relative 1e-3, searched between 0.01 v and 100 v. Raises SceneError for an unknown contact, v <= 0, and where no B in that range is enough.
     """

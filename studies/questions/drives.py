@@ -205,7 +205,7 @@ def step_time(law: Law, reference: float) -> float:
     class Timed:
         """The law, timed where it is called."""
 
-        measures, drives, stand_ins = made.measures, made.drives, made.stand_ins
+        measures, drives, defaults = made.measures, made.drives, made.defaults
 
         def __call__(self, t: float, y: Any) -> float:
             began = time.thread_time_ns()

@@ -23,7 +23,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping, whole
 from toolbox.calibration.recording import Recording
-from toolbox.calibration.residuals import Loop, Simulated, residuals
+from toolbox.calibration.residuals import MeasuredLoop, Simulated, residuals
 from toolbox.calibration.resting import resting
 from toolbox.calibration.trust import Residual, residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -100,7 +100,7 @@ class Fit:
     @property
     def parameters(self) -> dict[str, float]:
         """{name: estimate} of those that are parameters of the plant."""
-        known = [name for name in self.names if isinstance(self.misfit, Loop) or self.misfit.kind(name) == "parameters"]
+        known = [name for name in self.names if isinstance(self.misfit, MeasuredLoop) or self.misfit.kind(name) == "parameters"]
         return {name: self[name] for name in known}
 
     @property
@@ -117,7 +117,7 @@ class Fit:
         count = sum(values.size for values in self.misfit.measured.values())
         how = (
             f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
-            if isinstance(self.misfit, Loop)
+            if isinstance(self.misfit, MeasuredLoop)
             else "by simulation"
         )
         recording = self.misfit.recording
@@ -224,7 +224,7 @@ def fit(
     if contact is not None:
         for name in names:
             plant._parameter(name)
-        misfit = Loop(plant, Recording.of(data, plant, columns), names, contact, given, still)
+        misfit = MeasuredLoop(plant, Recording.of(data, plant, columns), names, contact, given, still)
     else:
         closed = Request(plant, 0.0, controller=law).checked().system  # what drives an input of the plant in closed loop is an output of the loop
         recording = Recording.of(data, closed, columns)
@@ -238,7 +238,7 @@ def fit(
             )
     first, units = zip(*[_declared(misfit, name) for name in names], strict=True)
     lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
-    return _Search(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+    return LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
 
 
 def _machine(
@@ -259,7 +259,7 @@ def _machine(
 def _declared(misfit: Any, name: str) -> tuple[float, str]:
     """(value to begin with, unit) of a free number; raises SceneError for unknown names, vectors and what is measured."""
     plant = misfit.plant
-    kind = "parameters" if isinstance(misfit, Loop) else misfit.kind(name)
+    kind = "parameters" if isinstance(misfit, MeasuredLoop) else misfit.kind(name)
     if kind == "inputs":
         value = misfit.arguments["inputs"][name]
         if not is_finite_number(value):
@@ -293,7 +293,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
                     f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
                 )
             low[i], high[i] = pair
-        elif isinstance(misfit, Loop) or misfit.kind(name) == "parameters":
+        elif isinstance(misfit, MeasuredLoop) or misfit.kind(name) == "parameters":
             declared = misfit.plant._parameter(name).bounds
             lowest = [value for value in (declared["at_least"], declared["above"]) if value is not None]
             low[i] = max(lowest, default=-np.inf)
@@ -304,7 +304,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
 
 
 @dataclass
-class _Search:
+class LeastSquares:
     """Least squares from several starts, and what the Jacobian at the end says."""
 
     misfit: Any

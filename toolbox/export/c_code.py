@@ -30,7 +30,7 @@ from toolbox.steady_states.linear import control_name
 class OpenLaw:
     """A law by itself, with numbers in place of its parameters: what it reads, its memory, and what it gives.
 
-    reads: {signal: (symbol, unit, stand-in or None)}, those without stand-in first, in the order in which the law asks, what it drives itself as
+    reads: {signal: (symbol, unit, default or None)}, those without default first, in the order in which the law asks, what it drives itself as
     `<signal>.held`, the value held until the sample;  memory: its states;
     following: their next values (sampled) or rates (continuous);  gives: {signal: (expression, unit)};  period: sample time [s], None where it is continuous.
     """
@@ -187,7 +187,7 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
 
-    One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the stand-ins that the
+    One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the defaults that the
     header lists; `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first one. The memory
     belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples are the machine's
     own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a method
@@ -213,7 +213,7 @@ def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | 
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
-    reads = [(name, unit, stand_in) for name, (_, unit, stand_in) in law.reads.items()]
+    reads = [(name, unit, default) for name, (_, unit, default) in law.reads.items()]
     return written(
         c, h, Declared(law.title, c.stem, period, reads, law.labels, [(name, law.gives[name][1]) for name in law.drives]), [step]
     )
@@ -221,7 +221,7 @@ def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | 
 
 @dataclass(frozen=True)
 class Declared:
-    """What the header of a law in C lists: (signal, unit, stand-in or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
+    """What the header of a law in C lists: (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
 
     title: str
     name: str

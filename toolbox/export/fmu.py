@@ -22,7 +22,7 @@ from toolbox.modelling.hybrid_system import HybridSystem
 def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Path:
     """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this, and return its path.
 
-    Inputs are what the law measures and its set-points, with their stand-ins as start values, outputs what it drives, and its memory is there to look at;
+    Inputs are what the law measures and its set-points, with their defaults as start values, outputs what it drives, and its memory is there to look at;
     names and units are those of the signals. Raises SceneError as `export_c` does, and where there is no C compiler (`CC`, or `cc`) or it fails.
     """
     import platform

@@ -12,7 +12,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
 from toolbox.modelling.composition import assembled
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, callable_law, designed, held
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
 
 
 def closed_loop(
@@ -42,7 +42,7 @@ def closed_loop(
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
-            parts.append(law if sampled is None else held(sampled, law))
+            parts.append(law if sampled is None else as_held_part(sampled, law))
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")

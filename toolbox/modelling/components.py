@@ -49,7 +49,7 @@ class Equations:
 
 
 Signal = Callable[..., ca.SX]
-"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
+"""`signal(name, unit, default=...)`: a signal the part needs, with the default it takes where nobody gives it."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Input:
-    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
+    """A signal that nobody gives: its symbol, unit, and default as an expression of the parameters."""
 
     name: str
     symbol: ca.SX
@@ -132,7 +132,7 @@ class HybridSystem:
 
     @property
     def input_defaults(self) -> ca.Function:
-        """casadi Function p -> stand-ins of the inputs."""
+        """casadi Function p -> defaults of the inputs."""
         made = self.kernels.get("input_defaults")
         if made is None:
             defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)

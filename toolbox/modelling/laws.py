@@ -107,7 +107,7 @@ class Sampled:
     """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
     law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
-    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `stand_ins`
+    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `defaults`
     {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
     callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
     state.  noise: {measured signal: standard deviation of
@@ -183,7 +183,7 @@ class Held(Component):
 class External(Component):
     """The signals that a Python callable drives, as held signals without an update.
 
-    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a stand-in last;  stand_ins:
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a default last;  defaults:
     their values, and wanted: their units.
     """
 
@@ -192,18 +192,18 @@ class External(Component):
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
-    stand_ins: tuple[float, ...] | None = quantity(None, "1", "stand-ins of the last signals that it measures")
+    defaults: tuple[float, ...] | None = quantity(None, "1", "defaults of the last signals that it measures")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
-        if self.stand_ins is not None:
-            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.stand_ins, strict=True):
+        if self.defaults is not None:
+            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.defaults, strict=True):
                 signal(name, unit, default=value)
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
 
-def held(sampled: Sampled, law: Controller) -> Held:
+def as_held_part(sampled: Sampled, law: Controller) -> Held:
     """The part that stands for a sampled law; raises SceneError for sensors of signals that it does not measure."""
     asked: list[str] = []
 
@@ -245,7 +245,9 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant: {_told(name, plant.inputs, sampled, plant)}")
     units = tuple(plant.inputs[name].unit for name in drives)
-    more: dict[str, tuple[float, str]] = dict(getattr(law, "stand_ins", {}))
+    if hasattr(law, "stand_ins"):
+        raise SceneError("The attribute `stand_ins` of a callable controller is named `defaults` now: {signal: (value, unit)}.")
+    more: dict[str, tuple[float, str]] = dict(getattr(law, "defaults", {}))
     places = measures + tuple(plant.routes.get(name, name) for name in more)
     return External(
         asked=asked + tuple(more),
@@ -253,7 +255,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         drives=drives,
         units=units,
         wanted=tuple(unit for _, unit in more.values()),
-        stand_ins=tuple(float(value) for value, _ in more.values()) or None,
+        defaults=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
     )
 

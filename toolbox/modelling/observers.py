@@ -122,7 +122,7 @@ class EstimatedLaw:
     def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
         self.estimator, self.drives = estimator, law.drives
         self.known = tuple(estimator.estimate(np.zeros(len(measures))))
-        self.stand_ins: dict[str, tuple[float, str]] = {}
+        self.defaults: dict[str, tuple[float, str]] = {}
         asked: dict[str, ca.SX] = {}
         more: list[str] = []
 
@@ -130,7 +130,7 @@ class EstimatedLaw:
             if name not in asked:
                 asked[name] = ca.SX.sym(name)
                 if name not in self.known and default is not None:
-                    self.stand_ins[name] = (float(default), unit)
+                    self.defaults[name] = (float(default), unit)
                 elif name not in self.known:
                     more.append(name)
             return asked[name]
@@ -154,7 +154,7 @@ class EstimatedLaw:
                 f"Argument `sample_time` must be {self.estimator.period:g} s, the `period` of the observer, but a sample came at {t:g} s."
             )
         found = self.estimator.estimate(y[: self.own])
-        given = dict(zip((*self.measures, *self.stand_ins), y, strict=True)) | dict(found)
+        given = dict(zip((*self.measures, *self.defaults), y, strict=True)) | dict(found)
         memory, output = self.step(self.memory, [given[name] for name in self.asked])
         self.memory, command = np.array(memory).ravel(), float(output)
         self.estimator.predict(command)

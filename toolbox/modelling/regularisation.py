@@ -55,10 +55,10 @@ class SmoothSystem(HybridSystem):
         return smoothed(self.sharp.with_parameters(values), self.widths, matched=self.matched)
 
     def __reduce__(self) -> Any:
-        return _restored, (self.sharp, self.widths, self.matched)
+        return _smoothed_again, (self.sharp, self.widths, self.matched)
 
 
-def _restored(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
+def _smoothed_again(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
     return smoothed(sharp, widths, matched=matched)
 
 

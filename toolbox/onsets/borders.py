@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -59,7 +60,7 @@ def edges_of(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray)
 
     # a contour at half height between 0 and 1 passes through the middle of every edge on the border, and so names the edge
     heights = np.ma.masked_array(where.astype(float), ~known)
-    lines = contour_generator(z=heights, corner_mask=True).lines(0.5)
+    lines = cast("list[np.ndarray]", contour_generator(z=heights, corner_mask=True).lines(0.5))
     if not lines:
         return Edges(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), int))
     middles = np.concatenate([np.stack([line[:-1, ::-1], line[1:, ::-1]], axis=1) for line in lines])  # (segment, end, (row, column))

@@ -244,17 +244,17 @@ def severity_map(
     count = 0
     failures: dict[int, str] = {}
 
-    def judged(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def verdicts_of(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         nonlocal count, failures
         path = None if out is None else Path(out) / f"stage_{next(stages):02d}.zarr"
-        severity, ratio, verdict, failures = loop.judged(points, stopped, executor, path)
+        severity, ratio, verdict, failures = loop.verdicts(points, stopped, executor, path)
         count += len(points)
         return severity, ratio, verdict
 
     if out is not None:
         folder_of(Path(out))
     both = np.repeat([False, True], len(points))
-    columns = judged(np.vstack([points, points]), both)
+    columns = verdicts_of(np.vstack([points, points]), both)
     first = failures
     growth = loop.growth(points)
     front = Front(loop, points, shape)
@@ -273,7 +273,7 @@ def severity_map(
 
     def lost(points: np.ndarray) -> np.ndarray:
         """Whether smooth running is lost."""
-        return loop.growth(points) > 0 if not loop.sampled else judged(points, np.zeros(len(points), bool))[2] != SMOOTH
+        return loop.growth(points) > 0 if not loop.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
     places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
     borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}

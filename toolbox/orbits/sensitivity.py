@@ -226,9 +226,9 @@ def parameter_column(run: Trajectory, name: str) -> int | None:
         entry = system._parameter(name)
     except SceneError:
         if name in system.inputs:
-            stand_in = system.inputs[name].default
-            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(stand_in, system.p[entry.offset])]
-            other = f", or name `{owners[0]}`, its stand-in" if owners else ""
+            default = system.inputs[name].default
+            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(default, system.p[entry.offset])]
+            other = f", or name `{owners[0]}`, its default" if owners else ""
             raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
         if system.has_signal(name):
             return None

@@ -35,7 +35,7 @@ from toolbox.modelling.switching import switching
 class Rollout:
     """Compiled prediction of a plant: `advance` gives states and derivatives, `states` alone is cheaper.
 
-    plant: whose contacts are `DryFriction`;  drives: names of the inputs that vary, the others stay at their stand-ins;  interval [s];
+    plant: whose contacts are `DryFriction`;  drives: names of the inputs that vary, the others stay at their defaults;  interval [s];
     steps: Runge-Kutta steps per interval;  regularisation: None for exact modes. `scale` (one factor per contact) multiplies the load of each contact.
     Modes are 0 (stick), 1, -1. Raises SceneError for a plant with other elements, or one that depends on time.
     """
@@ -74,7 +74,7 @@ class Rollout:
 
     def __reduce__(self) -> Any:
         """A rollout travels as its arguments and factors."""
-        return _restored, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
+        return _rollout_again, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
 
     def __deepcopy__(self, memo: Any) -> Rollout:
         twin = copy.copy(self)
@@ -184,7 +184,7 @@ def _declared_law(plant: HybridSystem, element: Element) -> Any:
     raise SceneError(f"`{element.name}` cannot be regularised: no part of the plant holds its law as `friction`.")
 
 
-def _restored(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
+def _rollout_again(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
     """A rollout from what `Rollout.__reduce__` gives."""
     made = Rollout(plant, drives, interval, steps, regularisation)
     made.scale[:] = scale

@@ -30,7 +30,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
-from toolbox.robustness.loop import held_step
+from toolbox.robustness.loop import zero_order_hold
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
 
@@ -131,8 +131,8 @@ def sampled_plant(
     A sample reads what was held before it, so that a direct part D is late by a sample, too.
     """
     n, k = A.shape[0], B.shape[1]
-    step, whole = held_step(A, B, period)
-    now = held_step(A, B, period - fraction)[1]
+    step, whole = zero_order_hold(A, B, period)
+    now = zero_order_hold(A, B, period - fraction)[1]
     if fraction == 0.0 and not D.any():
         return step, whole, C, D
     wide = np.zeros((n + k, n + k))

@@ -73,7 +73,7 @@ class LinearLoop:
         )
 
 
-def held_step(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+def zero_order_hold(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     """exp(A period), and what an input held over the period adds: the integral of exp(A s) B over it."""
     from scipy.linalg import expm
 

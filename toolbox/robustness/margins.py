@@ -14,7 +14,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import law_list, smooth_start, stand_ins, steady_loop
+from toolbox.robustness.steady_loop import input_defaults, law_list, smooth_start, steady_loop
 from toolbox.simulation.request import Request
 
 
@@ -178,7 +178,7 @@ def margins(
     held: Mapping[str, float] = {}
     begin = mapping("start", start)
     if found is not None:
-        begin, held = dict(found.start), stand_ins(plant, found.signals)
+        begin, held = dict(found.start), input_defaults(plant, found.signals)
     elif not begin:
         begin, held = smooth_start(plant, laws, *given)
     changed = {**held, **given[1]}

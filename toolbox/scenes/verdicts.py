@@ -43,7 +43,7 @@ class Row:
         return self.verdict.startswith("failed")
 
 
-def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
+def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
     """The row of one controller, and its run. A run that fails is a row as well, with the trajectory so far."""
     from toolbox.measuring import measure
 

@@ -35,11 +35,14 @@ COUNTS = (1_000, 4_000, 16_000, 64_000, 256_000, 1_024_000)
 
 @dataclass(frozen=True)
 class Point:
-    """One run: its setting (an accuracy, a step [s], or a width in parts of the largest slip), error [1], seconds and steps; `failed` says why not."""
+    """One run: what was varied ("accuracy", "step" or "width") and its setting (an accuracy, a step [s], or a width in parts of the largest slip).
+
+    error: [1];  seconds, steps: what it took;  failed: why there is no error, or "".
+    """
 
     method: str
     plant: str
-    knob: str
+    varied: str
     setting: float
     error: float
     seconds: float
@@ -79,7 +82,7 @@ class WorkPrecision:
         several = len({point.plant for point in self.points}) > 1
         for point in self.points:
             name = f"{point.method}, {point.plant}" if several else point.method
-            setting = f"{point.knob} {point.setting:.2g}"
+            setting = f"{point.varied} {point.setting:.2g}"
             if point.failed:
                 lines.append(f"{name:<24}{setting:>22}  {point.failed.split('.')[0]}")
                 continue
@@ -144,14 +147,14 @@ def work_precision(
     from tqdm import tqdm
 
     settings = [
-        (run, label, method, knob, setting, changes)
+        (run, label, method, varied, setting, changes)
         for label, run in runs.items()
         for method in methods
-        for knob, setting, changes in _settings(run, method, given, lengths, shares)
+        for varied, setting, changes in _settings(run, method, given, lengths, shares)
     ]
     bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
     points = [
-        _point(run, label, method, knob, setting, changes, truth, signals, repeats) for run, label, method, knob, setting, changes in bar
+        _point(run, label, method, varied, setting, changes, truth, signals, repeats) for run, label, method, varied, setting, changes in bar
     ]
     return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
 
@@ -194,7 +197,7 @@ def _truth(run: Run, method: str) -> tuple[Trajectory, str]:
 def _settings(
     run: Run, method: str, accuracies: list[float], steps: list[float], widths: list[float]
 ) -> Iterable[tuple[str, float, dict[str, Any]]]:
-    """(knob, setting, changes of the run) of every run of a method."""
+    """(varied, setting, changes of the run) of every run of a method."""
     if method == "time-stepping":
         return [("step", step, {"method": TimeStepping(step)}) for step in steps]
     if method == "smoothed":
@@ -216,7 +219,7 @@ def _point(
     run: Run,
     label: str,
     method: str,
-    knob: str,
+    varied: str,
     setting: float,
     changes: dict[str, Any],
     truth: Trajectory,
@@ -228,8 +231,8 @@ def _point(
         error = _difference(done, truth, signals)
         times = [done.wall_time, *(run.again(output_times=None, **changes).wall_time for _ in range(repeats - 1))]
     except (SimulationError, SceneError) as failed:
-        return Point(method, label, knob, setting, math.nan, math.nan, 0, str(failed))
-    return Point(method, label, knob, setting, error, min(times), sum(done.steps))
+        return Point(method, label, varied, setting, math.nan, math.nan, 0, str(failed))
+    return Point(method, label, varied, setting, error, min(times), sum(done.steps))
 
 
 def _difference(run: Trajectory, truth: Trajectory, signals: Sequence[str]) -> float:

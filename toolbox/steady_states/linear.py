@@ -42,7 +42,7 @@ def equilibrium(
 ) -> Equilibrium:
     """The steady state dx/dt = 0 for constant inputs, in given modes, with every sliding element sliding the way its mode says.
 
-    inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
+    inputs: {signal: number}, the others at their defaults.  start: {state or signal that is a state: value} to search from; without, the
     search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
     characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, contacts slide the way they do at the start ("slip+" at
     zero slip) and relays are on their surface.  parameters: {name: value}.  controller: laws in their continuous form, as parts of the plant. Time,
@@ -124,7 +124,7 @@ def linearise(
     """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
 
     at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
-    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
+    inputs at their defaults.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
     contacts slide forwards and relays are on their surface.  inputs, outputs: names to keep; without, all inputs and all scalar signals. A
     mapping {name: value} for inputs keeps all and gives their values at the point.  controller: laws in their continuous form, which close the loop.
 
@@ -201,7 +201,7 @@ def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> Hybri
 
 
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
-    """All inputs, those given and the others at their stand-ins, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
+    """All inputs, those given and the others at their defaults, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
     for name, value in mapping("inputs", given).items():
         if name not in plant.inputs:

@@ -29,7 +29,7 @@ def running(
 
     - at: {signal: value}, such as {"top.speed": 5.0};
     - drives: the inputs that are sought, as many as there are signals, such as "top.torque";
-    - inputs: {signal: number} of the others, at their stand-ins without;
+    - inputs: {signal: number} of the others, at their defaults without;
     - parameters: {name: value} of the plant.
 
     Returns an `Equilibrium`, whose `inputs` hold those found. Raises SceneError where there is none, or where names are unknown.

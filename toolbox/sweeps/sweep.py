@@ -32,7 +32,7 @@ from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, so
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, stand_ins, start_states, varied_numbers
+from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, start_states, varied_numbers
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -152,7 +152,7 @@ def sweep(
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else start_states(run, variations, begin)
-    task = Task(run, numbers, tuple(chosen.values()), starts, held=stand_ins(run, variations))
+    task = Task(run, numbers, tuple(chosen.values()), starts, held=held_defaults(run, variations))
     sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,

@@ -33,7 +33,7 @@ from toolbox.scenes.verdicts import MEASURES
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.journal import Journal, fingerprint
 from toolbox.tuning.results import Free, Tuned, plain_number
-from toolbox.tuning.search import Objective, Search, Spent, smallest, spread
+from toolbox.tuning.search import Objective, Spent, TuningSearch, smallest, spread
 
 _BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
 _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
@@ -98,7 +98,7 @@ def tune(
                 "seed": str(seed),
             },
         )
-    search = Search(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
+    search = TuningSearch(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
     with _bar(runs, progress) as search.bar:
         search.given()
         with contextlib.suppress(Spent):

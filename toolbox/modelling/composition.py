@@ -38,11 +38,23 @@ from toolbox.modelling.switching import check_rates
 
 
 def compose(*components: Component) -> HybridSystem:
-    """The plant that has exactly these parts.
+    """Compose a plant that has exactly these parts, connected by the names of their signals; one that no part gives becomes an input with its default.
 
-    Signals are connected by name; a signal that no part gives becomes an input with its default. Raises SceneError for an empty
-    plant, wrong types, parameters out of bounds, two parts of one name, different units under one name, a missing signal without
-    default, an algebraic loop, a NaN in the equations, and elements whose force does not act on their slip.
+    Parameters
+    ----------
+    components
+        The parts, in any order.
+
+    Returns
+    -------
+    HybridSystem
+        The plant, for `simulate`, `linearise` and the others.
+
+    Raises
+    ------
+    SceneError
+        If there is no part, a type is wrong, a parameter is out of bounds, two parts have one name, one name has different units, a signal without default is
+        missing, there is an algebraic loop, an equation holds a NaN, or the force of an element does not act on its slip.
     """
     if not components:
         raise SceneError("A plant needs at least one part, but `compose` got none.")

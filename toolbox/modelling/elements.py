@@ -34,9 +34,18 @@ class State(ca.SX):
 
 
 def state(name: str, unit: str, size: int | None = None) -> State:
-    """A state `part.quantity` in the given unit: a scalar, or a column of `size` entries.
+    """Declare a state `part.quantity`: a scalar, or a column of `size` entries.
 
     The name of a vector state refers to an array of shape (nt, size) in a result.
+
+    Parameters
+    ----------
+    name
+        `part.quantity`, such as "block.speed".
+    unit
+        Its unit.
+    size
+        Number of entries of a vector; None for a scalar.
     """
     return State(name, unit, size)
 
@@ -50,11 +59,21 @@ def quantity(
     above: float | None = None,
     at_most: float | None = None,
 ) -> Any:
-    """A numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
+    """Declare a numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
 
-    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. `None` means that the quantity is
-    absent, which is structure. The bounds `at_least`, `above` and `at_most` hold for every entry and are checked on numbers when a
-    plant is composed and when a run overrides them.
+    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. None means that the quantity is absent, which
+    is structure. The bounds hold for every entry; they are checked on numbers when a plant is composed and when a run overrides them.
+
+    Parameters
+    ----------
+    default
+        The declared value; without it the field must be given.
+    unit
+        The unit.
+    meaning
+        What the number is, and its source.
+    at_least, above, at_most
+        Bounds: >=, > and <=.
     """
     metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most}
     return dataclasses.field(default=default, metadata=metadata)
@@ -70,10 +89,10 @@ def rows_as_tuples(part: Any) -> None:
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """Coefficient of dry friction per unit of load, as a function of the slip speed.
+    """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
-    A law is a frozen dataclass whose numeric fields are declared with `quantity`. It must be smooth for positive slip speeds, except at the
-    speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
+    Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for
+    positive slip speeds, except at the speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
     """
 
     def __post_init__(self) -> None:

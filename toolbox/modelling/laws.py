@@ -30,9 +30,9 @@ from toolbox.modelling.hybrid_system import HybridSystem
 class Controller(Component):
     """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
 
-    measures, drives: names of the signals it reads and gives;  its numeric fields are casadi symbols inside both methods, so that
-    another gain never recompiles. `design(plant)` is called once on the plant's declared values and returns the law to be used: a
-    Controller, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
+    `measures` and `drives` are the names of the signals that the law reads and gives. Its numeric fields are casadi symbols inside both methods, so that
+    another gain never recompiles. `design(plant)` is called once on the declared values of the plant and returns the law to be used: a `Controller`, or for
+    laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
     """
 
     measures: ClassVar[tuple[str, ...]] = ()
@@ -104,16 +104,30 @@ class Sensors(Component):
 
 @dataclass(frozen=True)
 class Sampled:
-    """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+    """A law with its own sample time, delay and sensors: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
-    law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
-    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `defaults`
-    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
-    callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
-    state.  noise: {measured signal: standard deviation of
-    white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
-    Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
-    before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
+    All laws that sample at one instant read what was held before it, in whatever order they are listed: the set-point of an outer law reaches an inner one
+    that samples with it one sample later.
+
+    Parameters
+    ----------
+    law
+        A `Controller`, or any callable (t, y) -> u. y is in the order of what it measures, u a number or a sequence in the order of what it drives. With an
+        attribute `defaults` {signal: (value, unit)} these signals follow in y, as inputs that take that value where nobody gives them, such as
+        `top.reference`. A callable object is copied for every run, so that each run starts from the state it was given in; a plain function is called as it
+        is and should keep no state.
+    period
+        Sample time [s], > 0.
+    delay
+        Time from a sample until its outputs take effect [s], >= 0; it may exceed the period.
+    noise
+        {measured signal: standard deviation of white noise}, in the unit of the signal.
+    resolution
+        {measured signal: step of its encoder}, in the unit of the signal; noise is added before the encoder.
+    seed
+        Seed of the noise, an integer >= 0. Laws with one seed see the same noise on the same signal at samples of the same number.
+    measures, drives
+        What a callable reads and gives; by default its own attributes of these names, else `top.speed` and `top.torque`.
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -270,11 +284,17 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 
 @dataclass(frozen=True)
 class Takeover(Controller):
-    """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
+    """One sampled law until a time and another from then on: a drive that is switched on in the middle of a run.
 
-    before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
-    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises
-    SceneError where the two drive different signals.
+    The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
+    throughout. There is no continuous form. Raises SceneError where the two drive different signals.
+
+    Parameters
+    ----------
+    before, after
+        Laws that drive the same signals.
+    at
+        Time of the takeover [s].
     """
 
     before: Controller = field(default_factory=Controller)

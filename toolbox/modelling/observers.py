@@ -36,10 +36,10 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Observer(Controller):
-    """An observer: `sampled` and `continuous` as of a law, whose outputs are estimates under the names of the signals they stand for.
+    """An observer: like a law it has `sampled` and `continuous`, whose outputs are estimates under the names of the signals they estimate.
 
-    measures: what it reads;  estimates: what it gives. Estimates must depend on measurements and states only, not on the command of the same
-    instant. For use inside `Observed`.
+    `measures` names what it reads and `estimates` what it gives. Estimates must depend on measurements and states only, not on the command of the same
+    instant. It is used inside `Observed`.
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
@@ -61,8 +61,16 @@ MOST_LATE = 1000
 class Observed(Controller):
     """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
 
-    late: number of samples by which a command reaches the plant later, as the observer knows it (delay / period); sampled only. `design`
-    designs both. Raises SceneError where units of estimates and signals differ or an estimate depends on the command.
+    `design` designs both. Raises SceneError where units of estimates and signals differ, or an estimate depends on the command.
+
+    Parameters
+    ----------
+    law
+        The law, which reads estimates where the observer has them.
+    observer
+        The observer.
+    late
+        Number of samples by which a command reaches the plant later, as the observer knows it (delay / period); for sampled laws only.
     """
 
     law: Controller = field(default_factory=Controller)

@@ -63,11 +63,24 @@ def _smoothed_again(sharp: HybridSystem, widths: dict[str, float], matched: bool
 
 
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:
-    """The plant with smooth friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
+    """Return the plant with regularised friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
 
-    width: one for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.  matched: whether the
-    peak of the law is the static bound. Switches of elastic contacts and of laws with breaks stay. Its parameters `<element>.smoothing_width` and
-    `<element>.smoothing_peak` hold w and b. Raises SceneError for a width that is not > 0, and for a rigid unilateral contact.
+    Switches of elastic contacts and of laws with breaks stay. The parameters `<element>.smoothing_width` and `<element>.smoothing_peak` of the result hold
+    the width w and the peak b.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    width
+        Width for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.
+    matched
+        Whether the peak of the regularised law is the static bound.
+
+    Raises
+    ------
+    SceneError
+        If a width is not > 0, or the plant has a rigid unilateral contact.
     """
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")

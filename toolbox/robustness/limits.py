@@ -81,14 +81,34 @@ def performance_limit(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> PerformanceLimit:
-    """The best disk margin and peak sensitivity that any linear law can have at a set-point, on what it measures and as late as it is.
+    """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
 
-    - at: {signal: value} that says where the plant runs steadily, such as {"top.speed": 3.0};
-    - measures: what laws may read;  drives: the one input that they drive; a part such as a drive with lags stands between, as it does in runs;
-    - period: sample time [s], None for continuous laws;  delay: of the commands [s], of sampled laws only;
-    - inputs, parameters: as in `running`.
+    Parameters
+    ----------
+    plant
+        The plant.
+    at
+        Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
+    measures
+        What laws may read.
+    drives
+        The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
+    period
+        Sample time [s]; None for continuous laws.
+    delay
+        Delay of the commands [s], for sampled laws only.
+    inputs, parameters
+        As in `running`.
 
-    Returns a `PerformanceLimit`. Raises SceneError where there is no steady running, for more than one driven input, and for a delay without a period.
+    Returns
+    -------
+    PerformanceLimit
+        The limits at the working point; `print` shows them.
+
+    Raises
+    ------
+    SceneError
+        If there is no steady running, more than one input is driven, or a delay is given without a period.
     """
     checked_plant(plant)
     if not isinstance(drives, str):

@@ -77,11 +77,35 @@ class Scene:
         reference: float | None = None,
         **others: Any,
     ) -> Scene:
-        """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
+        """Make the checked scene of a plant under each of the `controllers` {label: law}, or under none.
 
-        element: without, the first contact, if any;  signal: `<element>.speed` where the plant has it, else its slip; needed without contact;
-        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;
-        others: accuracy, standstill, start, inputs, parameters. Raises SceneError as `check` does.
+        What is not said is judged as a scene file is that does not say it.
+
+        Parameters
+        ----------
+        plant
+            The plant.
+        duration
+            Length of the runs [s].
+        controllers
+            {label: law}; None for the plant alone.
+        element
+            The contact to judge; by default the first one, if any.
+        signal
+            The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
+        effort
+            The input whose peak is reported; by default `top.torque`, else the first input.
+        after
+            Time from which on the run is judged [s]; by default half of the duration.
+        reference
+            Set-point of the signal; by default that of the laws, where all have one and the same.
+        others
+            Further fields: accuracy, standstill, start, inputs, parameters.
+
+        Raises
+        ------
+        SceneError
+            As `check` does.
         """
         checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:
@@ -169,9 +193,17 @@ class Scene:
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
     def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
-        """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
+        """Find which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
 
-        measures: {measure: names of the signals and elements it reads}; without, those of the verdict. Raises SceneError for unknown names.
+        Parameters
+        ----------
+        measures
+            {measure: names of the signals and elements it reads}; by default those of the verdict.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown.
         """
         from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 

@@ -52,10 +52,18 @@ class Point:
 
 @dataclass(frozen=True)
 class WorkPrecision:
-    """The trade of a scene. `print` it for the table, `plot` and `save` it.
+    """Error against time for one scene. `print` it for the table, `plot` and `save` it.
 
-    points: in order of method and setting;  disagreement: largest difference between the two truths, in parts of the size of a state;
-    truths: what they were computed with.
+    Attributes
+    ----------
+    title, duration
+        What was run, and for how long [s].
+    points
+        The runs (`Point`), in order of method and setting.
+    disagreement
+        Largest difference between the two truths, in parts of the size of a state.
+    truths
+        What they were computed with.
     """
 
     title: str
@@ -65,7 +73,10 @@ class WorkPrecision:
     truths: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
-        """The fastest run whose error is at most this; None where there is none. Raises SceneError below the disagreement of the truths."""
+        """Return the fastest run whose error is at most this, or None where there is none.
+
+        Raises SceneError below the disagreement of the truths, where the error of a run is not known.
+        """
         if not error >= self.disagreement:
             raise SceneError(
                 f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
@@ -91,7 +102,7 @@ class WorkPrecision:
         return "\n".join(lines)
 
     def plot(self, ax: Any = None) -> Any:
-        """Time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
+        """Draw time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
         from toolbox.simulation.plot import work_precision
 
         return work_precision(self, ax=ax)
@@ -115,13 +126,42 @@ def work_precision(
     repeats: int = 5,
     **arguments: Any,
 ) -> WorkPrecision:
-    """Error against time of every method with every one of its settings, against a truth computed twice.
+    """Measure error against time for every method and every one of its settings, against a truth that is computed twice.
 
-    plant: a plant, a scene (its first case, or `case`), or {label: plant} for levels of detail, of which the first is the truth.  duration: s, that of
-    the scene without.  accuracies: for the methods that locate events;  steps [s]: for time stepping, by default 1e3 to 1e6 in the run;  widths: for smoothed
-    friction, in parts of the largest slip.  signals: whose difference counts, in place of all states; needed for several plants.
-    repeats: runs of which the shortest counts.  arguments: as in `simulate`. Raises SceneError as `simulate` does, and SimulationError where no truth
-    can be computed.
+    Parameters
+    ----------
+    plant
+        A plant, a scene, or {label: plant} for levels of detail, of which the first is the truth.
+    duration
+        Length of the runs [s]; by default that of the scene.
+    methods
+        Names of the methods.
+    accuracies
+        Accuracies for the methods that locate events.
+    steps
+        Steps [s] for time stepping; by default 1e3 to 1e6 steps in the run.
+    widths
+        Widths for regularised friction, in parts of the largest slip.
+    signals
+        Signals whose difference counts, in place of all states; needed for several plants.
+    case
+        Label of a case of the scene; by default the first.
+    repeats
+        Number of runs, of which the shortest counts.
+    arguments
+        Further arguments of `simulate`.
+
+    Returns
+    -------
+    WorkPrecision
+        The table; `print`, `plot` and `save` it.
+
+    Raises
+    ------
+    SceneError
+        As `simulate` does.
+    SimulationError
+        If no truth can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
     if not is_finite_number(duration) or not duration > 0:

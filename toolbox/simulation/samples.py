@@ -14,7 +14,7 @@ from toolbox.errors import SceneError, suggest
 
 
 class Event(NamedTuple):
-    """A switch of an element: time [s], element name, mode before and after."""
+    """A switch of an element: time [s], name of the element, and its mode before and after."""
 
     time: float
     element: str

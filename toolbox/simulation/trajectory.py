@@ -61,12 +61,29 @@ class Records:
 class Trajectory(Stays, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
-    time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
-    end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
-    merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
-    can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
-    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end;  why: what made method="auto" take
-    this method, else empty.
+    Attributes
+    ----------
+    time
+        Recorded times [s], shape (nt,); without output times every step, and events twice (before and after).
+    states
+        States at these times, shape (nt, n).
+    end
+        Time that was reached [s]: the duration, unless the run failed.
+    wall_time
+        Seconds spent in the event loop.
+    steps
+        Number of steps (accepted, rejected).
+    merged
+        Number of guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than can be
+        resolved.
+    answers
+        What each Python controller returned, sample by sample.
+    laws
+        Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
+    memory
+        States of the sampled laws at the end.
+    why
+        What made method="auto" take this method; else empty.
     """
 
     laws: tuple[Any, ...] = ()

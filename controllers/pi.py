@@ -25,10 +25,22 @@ class PI(TorqueLimits):
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
-        """Gains that give an inertia J [kg m2] alone the poles of s^2 + 2 damping om s + om^2, om = `frequency` [rad/s].
+        """Return the law that gives an inertia alone the poles of s^2 + 2 damping om s + om^2.
 
-        proportional = 2 damping om J, integral = om^2 J, less whatever drag the drive has (textbook: K. J. Åström, T. Hägglund, Advanced PID Control,
-        ISA 2006).
+            proportional = 2 damping om J,     integral = om^2 J
+
+        A drag of the drive adds to `proportional`: subtract it where it matters. Source: textbook (K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006).
+
+        Parameters
+        ----------
+        inertia
+            Inertia J [kg m2].
+        frequency
+            Natural frequency om [rad/s].
+        damping
+            Damping ratio [1].
+        others
+            Other fields of the law, such as `reference`.
         """
         return cls(proportional=2.0 * damping * frequency * inertia, integral=frequency**2 * inertia, **others)
 

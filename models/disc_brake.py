@@ -16,10 +16,11 @@ class DiscBrake(Component):
 
     x, v: tangential motion of pads and caliper at the effective radius r;  N = `brake.force` + `brake.disturbance`, the normal force of one pad; a
     first-order `lag` of the actuator stands between the command and N where it is given. The commanded force must stay >= 0: pads push.
-    Signals: needs `brake.force` [N] (the field `force`), `brake.disturbance` [N] (0; a harmonic one is the input `sine`), `disc.torque` T_drive [N m] (0),
-    `pad.attachment` a [N] (0), the force of what is tied to the pads: an absorber, a shaker; gives `disc.speed` w [rad/s], `pad.position` [m],
-    `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
-    Contact: `pad`.
+
+    - Needs the signals `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; a harmonic one is the input `sine`), `disc.torque`
+      T_drive [N m] (default 0), `pad.attachment` a [N] (default 0), the force of what is tied to the pads: an absorber, a shaker.
+    - Gives the signals `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
+    - Contact: `pad`.
 
     Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are
     chosen, not published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad

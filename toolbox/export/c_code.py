@@ -253,7 +253,10 @@ def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | 
 
 @dataclass(frozen=True)
 class Declared:
-    """What the header of a law in C lists: (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
+    """Signals and memory that the header of a law in C lists.
+
+    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, and (name, unit) of its memory.
+    """
 
     title: str
     name: str
@@ -267,7 +270,16 @@ class Declared:
 def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
     """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
 
-    Without `step` there is one function, (y, memory) -> (u, next memory), and the step is that.
+    Parameters
+    ----------
+    c, h
+        Paths of both files.
+    declared
+        What the header lists.
+    functions
+        The casadi functions.
+    step
+        The C of NAME_step. Without it there is one function, (y, memory) -> (u, next memory), and the step is that.
     """
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
     for path, text in zip((h, c), texts, strict=True):

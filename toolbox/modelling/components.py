@@ -174,7 +174,10 @@ def checked(part: Any) -> None:
 
 
 def check_fields(part: Any) -> None:
-    """Raise SceneError unless the numbers of a part that stands alone are of their kind and within their bounds, and `check` finds them sound."""
+    """Check the numbers of a part that stands alone.
+
+    Raises SceneError unless they are of their kind and within their bounds, and the method `check` of the part accepts them.
+    """
     structure_of(part)
     for field in fields_of(type(part)):
         value = getattr(part, field.name)

@@ -86,7 +86,17 @@ def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) ->
 
 
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
-    """A swept sine around `mean`, whose frequency grows linearly from `start` to `end` [Hz] over `duration` [s], and goes on growing."""
+    """A swept sine around `mean`, whose frequency grows linearly, and goes on growing.
+
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the unit of the input.
+    start, end
+        Frequency at time 0 and after `duration` [Hz].
+    duration
+        Time from the one to the other [s].
+    """
     if not is_finite_number(duration) or duration <= 0:
         raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))

@@ -295,6 +295,8 @@ class Takeover(Controller):
         Laws that drive the same signals.
     at
         Time of the takeover [s].
+    name
+        Name of the part.
     """
 
     before: Controller = field(default_factory=Controller)

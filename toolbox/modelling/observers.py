@@ -69,6 +69,8 @@ class Observed(Controller):
         The law, which reads estimates where the observer has them.
     observer
         The observer.
+    name
+        Name of the part.
     late
         Number of samples by which a command reaches the plant later, as the observer knows it (delay / period); for sampled laws only.
     """

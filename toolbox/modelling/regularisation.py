@@ -186,7 +186,15 @@ Regularisation = Callable[[Element], ca.SX]
 
 
 def regularised(width: float, matched: bool = True) -> Regularisation:
-    """Smooth friction of the given width [unit of the slip], with the peak of the set-valued law, or with the lower one that tanh leaves."""
+    """Describe smooth friction of a given width, for `Rollout`.
+
+    Parameters
+    ----------
+    width
+        Slip speed within which the force rises [unit of the slip].
+    matched
+        Whether its peak is that of the set-valued law; else the lower one that tanh leaves.
+    """
 
     def force(element: Element) -> ca.SX:
         law = element.law

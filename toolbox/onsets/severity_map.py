@@ -63,8 +63,12 @@ class SeverityMap:
 
     Attributes
     ----------
+    title
+        What was mapped.
     names, units, axes
         What is varied, along the rows and the columns of all arrays.
+    element, signal
+        The contact and the speed that were judged.
     smooth, sticking
         The two branches (`MapSide`): from smooth running, and from inside stick-slip.
     growth
@@ -72,12 +76,16 @@ class SeverityMap:
     borders
         Segments of the borders "linear", "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number). Segments follow one another
         along each line.
+    duration, after, accuracy
+        Length of a run, the time from which on it is judged [s], and its accuracy.
     resolution
         Resolution of the simulated borders, in parts of a cell.
     errors
         Why a run failed: {(branch, i, j): message}.
     runs, seconds
         Number of runs and time that they took [s].
+    notes
+        What the reader of the map should know.
     """
 
     title: str

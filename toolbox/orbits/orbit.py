@@ -33,11 +33,13 @@ class Cycle:
 
     Attributes
     ----------
-    run
-        One period of the motion, from 0 to `period` [s].
+    run, period
+        One period of the motion, and its length [s].
     monodromy
         Monodromy matrix dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, then the memory of sampled laws and the held
         signals that they read.
+    returning
+        Indices of what returns, in the order of the rows and columns of `monodromy`.
     multipliers
         Its eigenvalues (Floquet multipliers), the largest first; of a free cycle without the one that is 1, which belongs to the phase.
     forced

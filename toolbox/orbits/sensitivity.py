@@ -150,9 +150,16 @@ class Sensitivity:
         return total / (end - begin)
 
     def settling(self, name: str, target: float, band: float = 0.02, *, after: float = 0.0, size: float | None = None) -> np.ndarray:
-        """Return the derivatives of `measure.settling` with the same arguments, shape (k,): -(dy/dp) / y' at the last crossing of the band.
+        """Return the derivatives of `measure.settling`, shape (k,): -(dy/dp) / y' at the last crossing of the band.
 
         Raises SceneError where the signal does not come to stay in the band during the run, so that there is no derivative.
+
+        Parameters
+        ----------
+        name
+            Name of a scalar signal.
+        target, band, after, size
+            As in `measure.settling`.
         """
         from toolbox.measuring.measure import settling
 

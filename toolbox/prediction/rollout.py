@@ -33,11 +33,23 @@ from toolbox.modelling.switching import switching
 
 
 class Rollout:
-    """Compiled prediction of a plant: `advance` gives states and derivatives, `states` alone is cheaper.
+    """Compiled prediction of a plant: `advance` gives states and derivatives; `states` alone is cheaper.
 
-    plant: whose contacts are `DryFriction`;  drives: names of the inputs that vary, the others stay at their defaults;  interval [s];
-    steps: Runge-Kutta steps per interval;  regularisation: None for exact modes. `scale` (one factor per contact) multiplies the load of each contact.
-    Modes are 0 (stick), 1, -1. Raises SceneError for a plant with other elements, or one that depends on time.
+    Modes are 0 (stick), 1 and -1. `scale` (one factor per contact, a view that may be written) multiplies the load of each contact. Raises SceneError for a
+    plant with other elements, or one that depends on time.
+
+    Parameters
+    ----------
+    plant
+        A plant whose contacts are `DryFriction`.
+    drives
+        Names of the inputs that vary; the others stay at their defaults.
+    interval
+        Length of an interval with constant inputs [s].
+    steps
+        Number of Runge-Kutta steps per interval.
+    regularisation
+        What `regularised` returns; None for exact modes.
     """
 
     def __init__(

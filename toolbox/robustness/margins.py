@@ -32,8 +32,8 @@ class Margins:
         `LoopMargins` of every command, with the others closed.
     joint
         `JointMargins` of several commands together; None for one.
-    signals
-        {name: value} of commands and scalar states at the working point.
+    signals, units
+        {name: value} of commands and scalar states at the working point, and their units.
     reason
         Why there is no linear loop; empty where there is one.
     measured

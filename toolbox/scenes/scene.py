@@ -99,6 +99,8 @@ class Scene:
             Time from which on the run is judged [s]; by default half of the duration.
         reference
             Set-point of the signal; by default that of the laws, where all have one and the same.
+        title
+            Title of the scene; by default the kinds of its parts.
         others
             Further fields: accuracy, standstill, start, inputs, parameters.
 

@@ -104,7 +104,15 @@ class Trajectory(Stays, Samples):
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
-        """Signals at one instant of a run under way."""
+        """Return the signals at one instant of a run under way.
+
+        Parameters
+        ----------
+        run, program
+            What is run, and its compiled plant.
+        t, x, m, p
+            Time [s], states, modes and parameters at the instant.
+        """
         held = p[program.first_held :]
         return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
 

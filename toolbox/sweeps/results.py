@@ -22,6 +22,8 @@ class Sweep:
 
     Attributes
     ----------
+    title
+        What was simulated.
     names, units
         What was varied.
     points
@@ -32,6 +34,8 @@ class Sweep:
         {name: array of shape `shape`} and their units.
     errors
         Why a run failed: {index of the run: message}.
+    duration, accuracy
+        Length [s] and accuracy of a run.
     seconds
         Wall time [s], without the runs that were there already.
     """

@@ -64,6 +64,8 @@ class Tuned:
 
     Attributes
     ----------
+    title
+        What was tuned.
     free
         The numbers that were free.
     objectives, units
@@ -74,6 +76,10 @@ class Tuned:
         How the values of several scenes become one.
     trials
         Every point that was tried; the law as it was given comes first.
+    seed
+        Seed of the search.
+    controller
+        The law as it was given.
     simulated
         Number of runs of this call; the others came from the journal.
     """

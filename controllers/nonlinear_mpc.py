@@ -25,16 +25,21 @@ from toolbox.authoring import announced, zero_order_hold
 class NonlinearMPC(Predictive):
     """`Predictive` on the hybrid model: in each sample a plan is rolled out, linearised along its own motion and improved by one quadratic program.
 
-    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning); with `iterations` above
+    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning). With `iterations` above
     1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
-    width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
-    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
-    `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
-    times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
-    torque between 0.5 and 2, is estimated: with the states, by `RockFilter`, once the bit has turned for three samples (it may wander by `strength_walk` in a
-    second); before that from the torque that the linear filter sees, in the time `strength_time`; at rest from the torque that it has held, `margin` more than
-    that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
-    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
+
+    `width` is None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
+    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
+
+    While the bit is at rest (estimated below `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
+    turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `priority` for each sample.
+
+    `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
+    `RockFilter` estimates it with the states (it may wander by `strength_walk` in a second); before that it follows from the torque that the linear filter
+    sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
+
+    Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
+    Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
     drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)

@@ -32,7 +32,14 @@ _NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 class Recording:
     """Signals of a machine at measured times.
 
-    time: increasing, shape (nt,), from 0 [s];  signals: {name in the plant: values in its SI unit, shape (nt,)};  source: where they come from.
+    Attributes
+    ----------
+    time
+        Increasing times [s] from 0, shape (nt,).
+    signals
+        {name in the plant: values in its SI unit, shape (nt,)}.
+    source
+        Where they come from.
     """
 
     time: np.ndarray

@@ -99,9 +99,9 @@ class FrictionLaw:
         rows_as_tuples(self)
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
-        """Kinetic friction per unit of load at slip speed `speed` >= 0.
+        """Kinetic friction per unit of load at the slip speed `speed` >= 0.
 
-        beyond: one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
+        `beyond` holds one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
         """
         raise NotImplementedError
 
@@ -160,13 +160,13 @@ class Element:
 
 
 class DryFriction(Element):
-    """Dry friction with slip speed `slip`, a law, and a normal load (default 1, for laws that are forces themselves).
+    """Dry friction with slip speed `slip`, a friction law, and a normal load (default 1, for laws that are forces themselves).
 
         stick:  slip = 0 and |force| <= static = load * law.breakaway()
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
-    `slip` may depend on states, parameters and time, not on a sampled input. Negative loads are the caller's error: give a load that is >= 0, such
-    as the `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
+    `slip` may depend on states, parameters and time, not on a sampled input. A negative load is an error of the caller: give a load that is >= 0, such as the
+    `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
     """
 
     def __init__(

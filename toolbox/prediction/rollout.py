@@ -117,9 +117,16 @@ class Rollout:
     def advance(
         self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """States (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
+        """Return states (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
 
-        inputs: shape (N, n_u), in the order of `drives`;  interval: another length [s] than that of the rollout, in as many steps.
+        Parameters
+        ----------
+        state
+            States at the beginning, shape (n,).
+        inputs
+            Inputs of each interval, shape (N, n_u), in the order of `drives`.
+        interval
+            Another length of the intervals [s] than that of the rollout, in as many steps.
         """
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))

@@ -42,10 +42,32 @@ if TYPE_CHECKING:
 class Scene:
     """A plant, the controllers to be compared on it, and what to look at; everything in SI.
 
-    parts: of the plant;  cases: one per controller, labels differ;  reference: set-point of `signal`, None for none;  start, inputs, parameters:
-    as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on; None where nothing sticks;  signal:
-    whose severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
-    as standing: what is judged then ends there, and a last stick into standstill is none.
+    Attributes
+    ----------
+    title
+        Title of the scene.
+    parts
+        Parts of the plant.
+    cases
+        One `Case` per controller; their labels differ.
+    duration
+        Length of the runs [s].
+    element
+        The contact whose sticking is judged; None where nothing sticks.
+    signal
+        The signal whose severity, settling and overshoot are judged.
+    effort
+        The input whose peak is reported.
+    after
+        Time from which on a run is judged [s].
+    reference
+        Set-point of `signal`; None for none.
+    accuracy
+        Accuracy of the runs.
+    start, inputs, parameters
+        As in `simulate`, for all cases; the inputs of a case win.
+    standstill
+        For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
     """
 
     title: str

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.measuring import measures
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.measures import STANDARD, Measure
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -37,21 +36,7 @@ from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
 
-__all__ = ["STANDARD", "Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
-
-STANDARD: Mapping[str, Callable[[str, str, float], Measure]] = {
-    "severity": lambda signal, element, after: measures.severity(signal, after),
-    "minimum": lambda signal, element, after: measures.minimum(signal, after),
-    "maximum": lambda signal, element, after: measures.maximum(signal, after),
-    "mean": lambda signal, element, after: measures.mean(signal, after),
-    "final": lambda signal, element, after: measures.final(signal),
-    "stuck": lambda signal, element, after: measures.time_in(element, "stick", after),
-    "stuck_ratio": lambda signal, element, after: measures.stuck_ratio(element, after),
-    "sticks": lambda signal, element, after: measures.stays(element, "stick", after),
-    "last_stick": lambda signal, element, after: measures.last_stay(element),
-    "events": lambda signal, element, after: measures.events(element),
-}
-"""Measures by name, of the judged signal and element from the judged time on; `last_stick` and `events` of the whole run."""
+__all__ = ["Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
 
 
 def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:
@@ -119,8 +104,8 @@ def sweep(
     start
         As in `simulate`, or a function {name: value of what varies} -> {state: value}.
     measures
-        Names of `STANDARD`, or {name: a measure of `toolbox.measuring.measures`, or any function of the trajectory}. By default severity and stuck ratio of
-        the first contact in the second half of the run, or what the scene judges.
+        Names of `toolbox.measuring.measures.STANDARD`, or {name: a measure of that module, or any function of the trajectory}. By default severity and
+        stuck ratio of the first contact in the second half of the run, or what the scene judges.
     budget
         What one run may spend, as in `simulate`.
     executor

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from controllers.disturbance_filter import DisturbanceFilter
+from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
@@ -165,7 +165,9 @@ class PredictiveLaw:
         self.law, self.measures = law, law.sensors
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
-        self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+        self.filter = DisturbanceFilter(
+            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+        )
         self.drive = SoftDrive(law, plant)
         self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)

@@ -20,7 +20,7 @@ MORE_ARGUMENTS = {
 }  # fmt: skip
 """Functions, as file.name, that take what their users need to say."""
 
-ONE_BY_ONE = {"event_loop.evaluate", "condensing.cost", "condensing.condense", "condensing.wound_up", "condensing.regulated", "rock_filter.__init__"}
+ONE_BY_ONE = {"event_loop.evaluate"}
 """Functions, as file.name, whose arguments still have to be put together."""
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import export_c as export_c
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
+    from toolbox.export.from_control import from_control as from_control
     from toolbox.measuring.energy import energy_audit as energy_audit
     from toolbox.measuring.measure import cycles as cycles
     from toolbox.measuring.measure import overshoot as overshoot
@@ -148,6 +149,7 @@ __all__ = [
     "export_fmu",
     "fit",
     "follow",
+    "from_control",
     "hopf_curve",
     "hopf_points",
     "impedance",
@@ -186,6 +188,7 @@ _ROOMS = {
     "toolbox.calibration.results": "Fit",
     "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
     "toolbox.export.c_code": "export_c to_control",
+    "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
     "toolbox.measuring.energy": "energy_audit",
     "toolbox.measuring.measure": "cycles overshoot settling severity stick_intervals",

@@ -395,6 +395,7 @@ def on_another_rig(law, drive, bit, stiffness):
     return simulate(RIG, 180.0, controller=late, parameters=other, output_times=np.arange(0.0, 180.0, 0.05))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
 @pytest.mark.parametrize("rig", OTHERS.values(), ids=OTHERS)
 def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_with_the_soft_drive_at_rest(law, rig):

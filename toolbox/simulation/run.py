@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
 
@@ -33,6 +34,9 @@ class Budget:
     steps: int = 20_000_000
     events: float = np.inf
     seconds: float = np.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))
 
     def check(self) -> None:
         """Raise SceneError unless all three are positive numbers; events and seconds may be infinite."""

@@ -27,8 +27,14 @@ from toolbox.steady_states.running import running
 class Absorber:
     """The best absorber and how far down it reaches: `print(found)` shows it.
 
-    - speed: lowest stable set-point, in the unit of the signal; nan where there is none in the range, the low end where all of it is stable;
-    - damping c, stiffness k_f and inertia: of the absorber at that set-point, inertia that of the drive included.
+    Attributes
+    ----------
+    signal, unit
+        The speed and its unit.
+    speed
+        Lowest stable set-point; nan where there is none in the range, the low end where all of it is stable.
+    damping, stiffness, inertia
+        Of the absorber at that set-point; the inertia of the drive is included.
     """
 
     signal: str

@@ -42,12 +42,22 @@ ON_THE_BORDER = 1e-9
 class PerformanceLimit:
     """What no linear law can surpass at a working point: `print(found)` shows it.
 
-    - disk_margin: the largest there can be, alpha [1], at most 2; 0 where no law stabilises the plant;
-    - peak_sensitivity: the smallest there can be, M_s [1], at least 1;
-    - poles: unstable poles of the plant, as rates in 1/s, complex;
-    - zeros: its zeros in the unstable region, as rates in 1/s, complex; those of samples beyond the sampling rate have large imaginary parts;
-    - samples: how many samples a command is late at what is measured: the multiplicity of the zero at infinity; 0 for continuous laws;
-    - period, delay [s]: as given;  signals: the working point.
+    Attributes
+    ----------
+    disk_margin
+        The largest disk margin alpha there can be [1], at most 2; 0 where no law stabilises the plant.
+    peak_sensitivity
+        The smallest peak sensitivity M_s there can be [1], at least 1.
+    poles
+        Unstable poles of the plant, as rates in 1/s, complex.
+    zeros
+        Its zeros in the unstable region, as rates in 1/s, complex; those of samples beyond the sampling rate have large imaginary parts.
+    samples
+        Number of samples by which a command reaches what is measured late: the multiplicity of the zero at infinity; 0 for continuous laws.
+    period, delay
+        Sample time and delay as given [s].
+    signals
+        The working point.
     """
 
     disk_margin: float

@@ -19,11 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table, in SI; nan where a number does not exist, inf for what never settles.
+    """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
 
-    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`, and for a stop the settling is the
-    time of standstill;  peak: largest |effort|;
-    error: largest scaled state error;  wall_time: seconds in the event loop;  files: what the files of this controller begin with.
+    Attributes
+    ----------
+    controller
+        Label of the case.
+    verdict
+        What the controller achieved, in words; or why the run failed.
+    stuck
+        Time of sticking after the settle time [s].
+    severity, settling, overshoot
+        As in `toolbox.measure`; for a stop, the settling is the time of standstill [s].
+    peak
+        Largest |effort|.
+    error
+        Largest scaled state error.
+    wall_time
+        Time in the event loop [s].
+    files
+        Beginning of the names of the files of this controller.
     """
 
     controller: str
@@ -44,7 +59,7 @@ class Row:
 
 
 def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
-    """The row of one controller, and its run. A run that fails is a row as well, with the trajectory so far."""
+    """Simulate and judge one controller: its row, and its run. A run that fails is a row as well, with the trajectory so far."""
     from toolbox.measuring import measure
 
     try:

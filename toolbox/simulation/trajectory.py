@@ -120,7 +120,7 @@ class Trajectory(Stays, Samples):
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
         names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
         data = {name: getattr(self, name) for name in names}
-        return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+        return _trajectory_again, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
     def end_before(self, event: int) -> None:
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
@@ -423,7 +423,7 @@ class Smoothed(Trajectory):
         return 5.0 / 3.0 * self.difference(self.run.again(system=self.run.system.sharp, method=finer, output_times=None))
 
 
-def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
+def _trajectory_again(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.compilation.program import program_of
 

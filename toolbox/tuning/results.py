@@ -46,7 +46,17 @@ class Free:
 
 @dataclass(frozen=True)
 class Trial:
-    """One point of the search: numbers in the order of the free fields; values[scene][objective], inf where there is none; why runs failed ("" for none)."""
+    """One point of the search.
+
+    Attributes
+    ----------
+    numbers
+        The numbers, in the order of the free fields.
+    values
+        values[scene][objective]; inf where there is none.
+    failures
+        Why runs failed, "" for those that did not.
+    """
 
     numbers: tuple[float | None, ...]
     values: tuple[tuple[float, ...], ...]

@@ -19,7 +19,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.authoring import announced, zero_order_hold
+from toolbox.authoring import announced, time_left, zero_order_hold
 
 if TYPE_CHECKING:
     from controllers.condensing import Aim, Limits
@@ -214,6 +214,7 @@ class PlannedNonlinear(PredictiveLaw):
         return float(U[0, 0]), ""
 
     def _valued(self, x: np.ndarray, U: np.ndarray, aim: Aim) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        time_left()
         X, M = self.rollout.states(x, U)
         return U, self._cost(X, U, M, aim), X, M
 

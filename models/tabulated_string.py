@@ -39,7 +39,7 @@ class DrillString(TorsionalChain):
         *,
         top_inertia: Annotated[float, "kg m2"],
         bit_inertia: Annotated[float, "kg m2"] = 0.0,
-        band: Annotated[float, "Hz"] = 1.0,
+        band: Annotated[float, "Hz"] = 2.0,
         elements: int | None = None,
         friction: FrictionLaw | None = None,
         on_bottom: bool = False,
@@ -63,7 +63,9 @@ class DrillString(TorsionalChain):
         top_inertia, bit_inertia
             Rigid inertias at the ends of the string [kg m2].
         band
-            Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see `models.lumping`).
+                Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
+                `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
+                what more elements change and cost.
         elements
             The number of elements instead; inertias are one more.
         friction

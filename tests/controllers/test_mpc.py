@@ -15,7 +15,7 @@ from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from controllers.watchdog import MEMORY, STANDS, SWINGS, Watchdog
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, Scene, SceneError, compose, simulate
+from toolbox import Budget, BudgetError, Sampled, Scene, SceneError, compose, simulate
 from toolbox.authoring import zero_order_hold
 
 WEIGHT = 97_347.0
@@ -82,6 +82,20 @@ def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():
 
 
 # --- limits
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_a_law_that_solves_programs_without_end_ends_with_the_seconds_of_its_run(solver):
+    H, A, g, low, high = program()
+    solved = QuadraticProgram(H, A, solver)
+
+    def law(t, y):
+        while True:
+            solved.solve(g, low, high)
+
+    with pytest.raises(BudgetError, match=r"s and reached t = 0 s"):
+        simulate(RIG, 1.0, controller=law, sample_time=0.1, budget=Budget(seconds=0.1))
+    assert solved.solve(g, low, high).sound
 
 
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])

@@ -28,7 +28,8 @@ class Budget:
     events
         Number of switches of elements. A run that has exactly so many finishes; one that has more ends where the next is due and holds those before.
     seconds
-        Time in the event loop [s], looked at about ten times a second.
+        Time in the event loop [s], looked at about ten times a second, and by predictive laws before each program that they solve (other laws in Python:
+        `toolbox.authoring.time_left`).
     """
 
     steps: int = 20_000_000

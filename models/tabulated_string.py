@@ -63,9 +63,9 @@ class DrillString(TorsionalChain):
         top_inertia, bit_inertia
             Rigid inertias at the ends of the string [kg m2].
         band
-                Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
-                `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
-                what more elements change and cost.
+            Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
+            `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
+            what more elements change and cost.
         elements
             The number of elements instead; inertias are one more.
         friction

@@ -29,7 +29,7 @@ def test_no_law_of_the_table_is_above_the_limit_of_what_it_measures(found):
 
 def test_the_laws_that_reach_low_set_points_bear_little_everywhere(found):
     for label, low in (("LQG", 0.08), ("Z-torque", 0.025), ("H-infinity", 0.0035)):
-        assert low < found[label][0] and max(found[label]) < 0.22
+        assert low < found[label][0] and max(found[label]) < 0.34
         assert found[label][0] < found["limit, top speed"][0]
     assert found["stiff PI"][0] == found["PI"][0] == 0.0  # drilling at 3 rad/s is unstable by itself, and these leave it so
     assert found["PI"][-1] > 1.6 and found["stiff PI"][-1] > 1.1

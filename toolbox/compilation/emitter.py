@@ -143,11 +143,11 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
         elif op == ca.OP_CONST:
             work[target[0]] = body.number(function.instruction_constant(k))
         else:
-            work[target[0]] = _operation(body, op, [work[a] for a in args])
+            work[target[0]] = operation(body, op, [work[a] for a in args])
     return outputs
 
 
-def _operation(body: Body, op: int, v: list[str]) -> str:
+def operation(body: Body, op: int, v: list[str]) -> str:
     if op in _BINARY:
         return body.value(f"{_BINARY[op]} {FLAGS} {body.type} {v[0]}, {v[1]}")
     if op == ca.OP_NEG:

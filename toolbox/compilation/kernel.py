@@ -6,6 +6,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t); of time stepping see
     `toolbox.compilation.moreau_jean` project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
+    series   y = [coefficients of the states and guards at (t, x)]     of Taylor steps, which is then k of step; h tells how long one is about
     burden   y = [size of what the forces of elements cancel]         of each slope
     impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [held | elastic]; only with rigid contacts
     update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
@@ -23,6 +24,7 @@ from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
 from toolbox.compilation.runge_kutta import Pair
+from toolbox.compilation.taylor import Taylor, polynomial_body, series_body
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching
 
@@ -32,7 +34,7 @@ UNROLLED = 600
 
 @dataclass(frozen=True)
 class Kernel:
-    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step."""
+    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step, `slopes` the size of `Work.k`."""
 
     states: int
     elements: int
@@ -42,6 +44,7 @@ class Kernel:
     updates: tuple[int, ...]
     instructions: int
     cost: int
+    slopes: int
 
 
 def kernel_of(
@@ -50,7 +53,7 @@ def kernel_of(
     p: ca.SX,
     elements: Sequence[Element],
     form: Switching,
-    pair: Pair | Rosenbrock | Theta,
+    pair: Pair | Rosenbrock | Theta | Taylor,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
 ) -> Kernel:
@@ -73,7 +76,8 @@ def kernel_of(
 
     bodies: dict[str, Body] = {}
     texts: list[str] = []
-    stages = 0 if isinstance(pair, Theta) else len(pair.a)
+    stages = len(pair.a) if isinstance(pair, (Pair, Rosenbrock)) else 0
+    slopes = n
     cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
     if isinstance(pair, Theta):
         assert flow is not None
@@ -87,6 +91,11 @@ def kernel_of(
         bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
         cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
         texts.append(inner)
+    elif isinstance(pair, Taylor):
+        bodies["series"] = series_body(pair, equations(t, x, p, m, form))
+        bodies["step"] = polynomial_body(pair, n, form.guards.numel())
+        cost = bodies["series"].count + bodies["step"].count
+        slopes = (pair.order + 1) * (n + form.guards.numel())
     elif n * len(pair.b) <= UNROLLED:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
@@ -116,11 +125,17 @@ def kernel_of(
         len(elements),
         form.guards.numel(),
         not form.gain.sparsity().is_diag(),
-        tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse")),
+        tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse", "series")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
         cost,
+        slopes,
     )
+
+
+def equations(t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, form: Switching) -> ca.Function:
+    """The function (t, x, p, m) -> [dx/dt, guards]."""
+    return ca.Function("equations", [t, x, p, m], [ca.densify(form.field), ca.densify(form.guards)])
 
 
 def _arguments(body: Body, function: ca.Function) -> list[list[str]]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import Rosenbrock
-from toolbox.compilation.runge_kutta import Pair
+from toolbox.compilation.runge_kutta import DOP853, Pair
+from toolbox.compilation.taylor import Taylor, has_series
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
@@ -30,7 +31,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair | Rosenbrock | Theta
+    pair: Pair | Rosenbrock | Theta | Taylor
     kernel: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -53,14 +54,17 @@ class Program:
     form: Switching
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta) -> Program:
-    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta | Taylor) -> Program:
+    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure.
+
+    Where Taylor series do not exist or would be too long, it is one of DOP853.
+    """
     key = ("program", kinds, pair.name)
     found = system.kernels.get(key)
     if found is not None:
         return found
     from toolbox.compilation import loop_layout
-    from toolbox.compilation.kernel import kernel_of
+    from toolbox.compilation.kernel import equations, kernel_of
 
     given = dict(kinds)
     coefficients: list[ca.SX] = []
@@ -109,6 +113,9 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
+    if isinstance(pair, Taylor) and not has_series(equations(system.t, x, p, system.m, form)):
+        system.kernels[key] = program_of(system, kinds, DOP853)
+        return system.kernels[key]
     updates = []
     for update in system.updates:
         following, outputs = (

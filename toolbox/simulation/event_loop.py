@@ -33,6 +33,7 @@ from toolbox.compilation.loop_layout import (
     LONGEST,
     NE,
     NG,
+    NO_SERIES,
     NODES,
     OUTPUT,
     PAUSED,
@@ -41,6 +42,7 @@ from toolbox.compilation.loop_layout import (
     RECORDS_FULL,
     REJECTED,
     SAMPLE_DUE,
+    SERIES,
     STARTED,
     STEP,
     STEP_OLD,
@@ -55,6 +57,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
+from toolbox.simulation.series_steps import open_series, polish, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -146,6 +149,16 @@ def _first_dip(w, t, h):
 
 
 @inlined
+def _step_to(w, t, h, part):
+    """Step by a part of h, unless the whole step is there already, and leave its guards in `g_high`; returns the part."""
+    if part < 1.0:
+        call(w.ints[STEP], t, part * h, w.x, w.k, w.p, w.m, w.y)
+    for j in range(2 * w.ints[NG]):
+        w.g_high[j] = w.y[2 * w.ints[N] + j]
+    return part
+
+
+@inlined
 def _from_zero(w, h):
     """Guards that start at zero and are negative at the end of the step h: where each was positive in between.
 
@@ -220,7 +233,8 @@ def advance(w):
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
-    rejected = False
+    rejected, opened = False, False
+    series = w.ints[SERIES] != 0
     if w.ints[STARTED] == 0 and not begin(w):
         return INCONSISTENT
     while True:
@@ -236,6 +250,10 @@ def advance(w):
             return PAUSED
 
         # --- one step
+        if series and not opened:
+            if not open_series(w, t):
+                return NO_SERIES
+            opened = True
         stop = next_stop(w)
         h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
         h, t_new = h_wanted, t + h_wanted
@@ -247,20 +265,27 @@ def advance(w):
                 continue
             return UNDERFLOW
         call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-        error = scaled_error(w, h)
+        error = 0.0 if series else scaled_error(w, h)
 
         # --- its guards
         node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
-        hit, suspicious = _watch(w, h, error, node)
-        if suspicious:
-            top = _first_dip(w, t, h)
-            if top < 1.0:
-                hit = True
-                h = top * h
-                t_new = t + h
+        if series:
+            hit, at_once, top = watch_series(w, h, node)
+            if hit:
+                top = _step_to(w, t, h, top)
+        else:
+            hit, suspicious = _watch(w, h, error, node)
+            at_once, top = False, 1.0
+            if suspicious:
+                top = _first_dip(w, t, h)
+                hit = hit or top < 1.0
+        if top < 1.0:
+            h = top * h
+            t_new = t + h
         event = False
         if hit:
             turned, again, low, shorter = _from_zero(w, h)
+            again = again or at_once
             if turned:
                 continue
             if shorter < h:
@@ -269,7 +294,10 @@ def advance(w):
             size = 0.0 if again else locate(w, h, low)
             if size >= 0.0:
                 event = True
-                error = scaled_error(w, size) if size > 0.0 else 0.0
+                if series:
+                    size = polish(w, t, size) if size > 0.0 else 0.0
+                else:
+                    error = scaled_error(w, size) if size > 0.0 else 0.0
                 t_new = t + size if size < h else t_new
                 h = size
             elif error <= 1.0:
@@ -288,9 +316,9 @@ def advance(w):
 
         # --- accepted
         w.ints[ACCEPTED] += 1
-        if not event:
+        if not event and not series:
             _next_size(w, h, h_wanted, error, rejected)
-        rejected = False
+        rejected, opened = False, False
         refresh = w.ints[ACCEPTED] % 32 == 0
         if h > 0.0:
             _accept(w)
@@ -313,10 +341,13 @@ def advance(w):
 
 
 @cached
-def evaluate(step, projection, field, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
-    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector."""
-    x, k, m, new = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1)), np.zeros(n)
-    y = np.zeros(4 * n + 2 * ng)
+def evaluate(step, projection, field, series, slopes, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
+    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector.
+
+    series: address of the coefficients of a step, 0 without;  slopes: size of what a step takes as slopes.
+    """
+    x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
+    y = np.zeros(max(4 * n + 2 * ng, 3 * (n + ng)))
     last = -1
     for q in range(times.size):
         r = np.searchsorted(node_t, times[q], side="right") - 1
@@ -329,9 +360,13 @@ def evaluate(step, projection, field, n, ne, ng, node_t, node_x, node_m, node_p,
                 m[i] = node_m[r, i]
             for i in range(node_p.shape[1]):
                 p[first_held + i] = node_p[r, i]
-            call(field, node_t[r], 0.0, x, k, p, m, y)
-            for i in range(n):
-                k[i] = y[n + i]
+            if series != 0:
+                length = node_t[r + 1] - node_t[r] if r + 1 < node_t.size else times[q] - node_t[r]
+                call(series, node_t[r], length, x, k, p, m, k)
+            else:
+                call(field, node_t[r], 0.0, x, k, p, m, y)
+                for i in range(n):
+                    k[i] = y[n + i]
             last = r
         h = times[q] - node_t[r]
         if h == 0.0:

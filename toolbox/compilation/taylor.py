@@ -1,0 +1,152 @@
+"""Steps by Taylor series: the coefficients of states and guards once per step, and polynomials for all that is asked of it.
+
+    x(t + h) = sum_{k=0..P} x_k h^k
+
+The coefficients come from recurrences (`toolbox.compilation.power_series`) with the same instructions as the field. A shorter step, an output, a guard on the way to
+an event are then a polynomial, and a step is as long as its last two coefficients allow, so that none is rejected.
+
+Why an order far above that of Runge-Kutta pairs: what a step costs is mostly the time in which one operation waits for another. In a pair the stages wait for each
+other, and each holds the elementary functions of the model; here they are evaluated once, and another order costs a few products.
+
+A table of coefficients holds one row of `width` = states + guards per coefficient: rows 1 to P, then row 0, so that it begins with the slopes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from toolbox.compilation.emitter import FLAGS, Body, literal
+from toolbox.compilation.power_series import LOOK_AHEAD, NoSeries, solved, written
+
+
+@dataclass(frozen=True)
+class Taylor:
+    """Taylor series up to an order."""
+
+    order: int
+
+    @property
+    def name(self) -> str:
+        """Name of the formulas."""
+        return f"taylor{self.order}"
+
+    @property
+    def power(self) -> float:
+        """Exponent of the step-size rule, for the error per unit step."""
+        return 1.0 / (self.order - 1)
+
+    @property
+    def error_low(self) -> tuple[float, ...]:
+        """No second estimate."""
+        return ()
+
+
+def has_series(function: ca.Function) -> bool:
+    """Whether every operation of an SX function has Taylor coefficients."""
+    n = [function.numel_in(i) for i in range(1, 4)]
+    try:
+        solved(Body(), function, "%t", "%h", [[f"%{name}{i}" for i in range(size)] for name, size in zip("xpm", n, strict=True)], 1)
+    except NoSeries:
+        return False
+    return True
+
+
+def series_body(formulas: Taylor, function: ca.Function) -> Body:
+    """The function that writes the table of coefficients into y; h is the size of a step, to tell on which side a kink is.
+
+    function: (t, x, p, m) -> [dx/dt, guards].
+    """
+    body = Body()
+    values = [[body.load(pointer, i) for i in range(function.numel_in(j))] for j, pointer in ((1, "%x"), (2, "%p"), (3, "%m"))]
+    look = body.mul("%h", literal(LOOK_AHEAD))
+    first, *rows = written(solved(body, function, "%t", look, values, formulas.order))
+    for k, row in enumerate([*rows, first]):
+        for i, value in enumerate(row):
+            body.store(value, "%y", k * len(row) + i)
+    return body
+
+
+def polynomial_body(formulas: Taylor, n: int, guards: int) -> Body:
+    """The step: states, slopes, guards and their rates at h after the start of the table in k, by Horner's rule for several at once.
+
+    Behind them stand the last term of each state, and of each guard the sum of the sizes of all terms but the first, which it cannot move by more within the step.
+    """
+    body = Body()
+    width, order = n + guards, formulas.order
+    for first, count, target in ((0, n, 0), (n, guards, 2 * n)):
+        done = 0
+        while done < count:
+            size = next(size for size in (8, 4, 2, 1) if size <= count - done)
+            column = first + done
+            value, slope = _horner(body, column, size, width, order)
+            _put(body, value, size, target + done)
+            _put(body, slope, size, target + count + done)
+            bound = _last_term(body, column, size, width, order) if target == 0 else _bound(body, column, size, width, order)
+            _put(body, bound, size, 2 * width + column)
+            done += size
+    return body
+
+
+def _kind(size: int) -> str:
+    return "double" if size == 1 else f"<{size} x double>"
+
+
+def _put(body: Body, value: str, size: int, place: int) -> None:
+    target = body.value(f"getelementptr double, ptr %y, i64 {place}")
+    body.lines.append(f"  store {_kind(size)} {value}, ptr {target}, align 8")
+
+
+def _row(body: Body, k: int, column: int, size: int, width: int, order: int) -> str:
+    place = body.value(f"getelementptr double, ptr %k, i64 {(order if k == 0 else k - 1) * width + column}")
+    return body.value(f"load {_kind(size)}, ptr {place}, align 8")
+
+
+def _step(body: Body, size: int) -> str:
+    if size == 1:
+        return "%h"
+    one = body.value(f"insertelement {_kind(size)} undef, double %h, i32 0")
+    return body.value(f"shufflevector {_kind(size)} {one}, {_kind(size)} undef, <{size} x i32> zeroinitializer")
+
+
+def _advanced(body: Body, kind: str, total: str, step: str, other: str) -> str:
+    return body.value(f"fadd {FLAGS} {kind} {body.value(f'fmul {FLAGS} {kind} {total}, {step}')}, {other}")
+
+
+def _horner(body: Body, column: int, size: int, width: int, order: int) -> tuple[str, str]:
+    """Values and slopes of `size` polynomials from a column of the table on."""
+    kind, step = _kind(size), _step(body, size)
+    value = slope = _row(body, order, column, size, width, order)
+    for k in range(order - 1, -1, -1):
+        value = _advanced(body, kind, value, step, _row(body, k, column, size, width, order))
+        if k:
+            slope = _advanced(body, kind, slope, step, value)
+    return value, slope
+
+
+def _size(body: Body, value: str, size: int) -> str:
+    name = "llvm.fabs.f64" if size == 1 else f"llvm.fabs.v{size}f64"
+    body.intrinsics.add(f"declare {_kind(size)} @{name}({_kind(size)}) nounwind readnone willreturn")
+    return body.value(f"call {_kind(size)} @{name}({_kind(size)} {value})")
+
+
+def _bound(body: Body, column: int, size: int, width: int, order: int) -> str:
+    """Sum of the sizes of all terms but the first."""
+    kind, step = _kind(size), _step(body, size)
+    total = _size(body, _row(body, order, column, size, width, order), size)
+    for k in range(order - 1, 0, -1):
+        total = _advanced(body, kind, total, step, _size(body, _row(body, k, column, size, width, order), size))
+    return body.value(f"fmul {FLAGS} {kind} {total}, {step}")
+
+
+def _last_term(body: Body, column: int, size: int, width: int, order: int) -> str:
+    kind, power = _kind(size), _step(body, size)
+    value, exponent = _row(body, order, column, size, width, order), order
+    while exponent:
+        if exponent % 2:
+            value = body.value(f"fmul {FLAGS} {kind} {value}, {power}")
+        exponent //= 2
+        if exponent:
+            power = body.value(f"fmul {FLAGS} {kind} {power}, {power}")
+    return value

@@ -1,0 +1,188 @@
+"""Taylor steps in the event loop: how long a step may be, and where a guard's polynomial first falls through zero inside it.
+
+The table of coefficients stands in `Work.k` (`toolbox.compilation.taylor`). A step is as long as the last two coefficients of every state allow, which are then the error that
+a step leaves; of guards, which only say when something happens, so that none of them has a large error between its zeros.
+
+A guard is safe where its value at the start exceeds all that the other terms can add. Where not, the step is halved into pieces in which a cubic
+through values and slopes at both ends, less the most that it can be off, stays above zero:
+
+    |g - cubic| <= d^4/384 max |g''''|      in a piece of length d
+
+so that no dip is missed, however short, and the first piece in which the guard becomes negative is known.
+"""
+
+from __future__ import annotations
+
+import math
+
+from toolbox.compilation.calls import call
+from toolbox.compilation.loop_layout import (
+    BOUNDS,
+    END,
+    FIELD,
+    FRICTION,
+    LOCATED,
+    NE,
+    NG,
+    ORDER,
+    RTOL,
+    SERIES,
+    STEP,
+    STEP_OLD,
+    STEP_SIZE,
+    TIME,
+    N,
+)
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.simulation.guards import close_to_zero, guard_size
+from toolbox.simulation.step_control import exp2, log2
+
+SHARE = 2.0
+"""Size of the last term of a state in parts of the error that a step may add."""
+
+GUARD_SHARE = 0.1
+"""Size of the last term of a guard, in parts of the accuracy asked times the size of the guard."""
+
+SLACK = 0.6
+"""Binary logarithm of how much longer than the step the steps may be which the third and fourth coefficients from the end allow."""
+
+SHORTEST = 1e-4
+"""Part of a step below which pieces are not halved: the cubic is then right to round-off."""
+
+
+@inlined
+def _allowance(ratio, power):
+    """Binary logarithm of the step at which a term c h^k is as large as allowed, from the ratio of c to that; infinite for none."""
+    return -log2(ratio) * power if ratio > 0.0 else 1e3
+
+
+@inlined
+def open_series(w, t):
+    """Write the table at the current point and choose the step size by it. False where a coefficient is not finite."""
+    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    width = n + ng
+    call(w.ints[SERIES], t, max(w.reals[STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
+    rate = w.reals[RTOL] / w.reals[END]
+    first, second, third, fourth, guard = 0.0, 0.0, 0.0, 0.0, 0.0
+    last = (order - 1) * width
+    for i in range(n - w.excited.size):
+        size = max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        weight = 1.0 / (SHARE * rate * size + w.noise[i])
+        first = max(first, abs(w.k[last + i]) * weight)
+        second = max(second, abs(w.k[last - width + i]) * weight)
+        third = max(third, abs(w.k[last - 2 * width + i]) * weight)
+        fourth = max(fourth, abs(w.k[last - 3 * width + i]) * weight)
+        if not abs(w.k[last + i]) < math.inf:
+            return False
+    for j in range(ng):
+        size = abs(w.k[last + n + j])
+        if not size < math.inf:
+            return False
+        if guard_size(w, j) > 0.0:  # of a slip that has just begun only states have a size
+            guard = max(guard, size / guard_size(w, j))
+    p = float(order)
+    h = min(_allowance(first, 1.0 / (p - 1.0)), _allowance(second, 1.0 / (p - 2.0)))
+    h = min(h, SLACK + min(_allowance(third, 1.0 / (p - 3.0)), _allowance(fourth, 1.0 / (p - 4.0))))
+    tenth = log2(0.1 * w.reals[END])
+    if h > tenth and first > 0.0:  # of an error that a tenth of the run may make
+        h = max(tenth, -(log2(first) - tenth) / p)
+    if first > 0.0 and w.reals[RTOL] < 1e-10:  # no less than round-off
+        h = max(h, (log2(1e-14 / (SHARE * rate)) - log2(first)) / p)
+    if guard > 0.0:
+        h = min(h, (log2(GUARD_SHARE * w.reals[RTOL]) - log2(guard)) / p)
+    w.reals[STEP_SIZE] = exp2(max(min(h, 900.0), -900.0))
+    w.reals[STEP_OLD] = 0.0
+    for j in range(ng):
+        w.g[j] = w.k[order * width + n + j]
+        w.g[ng + j] = w.k[n + j]
+    return True
+
+
+@called
+def _first_fall(w, h, j, shift):
+    """The end, as a fraction of the step h, of the first piece in which guard j becomes negative; 2 where it stays positive.
+
+    shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that power of time.
+    """
+    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    width = n + ng
+    c = w.z
+    power, bend = 1.0, 0.0
+    degree = order - shift
+    for k in range(degree + 1):
+        row = k + shift
+        c[k] = w.side[j] * w.k[(order if row == 0 else row - 1) * width + n + j] * power
+        power *= h
+        bend += k * (k - 1.0) * (k - 2.0) * (k - 3.0) * abs(c[k])
+    left, a, da, length = 0.0, c[0], c[1], 1.0
+    while left < 1.0:
+        right = min(left + length, 1.0)
+        b, db = c[degree], 0.0
+        for k in range(degree - 1, -1, -1):
+            db = db * right + b
+            b = b * right + c[k]
+        third = (right - left) / 3.0
+        doubt = (right - left) ** 4 * bend / 384.0
+        lowest = min(a + da * third, b - db * third)
+        if b <= 0.0:
+            if length <= SHORTEST or doubt <= 1e-3 * (a - b):
+                return right
+        elif lowest > doubt or length <= SHORTEST:
+            left, a, da = right, b, db
+            length *= 2.0
+            continue
+        length *= 0.5
+    return 2.0
+
+
+@inlined
+def watch_series(w, h, node):
+    """Whether a guard crosses zero in the step h, whose end is in `y`. Returns (whether, whether one has to decide at the start, the fraction before
+    whose end the first does)."""
+    ng, ne, n = w.ints[NG], w.ints[NE], w.ints[N]
+    end = 2 * n
+    most = 3 * n + 2 * ng
+    hit, top = False, 1.0
+    for j in range(ng):
+        a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
+        if a > w.y[most + j] * (1.0 + 1e-12):
+            continue
+        if w.armed[j]:
+            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
+            if a <= 0.0:  # the polynomial that led here was just above
+                if w.side[j] * w.g[ng + j] < 0.0:
+                    w.ints[LOCATED] = j
+                    return True, True, 1.0
+                continue
+            fraction = _first_fall(w, h, j, 0)
+            if node and bound and fraction == 1.0 and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
+                continue  # at its bound, or a bound at zero, where an input turns: what follows decides
+            if fraction <= 1.0:
+                hit = True
+                top = min(top, fraction)
+        elif b < -1e-12 * guard_size(w, j):
+            hit = True
+        elif b > 0.0:
+            start = w.side[j] * w.k[n + j]
+            fraction = _first_fall(w, h, j, 1 if start > 0.0 else 2)
+            if fraction < 1.0:
+                hit = True
+                top = min(top, fraction)
+    return hit, False, top
+
+
+@inlined
+def polish(w, t, size):
+    """Move the end of a step that ends on the located guard until the guard itself, not its polynomial, is zero; returns the size of the step."""
+    n, ng, j = w.ints[N], w.ints[NG], w.ints[LOCATED]
+    for _ in range(3):
+        call(w.ints[FIELD], t + size, 0.0, w.y, w.k, w.p, w.m, w.z)
+        value, slope = w.side[j] * w.z[2 * n + j], w.side[j] * w.z[2 * n + ng + j]
+        if abs(value) <= close_to_zero(w, j) or not slope < 0.0:
+            break
+        moved = size - value / slope
+        if not 0.9 * size <= moved <= 1.1 * size:
+            break
+        size = moved
+        call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+    return size

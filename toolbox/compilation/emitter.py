@@ -219,19 +219,20 @@ LARGE = 20_000
 """Instructions above which code that is compiled for one run is generated in a hurry, which makes it run half as fast."""
 
 
-def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE) -> dict[str, int]:
+def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE, side_by_side: bool = False) -> dict[str, int]:
     """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
 
-    instructions: size of the module, above `large` of which the code generator hurries.
+    instructions: size of the module, above `large` of which the code generator hurries;  side_by_side: whether equal instructions on neighbours are to be joined in
+    vectors, which pays where there are many and costs time where there are few.
     """
     with _COMPILING:  # else two threads load the same code, and that of the first is freed while it still runs
-        return _compiled(text, names, instructions > large)
+        return _compiled(text, names, instructions > large, side_by_side)
 
 
 _COMPILING = threading.Lock()
 
 
-def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
+def _compiled(text: str, names: Sequence[str], large: bool, side_by_side: bool) -> dict[str, int]:
     import llvmlite.binding as llvm
 
     if not _MACHINE:
@@ -239,12 +240,12 @@ def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
         llvm.initialize_native_asmprinter()
         _MACHINE.append(llvm.Target.from_default_triple())
     host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
-    key = hashlib.sha256(f"{host} {large}\n{text}".encode()).hexdigest()[:32]
+    key = hashlib.sha256(f"{host} {large}{' joined' if side_by_side else ''}\n{text}".encode()).hexdigest()[:32]
     if key not in _LOADED:
         path = cache_directory() / "objects" / f"{key}.o"
         image = _cached(path)
         if image is None:
-            image = _object_code(llvm, text, large)
+            image = _object_code(llvm, text, large, side_by_side)
             _write_atomically(path, hashlib.sha256(image).digest() + image)
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
@@ -257,7 +258,7 @@ def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
     return {name: _LOADED[key][name] for name in names}
 
 
-def _object_code(llvm: Any, text: str, large: bool) -> bytes:
+def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes:
     machine = _MACHINE[0].create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=llvm.get_host_cpu_features().flatten(),
@@ -269,7 +270,7 @@ def _object_code(llvm: Any, text: str, large: bool) -> bytes:
     module = llvm.parse_assembly(text, llvm.create_context())  # which keeps its types and constants to itself, and goes with it
     module.verify()
     tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
-    tuning.slp_vectorization = False
+    tuning.slp_vectorization = side_by_side
     builder = llvm.create_pass_builder(machine, tuning)
     builder.getModulePassManager().run(module, builder)
     return machine.emit_object(module)

@@ -119,7 +119,7 @@ def kernel_of(
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
-    found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
+    found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count, side_by_side=isinstance(pair, Taylor))
     return Kernel(
         n,
         len(elements),

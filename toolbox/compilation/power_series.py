@@ -11,7 +11,7 @@ the modes, has a coefficient 0 only, and a factor like that costs one multiplica
 A kink, of fabs, fmin or fmax, takes the side on which the solution is just after t: that of the argument, or of its first coefficient that weighs more where the argument
 is zero but for round-off. The event loop ends steps on kinks, so that a side lasts for a step.
 
-The newest coefficients enter a sum last, since they are what the next order waits for.
+The newest coefficients enter a sum last, since they are what the next order waits for, and constant factors are multiplied with each other first.
 """
 
 from __future__ import annotations
@@ -127,6 +127,11 @@ class _Multiple(Series):
         return _multiply(self.body, self.a.at(k), self.factor)
 
 
+def _unscaled(u: Series) -> tuple[Series, Value]:
+    """The value of which u is a multiple, and the factor; u itself and None where it is no multiple."""
+    return (u.a, u.factor) if isinstance(u, _Multiple) else (u, None)
+
+
 class _Negative(Series):
     def __init__(self, body: Body, first: Value, a: Series):
         super().__init__(body, first, a.varies)
@@ -211,14 +216,19 @@ class _Integral(Series):
     def __init__(self, body: Body, first: Value, u: Series, rate: Series | None, factor: float = 1.0, also: str | None = None):
         super().__init__(body, first, True)
         self.u, self.slope, self.rate, self.factor, self.also = u, _Slope(body, u), rate or self, factor, also
+        self.newest: Value = None
 
     def next(self, k: int) -> Value:
         self.slope.extend()
         # the newest coefficient of u without its factor k, which the division by k takes back
         rate = self.rate.c if self.rate is not self or self.also is None else [self.also, *self.c[1:]]
         total = _products(self.body, self.slope.c, rate, k, 1, k - 1)
-        total = _plus_product(self.body, _scaled(self.body, total, 1.0 / k), self.u.at(k), rate[0])
-        return _scaled(self.body, total, self.factor)
+        total = _scaled(self.body, total, self.factor / k)
+        base, factor = _unscaled(self.u)
+        if k == 1:
+            self.newest = _scaled(self.body, rate[0], self.factor)
+            self.newest = _multiply(self.body, self.newest, factor) if factor else self.newest
+        return _plus_product(self.body, total, base.at(k), self.newest)
 
 
 class _Divided(Series):
@@ -365,7 +375,7 @@ class Recurrences:
             above, below = v if op == ca.OP_DIV else (Series(body, body.number(1.0), False), v[0])
             if not below.varies:
                 inverse = operation(body, ca.OP_INV, [below.c[0] or body.number(0.0)])
-                return self._keep(_Multiple(body, self._first(op, v), above, inverse))
+                return self._multiple(above, inverse, self._first(op, v))
             return self._keep(_Quotient(body, self._first(op, v), above, below))
         if op in (ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX):
             return self._kink(op, v)
@@ -385,7 +395,11 @@ class Recurrences:
         changing, factor = (a, b) if a.varies else (b, a)
         if factor.c[0] is None:
             return self._zero
-        return self._keep(_Multiple(body, _multiply(body, changing.c[0], factor.c[0]), changing, factor.c[0]))
+        return self._multiple(changing, factor.c[0], _multiply(body, changing.c[0], factor.c[0]))
+
+    def _multiple(self, u: Series, factor: str, first: Value) -> Series:
+        base, before = _unscaled(u)
+        return self._keep(_Multiple(self.body, first, base, factor if before is None else self.body.mul(before, factor)))
 
     def _kink(self, op: int, v: list[Series]) -> Series:
         body = self.body
@@ -496,7 +510,11 @@ def solved(body: Body, function: ca.Function, t: str, look: str, values: Sequenc
             made.extend()
         clock.c.append(body.number(1.0) if k == 0 else None)
         for state, slope in zip(states, slopes, strict=True):
-            state.c.append(_scaled(body, slope.at(k), 1.0 / (k + 1)))
+            base, factor = _unscaled(slope)
+            if k == 0 or factor is None:
+                state.c.append(_scaled(body, slope.at(k), 1.0 / (k + 1)))
+            else:
+                state.c.append(_multiply(body, base.at(k), _scaled(body, factor, 1.0 / (k + 1))))
     made.extend()
     return [[series.at(k) for series in (*states, *outputs)] for k in range(order + 1)]
 

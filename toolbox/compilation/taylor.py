@@ -71,7 +71,7 @@ def series_body(formulas: Taylor, function: ca.Function) -> Body:
 def polynomial_body(formulas: Taylor, n: int, guards: int) -> Body:
     """The step: states, slopes, guards and their rates at h after the start of the table in k, by Horner's rule for several at once.
 
-    Behind them stand the last term of each state, and of each guard the sum of the sizes of all terms but the first, which it cannot move by more within the step.
+    Behind them stand the last term of each state, and of each guard the most that its fourth derivative can be within the step, times h^4.
     """
     body = Body()
     width, order = n + guards, formulas.order
@@ -83,7 +83,7 @@ def polynomial_body(formulas: Taylor, n: int, guards: int) -> Body:
             value, slope = _horner(body, column, size, width, order)
             _put(body, value, size, target + done)
             _put(body, slope, size, target + count + done)
-            bound = _last_term(body, column, size, width, order) if target == 0 else _bound(body, column, size, width, order)
+            bound = _last_term(body, column, size, width, order) if target == 0 else _bend(body, column, size, width, order)
             _put(body, bound, size, 2 * width + column)
             done += size
     return body
@@ -131,13 +131,17 @@ def _size(body: Body, value: str, size: int) -> str:
     return body.value(f"call {_kind(size)} @{name}({_kind(size)} {value})")
 
 
-def _bound(body: Body, column: int, size: int, width: int, order: int) -> str:
-    """Sum of the sizes of all terms but the first."""
+def _bend(body: Body, column: int, size: int, width: int, order: int) -> str:
+    """Sum of the sizes of k (k - 1) (k - 2) (k - 3) c_k h^k."""
     kind, step = _kind(size), _step(body, size)
-    total = _size(body, _row(body, order, column, size, width, order), size)
-    for k in range(order - 1, 0, -1):
-        total = _advanced(body, kind, total, step, _size(body, _row(body, k, column, size, width, order), size))
-    return body.value(f"fmul {FLAGS} {kind} {total}, {step}")
+    total = ""
+    for k in range(order, 3, -1):
+        weight = literal(k * (k - 1.0) * (k - 2.0) * (k - 3.0))
+        weights = weight if size == 1 else f"<{', '.join([f'double {weight}'] * size)}>"
+        term = body.value(f"fmul {FLAGS} {kind} {_size(body, _row(body, k, column, size, width, order), size)}, {weights}")
+        total = _advanced(body, kind, total, step, term) if total else term
+    square = body.value(f"fmul {FLAGS} {kind} {step}, {step}")
+    return body.value(f"fmul {FLAGS} {kind} {total}, {body.value(f'fmul {FLAGS} {kind} {square}, {square}')}")
 
 
 def _last_term(body: Body, column: int, size: int, width: int, order: int) -> str:

@@ -269,23 +269,29 @@ def advance(w):
 
         # --- its guards
         node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
+        event, located, top = False, False, 1.0
         if series:
-            hit, at_once, top = watch_series(w, h, node)
-            if hit:
+            hit, at_once, doubtful, first, top = watch_series(w, h, node)
+            located = hit and not doubtful
+            if located:
+                size = 0.0 if at_once else first * h
+                if size > 0.0:
+                    call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+                    size = polish(w, t, size)
+                t_new = t + size if size < h else t_new
+                h, event = size, True
+            elif hit:
                 top = _step_to(w, t, h, top)
         else:
             hit, suspicious = _watch(w, h, error, node)
-            at_once, top = False, 1.0
             if suspicious:
                 top = _first_dip(w, t, h)
                 hit = hit or top < 1.0
-        if top < 1.0:
-            h = top * h
-            t_new = t + h
-        event = False
-        if hit:
+        if hit and not located:
+            if top < 1.0:
+                h = top * h
+                t_new = t + h
             turned, again, low, shorter = _from_zero(w, h)
-            again = again or at_once
             if turned:
                 continue
             if shorter < h:
@@ -294,10 +300,10 @@ def advance(w):
             size = 0.0 if again else locate(w, h, low)
             if size >= 0.0:
                 event = True
-                if series:
-                    size = polish(w, t, size) if size > 0.0 else 0.0
-                else:
+                if not series:
                     error = scaled_error(w, size) if size > 0.0 else 0.0
+                elif size > 0.0:
+                    size = polish(w, t, size)
                 t_new = t + size if size < h else t_new
                 h = size
             elif error <= 1.0:

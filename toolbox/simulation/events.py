@@ -56,7 +56,9 @@ def after_event(w, t):
         return NEGATIVE_BOUND
     if not fire(w, t):
         return INCONSISTENT
-    if w.ints[IMPLICIT] == 1 or w.ints[SERIES] != 0:  # slopes, which the fast modes rule, say less about the next step than the last one does
+    if w.ints[SERIES] != 0:  # the next step follows from its own coefficients
+        return DONE
+    if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
         w.reals[STEP_OLD] = 0.0
         measure_round_off(w)
     else:

@@ -3,8 +3,8 @@
 The table of coefficients stands in `Work.k` (`toolbox.compilation.taylor`). A step is as long as the last two coefficients of every state allow, which are then the error that
 a step leaves; of guards, which only say when something happens, so that none of them has a large error between its zeros.
 
-A guard is safe where its value at the start exceeds all that the other terms can add. Where not, the step is halved into pieces in which a cubic
-through values and slopes at both ends, less the most that it can be off, stays above zero:
+A guard is safe where a cubic through its values and slopes at both ends of the step, less the most that it can be off, stays above zero. Where it does not, the step
+is halved into pieces in which it does:
 
     |g - cubic| <= d^4/384 max |g''''|      in a piece of length d
 
@@ -62,32 +62,36 @@ def open_series(w, t):
     n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
     width = n + ng
     call(w.ints[SERIES], t, max(w.reals[STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
-    rate = w.reals[RTOL] / w.reals[END]
-    first, second, third, fourth, guard = 0.0, 0.0, 0.0, 0.0, 0.0
+    rate = SHARE * w.reals[RTOL] / w.reals[END]
+    first, second, guard, whole = 0.0, 0.0, 0.0, 0.0
     last = (order - 1) * width
     for i in range(n - w.excited.size):
         size = max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
-        weight = 1.0 / (SHARE * rate * size + w.noise[i])
+        weight = 1.0 / (rate * size + w.noise[i])
         first = max(first, abs(w.k[last + i]) * weight)
         second = max(second, abs(w.k[last - width + i]) * weight)
-        third = max(third, abs(w.k[last - 2 * width + i]) * weight)
-        fourth = max(fourth, abs(w.k[last - 3 * width + i]) * weight)
-        if not abs(w.k[last + i]) < math.inf:
-            return False
+        whole += abs(w.k[last + i])
     for j in range(ng):
         size = abs(w.k[last + n + j])
-        if not size < math.inf:
-            return False
+        whole += size
         if guard_size(w, j) > 0.0:  # of a slip that has just begun only states have a size
             guard = max(guard, size / guard_size(w, j))
+    if not whole < math.inf:
+        return False
     p = float(order)
     h = min(_allowance(first, 1.0 / (p - 1.0)), _allowance(second, 1.0 / (p - 2.0)))
-    h = min(h, SLACK + min(_allowance(third, 1.0 / (p - 3.0)), _allowance(fourth, 1.0 / (p - 4.0))))
+    if w.reals[STEP_SIZE] <= 0.0 or h > 1.0 + log2(w.reals[STEP_SIZE]):  # the last two may be zero alone
+        third, fourth = 0.0, 0.0
+        for i in range(n - w.excited.size):
+            weight = 1.0 / (rate * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14) + w.noise[i])
+            third = max(third, abs(w.k[last - 2 * width + i]) * weight)
+            fourth = max(fourth, abs(w.k[last - 3 * width + i]) * weight)
+        h = min(h, SLACK + min(_allowance(third, 1.0 / (p - 3.0)), _allowance(fourth, 1.0 / (p - 4.0))))
     tenth = log2(0.1 * w.reals[END])
     if h > tenth and first > 0.0:  # of an error that a tenth of the run may make
         h = max(tenth, -(log2(first) - tenth) / p)
     if first > 0.0 and w.reals[RTOL] < 1e-10:  # no less than round-off
-        h = max(h, (log2(1e-14 / (SHARE * rate)) - log2(first)) / p)
+        h = max(h, (log2(1e-14 / rate) - log2(first)) / p)
     if guard > 0.0:
         h = min(h, (log2(GUARD_SHARE * w.reals[RTOL]) - log2(guard)) / p)
     w.reals[STEP_SIZE] = exp2(max(min(h, 900.0), -900.0))
@@ -99,10 +103,10 @@ def open_series(w, t):
 
 
 @called
-def _first_fall(w, h, j, shift):
-    """The end, as a fraction of the step h, of the first piece in which guard j becomes negative; 2 where it stays positive.
+def _first_fall(w, h, j, shift, length):
+    """The first zero of guard j in the step h, and the end of the piece in which it becomes negative, in parts of h; both 2 where it stays positive.
 
-    shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that power of time.
+    length: of the first piece;  shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that power of time.
     """
     n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
     width = n + ng
@@ -114,61 +118,93 @@ def _first_fall(w, h, j, shift):
         c[k] = w.side[j] * w.k[(order if row == 0 else row - 1) * width + n + j] * power
         power *= h
         bend += k * (k - 1.0) * (k - 2.0) * (k - 3.0) * abs(c[k])
-    left, a, da, length = 0.0, c[0], c[1], 1.0
+    left, a, da = 0.0, c[0], c[1]
     while left < 1.0:
         right = min(left + length, 1.0)
-        b, db = c[degree], 0.0
-        for k in range(degree - 1, -1, -1):
-            db = db * right + b
-            b = b * right + c[k]
+        b, db = _value(c, degree, right)
         third = (right - left) / 3.0
         doubt = (right - left) ** 4 * bend / 384.0
-        lowest = min(a + da * third, b - db * third)
         if b <= 0.0:
             if length <= SHORTEST or doubt <= 1e-3 * (a - b):
-                return right
-        elif lowest > doubt or length <= SHORTEST:
+                return _zero(c, degree, left, a, right, b), right
+        elif min(a + da * third, b - db * third) > doubt or length <= SHORTEST:
             left, a, da = right, b, db
             length *= 2.0
             continue
         length *= 0.5
-    return 2.0
+    return 2.0, 2.0
+
+
+@inlined
+def _value(c, degree, s):
+    """Value and slope of a polynomial."""
+    value, slope = c[degree], 0.0
+    for k in range(degree - 1, -1, -1):
+        slope = slope * s + value
+        value = value * s + c[k]
+    return value, slope
+
+
+@inlined
+def _zero(c, degree, low, a, high, b):
+    """Where a polynomial with a > 0 at `low` and b <= 0 at `high` is zero, by Newton's method inside a shrinking bracket."""
+    s = low + (high - low) * a / (a - b)
+    for _ in range(60):
+        value, slope = _value(c, degree, s)
+        if value > 0.0:
+            low = s
+        else:
+            high = s
+        following = s - value / slope
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        moved = abs(following - s)
+        s = following
+        if moved <= 2e-16 * high:
+            break
+    return s
 
 
 @inlined
 def watch_series(w, h, node):
-    """Whether a guard crosses zero in the step h, whose end is in `y`. Returns (whether, whether one has to decide at the start, the fraction before
-    whose end the first does)."""
+    """Which guard first crosses zero in the step h, whose end is in `y`.
+
+    Returns (whether one does, whether an element has to decide at once, whether guards that start at zero make it doubtful which is first, the fraction of h
+    at which the first is zero, and one by which something is negative).
+    """
     ng, ne, n = w.ints[NG], w.ints[NE], w.ints[N]
     end = 2 * n
     most = 3 * n + 2 * ng
-    hit, top = False, 1.0
+    hit, doubtful, first, top, third = False, False, 2.0, 1.0, h / 3.0
     for j in range(ng):
         a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
-        if a > w.y[most + j] * (1.0 + 1e-12):
+        da, db = w.side[j] * w.g[ng + j] * third, w.side[j] * w.y[end + ng + j] * third
+        if min(a, a + da, b, b - db) > w.y[most + j] * (1.0 / 384.0):
             continue
+        zero, fraction = 2.0, 2.0
         if w.armed[j]:
             bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
             if a <= 0.0:  # the polynomial that led here was just above
                 if w.side[j] * w.g[ng + j] < 0.0:
                     w.ints[LOCATED] = j
-                    return True, True, 1.0
+                    return True, True, False, 0.0, 1.0
                 continue
-            fraction = _first_fall(w, h, j, 0)
+            zero, fraction = _first_fall(w, h, j, 0, 1.0 if b <= 0.0 else 0.5)
             if node and bound and fraction == 1.0 and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
-            if fraction <= 1.0:
-                hit = True
-                top = min(top, fraction)
         elif b < -1e-12 * guard_size(w, j):
-            hit = True
+            hit, doubtful = True, True
         elif b > 0.0:
-            start = w.side[j] * w.k[n + j]
-            fraction = _first_fall(w, h, j, 1 if start > 0.0 else 2)
-            if fraction < 1.0:
-                hit = True
-                top = min(top, fraction)
-    return hit, False, top
+            rise = w.side[j] * w.k[n + j] > 0.0
+            zero, fraction = _first_fall(w, h, j, 1 if rise else 2, 1.0)
+            doubtful = doubtful or fraction <= 1.0
+        if fraction <= 1.0:
+            hit = True
+            top = min(top, fraction)
+            if zero < first:
+                first = zero
+                w.ints[LOCATED] = j
+    return hit, False, doubtful, first, top
 
 
 @inlined

@@ -57,7 +57,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
-from toolbox.simulation.series_steps import open_series, polish, watch_series
+from toolbox.simulation.series_steps import defect, open_series, polish, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -277,7 +277,6 @@ def advance(w):
                 size = 0.0 if at_once else first * h
                 if size > 0.0:
                     call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
-                    size = polish(w, t, size)
                 t_new = t + size if size < h else t_new
                 h, event = size, True
             elif hit:
@@ -302,17 +301,25 @@ def advance(w):
                 event = True
                 if not series:
                     error = scaled_error(w, size) if size > 0.0 else 0.0
-                elif size > 0.0:
-                    size = polish(w, t, size)
                 t_new = t + size if size < h else t_new
                 h = size
             elif error <= 1.0:
                 call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        if series and h > 0.0:
+            error = defect(w, t, h)
+            if not error <= 1.0 and not rejected:
+                measure_round_off(w)
+                spread_round_off(w, h)
+                error = defect(w, t, h)
+            if event and error <= 1.0:
+                end = polish(w, t, h)
+                t_new = t + end if end != h else t_new
+                h = end
         if not error <= 1.0:
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
-            if rejected:
+            if rejected and not series:
                 measure_round_off(w)
                 spread_round_off(w, w.reals[STEP_SIZE])
             rejected = True

@@ -57,9 +57,14 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
+    """Adaptive steps of high order that end exactly on every switch: Taylor series, explicit formulas where a law is sampled or a series is missing, and linearly
+    implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
 
     text: ClassVar[str] = "event"
+
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+        """Taylor series; between samples, which cut all steps short, explicit formulas."""
+        return super().formulas(accuracy, sampled) if sampled else TaylorSeries().formulas(accuracy, sampled)
 
 
 @dataclass(frozen=True)

@@ -208,11 +208,38 @@ def watch_series(w, h, node):
 
 
 @inlined
+def defect(w, t, h):
+    """How well the end of the step h in `y` fulfils the equations, in parts of what is allowed: the error that the terms left out make.
+
+    The last coefficients do not show a term that is small now and grows faster than they do, such as that of a friction law far from its peak. The field there
+    does. Of a step that is within bounds, slopes and guards at its end are then those of the field.
+    """
+    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    call(w.ints[FIELD], t + h, 0.0, w.y, w.k, w.p, w.m, w.z)
+    share = SHARE * max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14)
+    error = 0.0
+    for i in range(n - w.excited.size):
+        size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
+        off = abs(w.z[n + i] - w.y[n + i]) * h / (order * (share * size + w.noise[i] * h))
+        error = off if not off <= error else error  # which keeps a NaN
+    for j in range(ng):
+        size = max(guard_size(w, j), abs(w.z[2 * n + j]))
+        if size > 0.0:
+            off = abs(w.z[2 * n + j] - w.y[2 * n + j]) / (w.reals[RTOL] * size)
+            error = off if not off <= error else error
+    if error <= 1.0:
+        for i in range(n - w.excited.size):
+            w.y[n + i] = w.z[n + i]
+        for j in range(2 * ng):
+            w.y[2 * n + j] = w.z[2 * n + j]
+    return error
+
+
+@inlined
 def polish(w, t, size):
     """Move the end of a step that ends on the located guard until the guard itself, not its polynomial, is zero; returns the size of the step."""
     n, ng, j = w.ints[N], w.ints[NG], w.ints[LOCATED]
     for _ in range(3):
-        call(w.ints[FIELD], t + size, 0.0, w.y, w.k, w.p, w.m, w.z)
         value, slope = w.side[j] * w.z[2 * n + j], w.side[j] * w.z[2 * n + ng + j]
         if abs(value) <= close_to_zero(w, j) or not slope < 0.0:
             break
@@ -221,4 +248,7 @@ def polish(w, t, size):
             break
         size = moved
         call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+        call(w.ints[FIELD], t + size, 0.0, w.y, w.k, w.p, w.m, w.z)
+        for i in range(2 * ng):
+            w.y[2 * n + i] = w.z[2 * n + i]
     return size

@@ -57,7 +57,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
-from toolbox.simulation.series_steps import defect, open_series, polish, watch_series
+from toolbox.simulation.series_steps import defect, open_series, polish, turns, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -306,11 +306,17 @@ def advance(w):
             elif error <= 1.0:
                 call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
         if series and h > 0.0:
-            error = defect(w, t, h)
+            middle = turns(w, h)
+            if middle < 1.0:  # an excursion within the step, which its end does not show
+                call(w.ints[STEP], t, middle * h, w.x, w.k, w.p, w.m, w.y)
+                error = defect(w, t, middle * h)
+                call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+            if error <= 1.0:
+                error = defect(w, t, h)
             if not error <= 1.0 and not rejected:
                 measure_round_off(w)
                 spread_round_off(w, h)
-                error = defect(w, t, h)
+                error = max(error if middle < 1.0 else 0.0, defect(w, t, h))
             if event and error <= 1.0:
                 end = polish(w, t, h)
                 t_new = t + end if end != h else t_new

@@ -236,6 +236,31 @@ def defect(w, t, h):
 
 
 @inlined
+def turns(w, h):
+    """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is in `y`."""
+    ng, n = w.ints[NG], w.ints[N]
+    first = 1.0
+    for i in range(w.ints[NE]):
+        j = 2 * i
+        if w.m[i] != 0.0 and w.kind[i] == FRICTION and w.g[ng + j] < 0.0 and w.y[2 * n + ng + j] > 0.0:
+            first = min(first, _turn(w, h, j))
+    return first
+
+
+@called
+def _turn(w, h, j):
+    """Where the slope of guard j, negative at the start and positive at the end of the step h, is zero, in parts of h."""
+    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    width = n + ng
+    power = 1.0
+    for k in range(order):
+        w.z[k] = -(k + 1.0) * w.k[k * width + n + j] * power
+        power *= h
+    value, _ = _value(w.z, order - 1, 1.0)
+    return _zero(w.z, order - 1, 0.0, w.z[0], 1.0, min(value, 0.0)) if w.z[0] > 0.0 else 1.0
+
+
+@inlined
 def polish(w, t, size):
     """Move the end of a step that ends on the located guard until the guard itself, not its polynomial, is zero; returns the size of the step."""
     n, ng, j = w.ints[N], w.ints[NG], w.ints[LOCATED]

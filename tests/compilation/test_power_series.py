@@ -8,7 +8,7 @@ import pytest
 
 from toolbox.compilation.emitter import OPERATIONS, Body, compiled, function_text
 from toolbox.compilation.power_series import NoSeries
-from toolbox.compilation.taylor import Taylor, has_series, polynomial_body, series_body
+from toolbox.compilation.taylor import Taylor, peaks_in_time, polynomial_body, series_body, series_of
 
 SIGNATURE = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 5)
 T, X, P, M = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("p", 2), ca.SX.sym("m", 1)
@@ -66,7 +66,7 @@ def test_every_recurrence_gives_the_derivatives_that_casadi_forms(name):
 
 @pytest.mark.parametrize("name", JUMPS)
 def test_what_jumps_has_no_series(name):
-    assert not has_series(equations(JUMPS[name]))
+    assert series_of(Taylor(4), equations(JUMPS[name])) is None
     with pytest.raises(NoSeries):
         series_body(Taylor(4), equations(JUMPS[name]))
 
@@ -74,6 +74,13 @@ def test_what_jumps_has_no_series(name):
 def test_every_operation_of_the_emitter_has_a_series_or_is_known_to_have_none():
     aside = {"ASSIGN", "LIFT", "CONST", "INPUT", "OUTPUT", "FABS"}
     assert OPERATIONS - aside == (SMOOTH.keys() & OPERATIONS) | JUMPS.keys()
+
+
+@pytest.mark.parametrize(("value", "hidden"), [
+    (ca.sin(2 * T + P[0]), False), (P[0] * T * ca.cos(T * T), False), (ca.exp(X[0] * T), False), (T / P[1], False),
+    (ca.exp(-T * T), True), (1 / (1 + T * T), True), (ca.tanh(5 * T) * X[0], True), (ca.sqrt(T), True)])  # fmt: skip
+def test_a_peak_in_time_may_hide_from_coefficients_and_a_wave_does_not(value, hidden):
+    assert peaks_in_time(equations(value)) is hidden
 
 
 def test_high_orders_are_right_too():

@@ -24,7 +24,7 @@ from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
 from toolbox.compilation.runge_kutta import Pair
-from toolbox.compilation.taylor import Taylor, polynomial_body, series_body
+from toolbox.compilation.taylor import Taylor, polynomial_body
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching
 
@@ -56,10 +56,12 @@ def kernel_of(
     pair: Pair | Rosenbrock | Theta | Taylor,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
+    series: Body | None = None,
 ) -> Kernel:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
-    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping.
+    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping;
+    series: the coefficients of Taylor steps.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -92,7 +94,8 @@ def kernel_of(
         cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
         texts.append(inner)
     elif isinstance(pair, Taylor):
-        bodies["series"] = series_body(pair, equations(t, x, p, m, form))
+        assert series is not None
+        bodies["series"] = series
         bodies["step"] = polynomial_body(pair, n, form.guards.numel())
         cost = bodies["series"].count + bodies["step"].count
         slopes = (pair.order + 1) * (n + form.guards.numel())

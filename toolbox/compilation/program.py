@@ -13,7 +13,7 @@ import numpy as np
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
-from toolbox.compilation.taylor import Taylor, has_series
+from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
@@ -113,7 +113,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
-    if isinstance(pair, Taylor) and not has_series(equations(system.t, x, p, system.m, form)):
+    series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
+    if isinstance(pair, Taylor) and series is None:
         system.kernels[key] = program_of(system, kinds, DOP853)
         return system.kernels[key]
     updates = []
@@ -128,7 +129,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow),
+        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series),
         excited=np.array(excited, np.int64),
         kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
@@ -136,7 +137,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         loader=np.array(form.loader, np.int64),
         varying=varying,
         bounded=bounded,
-        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
+        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form)))
+        and bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,

@@ -43,14 +43,43 @@ class Taylor:
         return ()
 
 
-def has_series(function: ca.Function) -> bool:
-    """Whether every operation of an SX function has Taylor coefficients."""
-    n = [function.numel_in(i) for i in range(1, 4)]
+MOST = 12_000
+"""Instructions of the coefficients beyond which explicit formulas are taken: writing and optimising so many takes a second, and more run no faster than stages."""
+
+
+def series_of(formulas: Taylor, function: ca.Function) -> Body | None:
+    """The function of `series_body`, or None where an operation has no Taylor coefficients or they would be too long."""
+    if function.n_instructions() * formulas.order > 6 * MOST:
+        return None
     try:
-        solved(Body(), function, "%t", "%h", [[f"%{name}{i}" for i in range(size)] for name, size in zip("xpm", n, strict=True)], 1)
+        body = series_body(formulas, function)
     except NoSeries:
-        return False
-    return True
+        return None
+    return body if body.count <= MOST else None
+
+
+_WAVES = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX}
+
+
+def peaks_in_time(function: ca.Function) -> bool:
+    """Whether a formula of time alone may hold a peak that coefficients far from it do not show, such as exp(-t^2); polynomials and sines show theirs.
+
+    function: (t, x, p, m) -> [f, outputs].
+    """
+    found: dict[int, tuple[bool, bool]] = {}  # by place: whether it depends on time, and on states
+    for q in range(function.n_instructions()):
+        op, args, target = function.instruction_id(q), function.instruction_input(q), function.instruction_output(q)
+        if op == ca.OP_INPUT:
+            found[target[0]] = (args[0] == 0, args[0] == 1)
+        elif op == ca.OP_CONST:
+            found[target[0]] = (False, False)
+        elif op != ca.OP_OUTPUT:
+            given = [found[a] for a in args]
+            waves = op in _WAVES or (op == ca.OP_DIV and not given[1][0])
+            if not waves and any(time and not state for time, state in given):
+                return True
+            found[target[0]] = (any(time for time, _ in given), any(state for _, state in given))
+    return False
 
 
 def series_body(formulas: Taylor, function: ca.Function) -> Body:

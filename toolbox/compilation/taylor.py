@@ -100,7 +100,11 @@ def series_body(formulas: Taylor, function: ca.Function) -> Body:
 def polynomial_body(formulas: Taylor, n: int, guards: int) -> Body:
     """The step: states, slopes, guards and their rates at h after the start of the table in k, by Horner's rule for several at once.
 
-    Behind them stand the last term of each state, and of each guard the most that its fourth derivative can be within the step, times h^4.
+    Behind them stand the last term of each state, and the least and the most that each guard can be within the step, from the cubic through its ends
+
+        |g - cubic| <= 1/384 h^4 max |d^4 g / dt^4|
+
+    whose control points enclose it.
     """
     body = Body()
     width, order = n + guards, formulas.order
@@ -112,8 +116,11 @@ def polynomial_body(formulas: Taylor, n: int, guards: int) -> Body:
             value, slope = _horner(body, column, size, width, order)
             _put(body, value, size, target + done)
             _put(body, slope, size, target + count + done)
-            bound = _last_term(body, column, size, width, order) if target == 0 else _bend(body, column, size, width, order)
-            _put(body, bound, size, 2 * width + column)
+            if target == 0:
+                _put(body, _last_term(body, column, size, width, order), size, 2 * width + column)
+            else:
+                for q, bound in enumerate(_enclosed(body, column, size, width, order, (value, slope))):
+                    _put(body, bound, size, 2 * width + q * guards + column)
             done += size
     return body
 
@@ -154,20 +161,35 @@ def _horner(body: Body, column: int, size: int, width: int, order: int) -> tuple
     return value, slope
 
 
-def _size(body: Body, value: str, size: int) -> str:
-    name = "llvm.fabs.f64" if size == 1 else f"llvm.fabs.v{size}f64"
-    body.intrinsics.add(f"declare {_kind(size)} @{name}({_kind(size)}) nounwind readnone willreturn")
-    return body.value(f"call {_kind(size)} @{name}({_kind(size)} {value})")
+def _call(body: Body, what: str, size: int, *values: str) -> str:
+    kind, name = _kind(size), f"llvm.{what}.f64" if size == 1 else f"llvm.{what}.v{size}f64"
+    body.intrinsics.add(f"declare {kind} @{name}({', '.join([kind] * len(values))}) nounwind readnone willreturn")
+    return body.value(f"call {kind} @{name}({', '.join(f'{kind} {value}' for value in values)})")
+
+
+def _spread(size: int, number: float) -> str:
+    return literal(number) if size == 1 else f"<{', '.join([f'double {literal(number)}'] * size)}>"
+
+
+def _enclosed(body: Body, column: int, size: int, width: int, order: int, end: tuple[str, str]) -> tuple[str, str]:
+    """The least and the most of `size` polynomials within the step, from their (values, slopes) at its end."""
+    kind = _kind(size)
+    third = body.value(f"fmul {FLAGS} {kind} {_step(body, size)}, {_spread(size, 1.0 / 3.0)}")
+    a, da = (_row(body, k, column, size, width, order) for k in (0, 1))
+    after = _advanced(body, kind, da, third, a)
+    before = body.value(f"fsub {FLAGS} {kind} {end[0]}, {body.value(f'fmul {FLAGS} {kind} {end[1]}, {third}')}")
+    doubt = _bend(body, column, size, width, order)
+    low, high = (_call(body, f"{what}num", size, _call(body, f"{what}num", size, a, after), _call(body, f"{what}num", size, before, end[0])) for what in ("min", "max"))
+    return body.value(f"fsub {FLAGS} {kind} {low}, {doubt}"), body.value(f"fadd {FLAGS} {kind} {high}, {doubt}")
 
 
 def _bend(body: Body, column: int, size: int, width: int, order: int) -> str:
-    """Sum of the sizes of k (k - 1) (k - 2) (k - 3) c_k h^k."""
+    """Sum of the sizes of k (k - 1) (k - 2) (k - 3) c_k h^k, by 384."""
     kind, step = _kind(size), _step(body, size)
     total = ""
     for k in range(order, 3, -1):
-        weight = literal(k * (k - 1.0) * (k - 2.0) * (k - 3.0))
-        weights = weight if size == 1 else f"<{', '.join([f'double {weight}'] * size)}>"
-        term = body.value(f"fmul {FLAGS} {kind} {_size(body, _row(body, k, column, size, width, order), size)}, {weights}")
+        weight = _spread(size, k * (k - 1.0) * (k - 2.0) * (k - 3.0) / 384.0)
+        term = body.value(f"fmul {FLAGS} {kind} {_call(body, 'fabs', size, _row(body, k, column, size, width, order))}, {weight}")
         total = _advanced(body, kind, total, step, term) if total else term
     square = body.value(f"fmul {FLAGS} {kind} {step}, {step}")
     return body.value(f"fmul {FLAGS} {kind} {total}, {body.value(f'fmul {FLAGS} {kind} {square}, {square}')}")

@@ -95,7 +95,7 @@ class StayCounts(NamedTuple):
 def _pieces(reader, size):
     """Space for the steps of a run."""
     n, count = reader.states, reader.signals
-    y = np.zeros(max(4 * n + 2 * reader.guards, 3 * (n + reader.guards)) + 4)
+    y = np.zeros(max(4 * n + 2 * reader.guards, 3 * n + 4 * reader.guards) + 4)
     stack = np.empty((DEPTH + 1, 3 * count))
     return Pieces(
         np.zeros(n), np.zeros(reader.slopes), np.zeros(reader.elements + 1), y, np.zeros(n), np.empty(3 * count), np.empty(DEPTH + 1), stack, size

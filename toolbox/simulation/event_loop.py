@@ -35,6 +35,7 @@ from toolbox.compilation.loop_layout import (
     NG,
     NO_SERIES,
     NODES,
+    OPENED,
     OUTPUT,
     PAUSED,
     POWER,
@@ -57,7 +58,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
-from toolbox.simulation.series_steps import defect, open_series, polish, turns, watch_series
+from toolbox.simulation.series_steps import defect, held_quietly, open_series, polish, turns, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -77,7 +78,7 @@ def _due(w, t, every_node):
             changed = jumps(w, t)
         if not changed:
             continue
-        if not inputs_changed(w, t, not sampling):
+        if not (sampling and held_quietly(w, t)) and not inputs_changed(w, t, not sampling):
             return INCONSISTENT
         if not sampling:
             first_step(w)
@@ -212,6 +213,7 @@ def _next_size(w, h, h_wanted, error, rejected):
 def _accept(w):
     """Take the step in `y`: states, slopes, guards and their sizes so far."""
     n, ng = w.ints[N], w.ints[NG]
+    w.ints[OPENED] = 0
     for i in range(n):
         w.x[i] = w.y[i]
         w.k[i] = w.y[n + i]
@@ -233,7 +235,7 @@ def advance(w):
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
-    rejected, opened = False, False
+    rejected = False
     series = w.ints[SERIES] != 0
     if w.ints[STARTED] == 0 and not begin(w):
         return INCONSISTENT
@@ -250,10 +252,8 @@ def advance(w):
             return PAUSED
 
         # --- one step
-        if series and not opened:
-            if not open_series(w, t):
-                return NO_SERIES
-            opened = True
+        if series and w.ints[OPENED] == 0 and not open_series(w, t):
+            return NO_SERIES
         stop = next_stop(w)
         h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
         h, t_new = h_wanted, t + h_wanted
@@ -337,7 +337,7 @@ def advance(w):
         w.ints[ACCEPTED] += 1
         if not event and not series:
             _next_size(w, h, h_wanted, error, rejected)
-        rejected, opened = False, False
+        rejected = False
         refresh = w.ints[ACCEPTED] % 32 == 0
         if h > 0.0:
             _accept(w)
@@ -366,7 +366,7 @@ def evaluate(step, projection, field, series, slopes, n, ne, ng, node_t, node_x,
     series: address of the coefficients of a step, 0 without;  slopes: size of what a step takes as slopes.
     """
     x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
-    y = np.zeros(max(4 * n + 2 * ng, 3 * (n + ng)))
+    y = np.zeros(max(4 * n + 2 * ng, 3 * n + 4 * ng))
     last = -1
     for q in range(times.size):
         r = np.searchsorted(node_t, times[q], side="right") - 1

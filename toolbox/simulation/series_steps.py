@@ -24,17 +24,18 @@ from toolbox.compilation.loop_layout import (
     LOCATED,
     NE,
     NG,
+    OPENED,
     ORDER,
     RTOL,
     SERIES,
     STEP,
     STEP_OLD,
     STEP_SIZE,
-    TIME,
     N,
 )
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import close_to_zero, guard_size
+from toolbox.simulation.crossings import first_descent
+from toolbox.simulation.guards import close_to_zero, guard_size, refresh
 from toolbox.simulation.step_control import exp2, log2
 
 SHARE = 2.0
@@ -96,10 +97,36 @@ def open_series(w, t):
         h = min(h, (log2(GUARD_SHARE * w.reals[RTOL]) - log2(guard)) / p)
     w.reals[STEP_SIZE] = exp2(max(min(h, 900.0), -900.0))
     w.reals[STEP_OLD] = 0.0
+    w.ints[OPENED] = 1
     for j in range(ng):
         w.g[j] = w.k[order * width + n + j]
         w.g[ng + j] = w.k[n + j]
     return True
+
+
+@inlined
+def held_quietly(w, t):
+    """Take over new held outputs where they change no mode, as guards show; False where one may, and nothing has been decided yet.
+
+    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
+    """
+    for i in range(w.ints[NE]):
+        if w.kind[i] != FRICTION:
+            return False
+        w.zero[i] = w.m[i] == 0.0
+    if w.ints[SERIES] == 0:
+        refresh(w)
+    elif not open_series(w, t):
+        return False
+    quiet = True
+    for j in range(w.ints[NG]):
+        value = w.side[j] * w.g[j]
+        if w.ints[SERIES] != 0:
+            if abs(value) > guard_size(w, j):
+                w.guard_scale[w.slot[j]] = abs(value)
+            w.armed[j] = value > 1e-13 * guard_size(w, j)
+        quiet = quiet and value >= 0.0
+    return quiet
 
 
 @called
@@ -126,7 +153,8 @@ def _first_fall(w, h, j, shift, length):
         doubt = (right - left) ** 4 * bend / 384.0
         if b <= 0.0:
             if length <= SHORTEST or doubt <= 1e-3 * (a - b):
-                return _zero(c, degree, left, a, right, b), right
+                guess = first_descent(a, 3.0 * da * third, b, 3.0 * db * third)
+                return _zero(c, degree, left, right, left + min(guess, 1.0) * (right - left)), right
         elif min(a + da * third, b - db * third) > doubt or length <= SHORTEST:
             left, a, da = right, b, db
             length *= 2.0
@@ -135,7 +163,7 @@ def _first_fall(w, h, j, shift, length):
     return 2.0, 2.0
 
 
-@inlined
+@called(fastmath={"contract"})
 def _value(c, degree, s):
     """Value and slope of a polynomial."""
     value, slope = c[degree], 0.0
@@ -146,9 +174,8 @@ def _value(c, degree, s):
 
 
 @inlined
-def _zero(c, degree, low, a, high, b):
-    """Where a polynomial with a > 0 at `low` and b <= 0 at `high` is zero, by Newton's method inside a shrinking bracket."""
-    s = low + (high - low) * a / (a - b)
+def _zero(c, degree, low, high, s):
+    """Where a polynomial that is positive at `low` and not at `high` is zero, by Newton's method from s on inside a shrinking bracket."""
     for _ in range(60):
         value, slope = _value(c, degree, s)
         if value > 0.0:
@@ -160,7 +187,7 @@ def _zero(c, degree, low, a, high, b):
             following = 0.5 * (low + high)
         moved = abs(following - s)
         s = following
-        if moved <= 2e-16 * high:
+        if moved <= 1e-9 * high:  # the next move would be its square
             break
     return s
 
@@ -174,13 +201,12 @@ def watch_series(w, h, node):
     """
     ng, ne, n = w.ints[NG], w.ints[NE], w.ints[N]
     end = 2 * n
-    most = 3 * n + 2 * ng
-    hit, doubtful, first, top, third = False, False, 2.0, 1.0, h / 3.0
+    least = 3 * n + 2 * ng
+    hit, doubtful, first, top = False, False, 2.0, 1.0
     for j in range(ng):
-        a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
-        da, db = w.side[j] * w.g[ng + j] * third, w.side[j] * w.y[end + ng + j] * third
-        if min(a, a + da, b, b - db) > w.y[most + j] * (1.0 / 384.0):
+        if (w.y[least + j] if w.side[j] > 0.0 else -w.y[least + ng + j]) > 0.0:
             continue
+        a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
         zero, fraction = 2.0, 2.0
         if w.armed[j]:
             bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
@@ -257,7 +283,7 @@ def _turn(w, h, j):
         w.z[k] = -(k + 1.0) * w.k[k * width + n + j] * power
         power *= h
     value, _ = _value(w.z, order - 1, 1.0)
-    return _zero(w.z, order - 1, 0.0, w.z[0], 1.0, min(value, 0.0)) if w.z[0] > 0.0 else 1.0
+    return _zero(w.z, order - 1, 0.0, 1.0, w.z[0] / (w.z[0] - min(value, 0.0))) if w.z[0] > 0.0 else 1.0
 
 
 @inlined

@@ -85,7 +85,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     p[program.held_slot : program.held_slot + held.size] = held
     depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, 3 * n + 4 * ng, n + 6 * ne, memory_size + widest, n) + 8
+    room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])

@@ -24,6 +24,10 @@ MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
 
+MAX_SAMPLES = 200_000
+"""Samples for whose records there is room from the start."""
+
+
 def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
     from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
@@ -87,6 +91,8 @@ def work_arrays(run: Run, program: Program) -> Any:
     widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    if run.output_times is None:  # arrays that are full cost a copy each time
+        capacity += int(min(sum(1.05 * run.duration / period for period, _ in run.clocks), MAX_SAMPLES))
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces

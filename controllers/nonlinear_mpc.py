@@ -18,7 +18,7 @@ from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.authoring import announced
+from toolbox.authoring import announced, time_left
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,6 +204,7 @@ class PlannedNonlinear(PredictiveLaw):
         return float(U[0, 0]), ""
 
     def _valued(self, x: np.ndarray, U: np.ndarray, around: tuple[Any, ...]) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        time_left()
         X, M = self.rollout.states(x, U)
         return U, self._cost(X, U, M, around), X, M
 

@@ -39,7 +39,7 @@ class DrillString(TorsionalChain):
         *,
         top_inertia: Annotated[float, "kg m2"],
         bit_inertia: Annotated[float, "kg m2"] = 0.0,
-        band: Annotated[float, "Hz"] = 1.0,
+        band: Annotated[float, "Hz"] = 2.0,
         elements: int | None = None,
         friction: FrictionLaw | None = None,
         on_bottom: bool = False,
@@ -57,7 +57,8 @@ class DrillString(TorsionalChain):
             J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2
 
         sections, survey: paths of tables (see `read_sections`, `read_survey`), or values.  top_inertia, bit_inertia [kg m2]: rigid, at the ends of the string.
-        band [Hz]: the natural frequencies up to there are right within one per cent, which decides the number of elements (see `models.lumping`);
+        band [Hz]: the natural frequencies up to there are right within one per cent, which decides the number of elements (see `models.lumping`).
+        Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints what more elements change and cost;
         elements: the number itself instead; inertias are one more.  friction: law of the string on its hole, with coefficients mu; only inertias with a side
         force get a contact.  on_bottom: leave the last inertia to `BitRock`; its share of friction goes to the one above.
         mud_density [kg/m3]: buoyancy, 0 for none.  doglegs: the side force n has the part of the tension in curved hole (Johancsik), else n = w sin(inc);

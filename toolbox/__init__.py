@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import export_c as export_c
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
+    from toolbox.export.from_control import from_control as from_control
     from toolbox.measuring.measure import cycles as cycles
     from toolbox.measuring.measure import energy_audit as energy_audit
     from toolbox.measuring.measure import overshoot as overshoot
@@ -150,6 +151,7 @@ __all__ = [
     "export_fmu",
     "fit",
     "follow",
+    "from_control",
     "hopf_curve",
     "hopf_points",
     "impedance",
@@ -187,6 +189,7 @@ _ROOMS = {
     "toolbox.calibration.recording": "Recording",
     "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
     "toolbox.export.c_code": "export_c to_control",
+    "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
     "toolbox.measuring.measure": "cycles energy_audit overshoot settling severity stick_intervals",
     "toolbox.modelling.components": "Component Equations Update",

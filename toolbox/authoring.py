@@ -5,7 +5,7 @@ Everything here is public: it changes only with a line in the changelog. `models
     checks      is_finite_number, finite_array, check_fields, suggest, window
     symbols     State
     tables      Column, Table, read_table
-    predictions Rollout, regularised, advance_rollout
+    predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
 
@@ -25,6 +25,7 @@ from toolbox.files.tables import read as read_table
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import State
 from toolbox.modelling.regularisation import regularised
+from toolbox.simulation.deadline import time_left
 from toolbox.simulation.samples import window
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ __all__ = [
     "read_table",
     "regularised",
     "suggest",
+    "time_left",
     "window",
     "written",
 ]

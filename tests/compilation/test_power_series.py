@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from toolbox.compilation.emitter import OPERATIONS, Body, compiled, function_text
+from toolbox.compilation.emitter import OPERATIONS, compiled, function_text
 from toolbox.compilation.power_series import NoSeries
 from toolbox.compilation.taylor import Taylor, peaks_in_time, polynomial_body, series_body, series_of
 
@@ -20,7 +20,8 @@ SMOOTH = {
     "TANH": ca.tanh(U * V), "ASINH": ca.asinh(U), "ACOSH": ca.acosh(V), "ATANH": ca.atanh(U), "ERF": ca.erf(U), "LOG1P": ca.log1p(U),
     "EXPM1": ca.expm1(U), "POW": V ** U, "CONSTPOW": V**-1.7, "ATAN2": ca.atan2(U, V), "HYPOT": ca.hypot(U, V), "NEG": -U, "TWICE": 2 * U,
     "SQ": U**2, "INV": 1 / V, "whole power": U**7, "power of a parameter": V ** P[0], "parameter to a power": P[1] ** U, "constant factor": P[0] * U / P[1],
-    "product of constants": (P[0] - 0.2) * ca.exp(P[1]) * U, "exp of a constant": ca.exp(P[0]) + U, "angle about a point": ca.atan2(P[0], V), "behind the axis": ca.atan2(U, -P[1] - U),
+    "product of constants": (P[0] - 0.2) * ca.exp(P[1]) * U, "exp of a constant": ca.exp(P[0]) + U, "angle about a point": ca.atan2(P[0], V),
+    "behind the axis": ca.atan2(U, -P[1] - U),
     "fabs": ca.fabs(V), "fabs below zero": ca.fabs(-V) * U, "FMIN": ca.fmin(U, V), "FMAX": ca.fmax(U, V), "zero": 0 * U + V,
 }  # fmt: skip
 JUMPS = {"FLOOR": ca.floor(U), "CEIL": ca.ceil(U), "SIGN": ca.sign(U), "FMOD": ca.fmod(U, 0.1), "LT": (U < V), "LE": U <= V, "EQ": U == V, "NE": U != V,

@@ -15,7 +15,7 @@ from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from controllers.watchdog import MEMORY, STANDS, SWINGS, Watchdog
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, Scene, SceneError, compose, simulate
+from toolbox import Budget, BudgetError, Sampled, Scene, SceneError, compose, simulate
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -81,6 +81,20 @@ def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():
 
 
 # --- limits
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_a_law_that_solves_programs_without_end_ends_with_the_seconds_of_its_run(solver):
+    H, A, g, low, high = program()
+    solved = QuadraticProgram(H, A, solver)
+
+    def law(t, y):
+        while True:
+            solved.solve(g, low, high)
+
+    with pytest.raises(BudgetError, match=r"s and reached t = 0 s"):
+        simulate(RIG, 1.0, controller=law, sample_time=0.1, budget=Budget(seconds=0.1))
+    assert solved.solve(g, low, high).sound
 
 
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
@@ -394,6 +408,7 @@ def on_another_rig(law, drive, bit, stiffness):
     return simulate(RIG, 180.0, controller=late, parameters=other, output_times=np.arange(0.0, 180.0, 0.05))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
 @pytest.mark.parametrize("rig", OTHERS.values(), ids=OTHERS)
 def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_with_the_soft_drive_at_rest(law, rig):

@@ -1,4 +1,4 @@
-"""Taylor series in the event loop: the same machines and the same switches as with explicit steps, no dip missed, and honest words where there are no series."""
+"""Taylor series in the event loop: the same switches as with explicit steps, no dip missed, and honest words where there are no series."""
 
 import pickle
 import threading
@@ -10,7 +10,20 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
-from toolbox import Component, DryFriction, Equations, Hysteresis, SceneError, TaylorSeries, compose, measure, quantity, simulate, sine, state
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    Hysteresis,
+    SceneError,
+    TaylorSeries,
+    compose,
+    measure,
+    quantity,
+    simulate,
+    sine,
+    state,
+)
 from toolbox.compilation.runge_kutta import DOP853
 from toolbox.compilation.taylor import Taylor
 

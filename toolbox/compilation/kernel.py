@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
-from toolbox.compilation.emitter import Body, compiled, function_text, inline, literal
+from toolbox.compilation.emitter import Body, compiled_for, function_text, inline, literal
 from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
@@ -34,7 +35,9 @@ UNROLLED = 600
 
 @dataclass(frozen=True)
 class Kernel:
-    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step, `slopes` the size of `Work.k`."""
+    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step, `slopes` the size of
+    `Work.k`; the code at
+    the addresses lives as long as `code`."""
 
     states: int
     elements: int
@@ -45,6 +48,7 @@ class Kernel:
     instructions: int
     cost: int
     slopes: int
+    code: Any
 
 
 def kernel_of(
@@ -57,11 +61,12 @@ def kernel_of(
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
     series: Body | None = None,
+    passing: bool = False,
 ) -> Kernel:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
     updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping;
-    series: the coefficients of Taylor steps.
+    series: the coefficients of Taylor steps;  passing: the code goes with the kernel, else it stays as long as the process.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -122,7 +127,7 @@ def kernel_of(
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
-    found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count, side_by_side=isinstance(pair, Taylor))
+    found, code = compiled_for("\n".join([*texts, *sorted(declared)]), list(bodies), count, passing, side_by_side=isinstance(pair, Taylor))
     return Kernel(
         n,
         len(elements),
@@ -133,6 +138,7 @@ def kernel_of(
         count,
         cost,
         slopes,
+        code,
     )
 
 

@@ -33,7 +33,8 @@ EPS = 2.220446049250313e-16
 class Work(NamedTuple):
     """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
 
-    ints, reals: see the indices above;  x, k: state and its slope, which begins a table of coefficients where steps are Taylor series;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
+    ints, reals: see the indices above;  x, k: state and its slope, which begins a table of coefficients where steps are Taylor series;  p, m:
+    parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;

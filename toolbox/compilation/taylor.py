@@ -2,10 +2,12 @@
 
     x(t + h) = sum_{k=0..P} x_k h^k
 
-The coefficients come from recurrences (`toolbox.compilation.power_series`) with the same instructions as the field. A shorter step, an output, a guard on the way to
+The coefficients come from recurrences (`toolbox.compilation.recurrences`) with the same instructions as the field. A shorter step, an output, a guard
+on the way to
 an event are then a polynomial, and a step is as long as its last two coefficients allow, so that none is rejected.
 
-Why an order far above that of Runge-Kutta pairs: what a step costs is mostly the time in which one operation waits for another. In a pair the stages wait for each
+Why an order far above that of Runge-Kutta pairs: what a step costs is mostly the time in which one operation waits for another. In a pair the stages
+wait for each
 other, and each holds the elementary functions of the model; here they are evaluated once, and another order costs a few products.
 
 A table of coefficients holds one row of `width` = states + guards per coefficient: rows 1 to P, then row 0, so that it begins with the slopes.
@@ -18,7 +20,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from toolbox.compilation.emitter import FLAGS, Body, literal
-from toolbox.compilation.power_series import LOOK_AHEAD, NoSeries, solved, written
+from toolbox.compilation.power_series import LOOK_AHEAD, NoSeries
+from toolbox.compilation.recurrences import solved, written
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,11 @@ def _enclosed(body: Body, column: int, size: int, width: int, order: int, end: t
     after = _advanced(body, kind, da, third, a)
     before = body.value(f"fsub {FLAGS} {kind} {end[0]}, {body.value(f'fmul {FLAGS} {kind} {end[1]}, {third}')}")
     doubt = _bend(body, column, size, width, order)
-    low, high = (_call(body, f"{what}num", size, _call(body, f"{what}num", size, a, after), _call(body, f"{what}num", size, before, end[0])) for what in ("min", "max"))
+
+    def outermost(which: str) -> str:
+        return _call(body, which, size, _call(body, which, size, a, after), _call(body, which, size, before, end[0]))
+
+    low, high = outermost("minnum"), outermost("maxnum")
     return body.value(f"fsub {FLAGS} {kind} {low}, {doubt}"), body.value(f"fadd {FLAGS} {kind} {high}, {doubt}")
 
 

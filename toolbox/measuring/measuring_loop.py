@@ -16,7 +16,8 @@ DEPTH = 12
 class Reader(NamedTuple):
     """What is read in a run: machine code and sizes of its program.
 
-    addresses: of field, step, project, the signals with two derivatives, and the coefficients of Taylor steps or 0;  slopes: size of what a step takes as slopes;  signals: their number;  p: parameters of the run, with what is held at a
+    addresses: of field, step, project, the signals with two derivatives, and the coefficients of Taylor steps or 0;  slopes: size of what a step takes
+    as slopes;  signals: their number;  p: parameters of the run, with what is held at a
     node behind `first_held`;  tolerance: of a piece, relative to the size of a signal.
     """
 

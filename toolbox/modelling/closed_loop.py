@@ -36,13 +36,21 @@ def closed_loop(
             sampled = Sampled(given, sample_time) if sample_time is not None else None
         law = given.law if isinstance(given, Sampled) else given
         if sampled is not None:
+            sampled = sampled.measured_by(declared.signal_unit)
             sampled.check()
         if isinstance(law, Controller):
             law = designed(law, declared)
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
+            if sampled is not None and law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
+                raise SceneError(f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s.")
             parts.append(law if sampled is None else held(sampled, law))
+        elif type(law).__module__.partition(".")[0] == "control":
+            raise SceneError(
+                "Argument `controller` must be a law, but it is a system of python-control: give "
+                "`from_control(system, measures=..., drives=..., reference=...)`."
+            )
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")

@@ -14,7 +14,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, FrictionLaw, State, rows_as_tuples
+from toolbox.modelling.elements import Element, FrictionLaw, State, fields_in_si
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Component:
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        rows_as_tuples(self)
+        fields_in_si(self)
 
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""

@@ -8,7 +8,7 @@ Here a contact carries one integer mode, and force alone decides when it leaves 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -52,6 +53,7 @@ def quantity(
 ) -> Any:
     """A numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
 
+    Who makes the part may also give text with a unit, such as "2 t"; it is converted when the part is made, and the field reads as a float in SI.
     A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. `None` means that the quantity is
     absent, which is structure. The bounds `at_least`, `above` and `at_most` hold for every entry and are checked on numbers when a
     plant is composed and when a run overrides them.
@@ -60,12 +62,24 @@ def quantity(
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def rows_as_tuples(part: Any) -> None:
-    """Turn lists and arrays in the tuple fields of a part or law into tuples: parts are compared and kept."""
+def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
+    """Turn what is typed into the fields of a part into what they hold: text with a unit into its number in SI, lists and arrays into tuples.
+
+    instead: {declared unit: another unit that text may be in}. Raises SceneError for text that is no quantity of the field.
+    """
     for field in dataclasses.fields(part):
-        value = getattr(part, field.name)
+        given = value = getattr(part, field.name)
         if isinstance(value, (list, np.ndarray)) and str(field.type).startswith("tuple"):
-            object.__setattr__(part, field.name, tuple(value.tolist() if isinstance(value, np.ndarray) else value))
+            value = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+        unit = field.metadata.get("unit")
+        if unit is not None:
+            value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
+        if value is not given:
+            object.__setattr__(part, field.name, value)
+
+
+TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
+"""Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +91,7 @@ class FrictionLaw:
     """
 
     def __post_init__(self) -> None:
-        rows_as_tuples(self)
+        fields_in_si(self, TURNED)
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
         """Kinetic friction per unit of load at slip speed `speed` >= 0.

@@ -13,6 +13,7 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching, switching
@@ -28,6 +29,10 @@ class Parameter:
     size: int | None
     offset: int
     bounds: Mapping[str, float | None]
+
+    def typed(self, value: Any) -> Any:
+        """What is typed for it with text that has a unit as numbers; raises SceneError for text that is no quantity of its unit."""
+        return in_si(value, self.unit, self.name)
 
     def check(self, values: Any) -> None:
         """Raise SceneError unless every value is finite and within the declared bounds."""
@@ -228,6 +233,7 @@ class HybridSystem:
             entry = self._parameter(name)
             if isinstance(value, np.ndarray) and not value.ndim:
                 value = value.item()
+            value = entry.typed(value)
             entry.check(value)
             if entry.size is None:
                 if np.ndim(value):

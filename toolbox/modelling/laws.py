@@ -21,6 +21,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -37,6 +38,8 @@ class Controller(Component):
 
     measures: ClassVar[tuple[str, ...]] = ()
     drives: ClassVar[tuple[str, ...]] = ()
+    dt: ClassVar[float | None] = None
+    """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
         """The law with gains filled in from the plant; by default itself."""
@@ -114,6 +117,7 @@ class Sampled:
     white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
     Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
     before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
+    Period, delay, noise and resolution may be text with a unit: `Sampled(law, "10 ms", delay="30 ms")`.
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -124,6 +128,19 @@ class Sampled:
     seed: int = 0
     measures: str | Sequence[str] | None = None
     drives: str | Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        for word in ("period", "delay"):
+            object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
+
+    def measured_by(self, unit: Callable[[str], str]) -> Sampled:
+        """The same with noise and resolution as numbers; unit: that of a signal."""
+        sensors: dict[str, Any] = {}
+        for word in ("noise", "resolution"):
+            given = getattr(self, word)
+            if isinstance(given, Mapping) and any(isinstance(value, str) for value in given.values()):
+                sensors[word] = {name: in_si(value, unit(name), f"{word}.{name}") for name, value in given.items()}
+        return dataclasses.replace(self, **sensors) if sensors else self
 
     def check(self) -> None:
         """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""

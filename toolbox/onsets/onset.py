@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import checked_range, is_finite_number
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -77,11 +78,12 @@ def onset(
     inputs that vary in time, and laws without a continuous form.
     """
     asked = _asked(machine, controller, sample_time, inputs, parameters, element, signal, accuracy)
-    low, high = checked_range(between)
-    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     plant, law, given = asked.plant, asked.law, asked.inputs
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
     free = FreeParameter.of(closed, parameter)
+    low, high = free.between(between)
+    at, duration = in_si(at, free.unit, "at"), in_si(duration, "s", "duration")
+    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     input_values(closed, given or {})
     contact = judged_contact(closed, asked.element)
     speed = asked.signal or judged_speed(closed, contact)

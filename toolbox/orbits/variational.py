@@ -426,9 +426,9 @@ def _drifting(of_field: ca.SX, of_guards: ca.SX) -> np.ndarray:
 def variational_equations(program: Program, columns: tuple[int, ...]) -> VariationalEquations:
     """The compiled derivatives of a program; kept with it."""
     key = ("variational", columns)
-    found = program.outputs.get(key)  # type: ignore[call-overload]
+    found = program.outputs.get(key)
     if found is None:
-        found = program.outputs[key] = VariationalEquations(program, columns)  # type: ignore[index]
+        found = program.outputs[key] = VariationalEquations(program, columns)
     return found
 
 

@@ -23,7 +23,6 @@ from toolbox.compilation.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError, suggest
 
-
 Formulas = Pair | Rosenbrock | Theta | Taylor
 """Formulas of a step."""
 
@@ -57,7 +56,8 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch: Taylor series, explicit formulas where a law is sampled or a series is missing, and linearly
+    """Adaptive steps of high order that end exactly on every switch: Taylor series, explicit formulas where a law is sampled or a series is missing,
+    and linearly
     implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
 
     text: ClassVar[str] = "event"
@@ -78,7 +78,8 @@ class Explicit(Method):
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    order: of the series, from 6 to 30; None takes the one that the accuracy asks for. A plant with an operation that has no series, or so large that they would be
+    order: of the series, from 6 to 30; None takes the one that the accuracy asks for. A plant with an operation that has no series, or so large that
+    they would be
     too long, is stepped by explicit formulas, which `run.why` says.
     """
 

@@ -1,9 +1,11 @@
 """Taylor steps in the event loop: how long a step may be, and where a guard's polynomial first falls through zero inside it.
 
-The table of coefficients stands in `Work.k` (`toolbox.compilation.taylor`). A step is as long as the last two coefficients of every state allow, which are then the error that
+The table of coefficients stands in `Work.k` (`toolbox.compilation.taylor`). A step is as long as the last two coefficients of every state allow, which
+are then the error that
 a step leaves; of guards, which only say when something happens, so that none of them has a large error between its zeros.
 
-A guard is safe where a cubic through its values and slopes at both ends of the step, less the most that it can be off, stays above zero. Where it does not, the step
+A guard is safe where a cubic through its values and slopes at both ends of the step, less the most that it can be off, stays above zero. Where it does
+not, the step
 is halved into pieces in which it does:
 
     |g - cubic| <= d^4/384 max |g''''|      in a piece of length d
@@ -133,7 +135,8 @@ def held_quietly(w, t):
 def _first_fall(w, h, j, shift, length):
     """The first zero of guard j in the step h, and the end of the piece in which it becomes negative, in parts of h; both 2 where it stays positive.
 
-    length: of the first piece;  shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that power of time.
+    length: of the first piece;  shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that
+    power of time.
     """
     n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
     width = n + ng
@@ -263,7 +266,8 @@ def defect(w, t, h):
 
 @inlined
 def turns(w, h):
-    """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is in `y`."""
+    """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is
+    in `y`."""
     ng, n = w.ints[NG], w.ints[N]
     first = 1.0
     for i in range(w.ints[NE]):

@@ -21,13 +21,13 @@ FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(wi
 
 def simulate(
     plant: HybridSystem,
-    duration: float,
+    duration: float | str,
     *,
     start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: float | str | None = None,
     method: Method | str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
@@ -35,6 +35,8 @@ def simulate(
     **former: Any,
 ) -> Trajectory:
     """Simulate a plant for `duration` seconds, from rest unless a start is given, with every switch between stick and slip located as an event.
+
+    Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2 min", "95 rpm", "10 kN m".
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import checked_range, numbers, whole
+from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -91,10 +91,10 @@ def hopf_points(
     passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range
     that is none, and a plant without any steady state in the range.
     """
-    low, high = checked_range(between)
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     free = FreeParameter.of(closed, parameter)
+    low, high = free.between(between)
     followed = EquilibriumBranch(closed, free, inputs or {}, mode, guess)
     grid = np.linspace(low, high, whole("values", values, 2))
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
@@ -139,8 +139,8 @@ def hopf_curve(
     """
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    other, _ = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
-    checked_range(between)
+    other, free = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
+    free.between(between)
     curve = []
     for value in numbers("values", values):
         arguments = other.arguments(value, inputs or {})

@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -208,6 +209,7 @@ def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
             if name in plant.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+        value = in_si(value, plant.inputs[name].unit, name)
         if not is_finite_number(value):
             raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
         if name in plant.parameters:

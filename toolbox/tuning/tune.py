@@ -23,6 +23,7 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.measuring import measure
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -179,6 +180,7 @@ def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
     for name, pair in bounds.items():
         unit = unit_of(case.law, str(name))
         given, spec = fields[name]
+        pair = in_si(pair, unit, f"bounds.{name}")
         if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(is_finite_number, pair)) or not pair[0] < pair[1]:
             raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {unit} with low < high, but it is {pair!r}.")
         for number in pair:

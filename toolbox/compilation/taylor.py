@@ -47,7 +47,7 @@ class Taylor:
 
 
 MOST = 12_000
-"""Instructions of the coefficients beyond which explicit formulas are taken: writing and optimising so many takes a second, and more run no faster than stages."""
+"""Instructions of the coefficients beyond which explicit formulas are taken: to write and optimise so many takes a second, and more run no faster."""
 
 
 def series_of(formulas: Taylor, function: ca.Function) -> Body | None:

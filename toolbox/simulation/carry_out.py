@@ -24,7 +24,7 @@ from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.method_choice import cheapest_method
-from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing, TaylorSeries
+from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
 from toolbox.simulation.refinement import refined, tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
@@ -52,6 +52,11 @@ def compiled_loop(run: Run, program: Program) -> Any:
         announced(name, advance)
         advance(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
     return advance
+
+
+def _with_series(run: Run) -> bool:
+    """Whether the run asks for Taylor series."""
+    return isinstance(formulas_of(run), Taylor)
 
 
 def _undecided(run: Run) -> bool:
@@ -94,7 +99,7 @@ def carry_out(run: Run) -> Trajectory:
             if status == loop_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
-                if isinstance(run.method, TaylorSeries) and not isinstance(program.pair, Taylor):
+                if _with_series(run) and not isinstance(program.pair, Taylor):
                     done.why = f"{program.pair.name}: an operation of the plant has no Taylor series, or they would be too long"
                 return _sound(done, program) if isinstance(done, Stepped) else done
             if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:

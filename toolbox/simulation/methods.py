@@ -49,22 +49,29 @@ class Method:
         return False
 
     def __str__(self) -> str:
-        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        options = ", ".join(f"{name}={value!r}" for name, value in given.items() if value is not None)
+        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if getattr(self, field.name) != field.default}
+        options = ", ".join(f"{name}={value!r}" for name, value in given.items())
         return f"{self.text} ({options})" if options else self.text
 
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch: Taylor series, explicit formulas where a law is sampled or a series is missing,
-    and linearly
-    implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
+    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`).
+
+    series: whether the others are Taylor series, as with `TaylorSeries`, where no law is sampled: samples cut all steps short.
+    """
 
     text: ClassVar[str] = "event"
+    series: bool = False
+
+    def check(self, duration: float, steps: float) -> None:
+        """Raise SceneError unless `series` is True or False."""
+        if not isinstance(self.series, bool):
+            raise SceneError(f"Argument `series` must be True or False, but it is {self.series!r}.")
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
-        """Taylor series; between samples, which cut all steps short, explicit formulas."""
-        return super().formulas(accuracy, sampled) if sampled else TaylorSeries().formulas(accuracy, sampled)
+        """Explicit formulas, or Taylor series."""
+        return TaylorSeries().formulas(accuracy, sampled) if self.series and not sampled else super().formulas(accuracy, sampled)
 
 
 @dataclass(frozen=True)

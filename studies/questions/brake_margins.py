@@ -18,7 +18,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,10 @@ def stop_succeeds(contender: brakes.Contender, deceleration: float, factors: Map
 def highest(holds: Callable[[float], bool], lowest: float, most: float, step: float) -> float:
     """The highest number of a grid that holds, with `CONFIRMED` below it; nan where the lowest does not."""
     count = round((most - lowest) / step)
-    at = lambda k: round(lowest + k * step, 9)  # noqa: E731
+
+    def at(k: int) -> float:
+        return round(lowest + k * step, 9)
+
     if not holds(at(0)):
         return math.nan
     good, bad = 0, count + 1
@@ -107,9 +110,7 @@ def groan(label: str) -> Groan:
     """The line of a law."""
     contender = next(each for each in brakes.contenders() if each.label == label)
     if contender.dither is not None:
-        import dataclasses
-
-        contender = dataclasses.replace(contender, dither=dataclasses.replace(contender.dither, over="brake.normal_force"))
+        contender = replace(contender, dither=replace(contender.dither, over="brake.normal_force"))
     found = {}
     for word, factors in STOPS.items():
 
@@ -156,13 +157,13 @@ def _start(rig: dither.Rig) -> dict[str, Any]:
 
 
 def swing(label: str, frequency: float, depth: float, factors: Mapping[str, float], phase: float) -> float:
-    """Swing under dither that begins at a phase of the cycle, in parts of that without; 0 where the rig with these errors is calm by itself."""
+    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the declared rig, where this one is calm by itself."""
     rig = next(each for each in dither.RIGS if each.label == label)
     own = {word: factors.get(word, 1.0) for word in OWN}
     of_rig = tuple((name, factor) for name, factor in factors.items() if name not in OWN)
     before, alone, period = _alone(label, of_rig, own["load"])
-    if not alone > 1e-9 * rig.slip:
-        return 0.0
+    if alone < 1e-3 * rig.slip:
+        alone = _alone(label, (), 1.0)[1]
     duration = JUDGED / rig.natural
     given = {name: factor * float(np.ravel(rig.plant.parameter(name))[0]) for name, factor in of_rig}
     mean = own["load"] * rig.mean
@@ -213,7 +214,10 @@ def groan_table(rows: Sequence[Groan]) -> str:
     """The first table as text."""
     words = list(rows[0].highest)
     head = f"{'highest [rad/s2]':<26}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>10}"
-    shown = lambda value: f"{value:.1f}" if value == value else f"< {brakes.LOWEST:g}"  # noqa: E731
+
+    def shown(value: float) -> str:
+        return f"{value:.1f}" if value == value else f"< {brakes.LOWEST:g}"
+
     lines = [f"{row.label:<26}" + "".join(f"{shown(row.highest[word]):>17}" for word in words) + f"{shown(row.robust):>10}" for row in rows]
     return "\n".join([head, "-" * len(head), *lines])
 
@@ -240,7 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         write_rows([{"label": row.label, **row.highest, "robust": row.robust} for row in stops], given.out / "groan.csv")
-        write_rows([{"label": row.label, "error": word, "swing": value} for row in cured for word, value in row.swing.items()], given.out / "dither_margins.csv")
+        swings = [{"label": row.label, "error": word, "swing": value} for row in cured for word, value in row.swing.items()]
+        write_rows(swings, given.out / "dither_margins.csv")
         print(f"\nThe tables are in {given.out}")
 
 

@@ -104,12 +104,17 @@ def load_parts(path: str | Path) -> list[str]:
         known = importlib.util.find_spec(name)
         if known is not None and Path(known.origin or "").resolve() != file:
             raise SceneError(f"Argument `--load` must not have the name of another module, but `{name}` is one: rename `{path}`.")
+        spec = importlib.util.spec_from_file_location(name, file)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
         sys.path.insert(0, str(file.parent))
         try:
-            _LOADED[name] = importlib.import_module(name)
+            spec.loader.exec_module(module)
         except Exception as error:  # whatever the file raises
             sys.path.remove(str(file.parent))
+            del sys.modules[name]
             raise SceneError(f"The file `{path}` cannot be loaded: {type(error).__name__}: {error}") from error
+        _LOADED[name] = module
         _entries.cache_clear()
     found = [entry.name for entry in _entries() if entry.source == name]
     if not found:

@@ -149,6 +149,7 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
 
 
 def operation(body: Body, op: int, v: list[str]) -> str:
+    """Write one casadi operation into a body; returns the value. Raises SceneError naming an operation that has no translation."""
     if op in _BINARY:
         return body.value(f"{_BINARY[op]} {FLAGS} {body.type} {v[0]}, {v[1]}")
     if op == ca.OP_NEG:

@@ -60,9 +60,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     Where Taylor series do not exist or would be too long, it is one of DOP853.
     """
     key = ("program", kinds, pair.name)
-    found = system.kernels.get(key)
-    if found is not None:
-        return found
+    if key in system.kernels:
+        return system.kernels[key]
     from toolbox.compilation import loop_layout
     from toolbox.compilation.kernel import equations, kernel_of
 
@@ -115,8 +114,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         x, excited, form = _with_hidden_forces(system, elements, form)
     series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
     if isinstance(pair, Taylor) and series is None:
-        system.kernels[key] = program_of(system, kinds, DOP853)
-        return system.kernels[key]
+        return system.kernels.setdefault(key, program_of(system, kinds, DOP853))
     updates = []
     for update in system.updates:
         following, outputs = (
@@ -137,8 +135,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         loader=np.array(form.loader, np.int64),
         varying=varying,
         bounded=bounded,
-        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form)))
-        and bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), system.t), system.t)),
+        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -166,6 +163,11 @@ EXPRESSIONS = 16
 def _holds_expression(key: Any) -> bool:
     """Whether a key is that of a program some of whose inputs are expressions."""
     return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
+
+
+def _forced(t: ca.SX, form: Switching) -> bool:
+    """Whether time enters nonlinearly."""
+    return bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), t), t))
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:

@@ -58,7 +58,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
-from toolbox.simulation.series_steps import defect, held_quietly, open_series, polish, turns, watch_series
+from toolbox.simulation.series_steps import checked_end, held_quietly, open_series, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -228,6 +228,52 @@ def _accept(w):
         accept_guard(w, j)
 
 
+@inlined
+def _crossed(w, t, h, t_new, error, node):
+    """Look at the guards over the step h to t_new, which is in `y`, and end it where the first of them crosses zero.
+
+    Returns (whether a kink has changed side, so that the step is to be made anew, whether it ends on an event, its size, end and error).
+    """
+    series = w.ints[SERIES] != 0
+    event, located, top = False, False, 1.0
+    if series:
+        hit, at_once, doubtful, first, top = watch_series(w, h, node)
+        located = hit and not doubtful
+        if located:
+            size = 0.0 if at_once else first * h
+            if size > 0.0:
+                call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+            t_new = t + size if size < h else t_new
+            h, event = size, True
+        elif hit:
+            top = _step_to(w, t, h, top)
+    else:
+        hit, suspicious = _watch(w, h, error, node)
+        if suspicious:
+            top = _first_dip(w, t, h)
+            hit = hit or top < 1.0
+    if hit and not located:
+        if top < 1.0:
+            h = top * h
+            t_new = t + h
+        turned, again, low, shorter = _from_zero(w, h)
+        if turned:
+            return True, False, h, t_new, error
+        if shorter < h:
+            h = shorter
+            t_new = t + h
+        size = 0.0 if again else locate(w, h, low)
+        if size >= 0.0:
+            event = True
+            if not series:
+                error = scaled_error(w, size) if size > 0.0 else 0.0
+            t_new = t + size if size < h else t_new
+            h = size
+        elif error <= 1.0:
+            call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+    return False, event, h, t_new, error
+
+
 @cached
 def advance(w):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
@@ -269,58 +315,11 @@ def advance(w):
 
         # --- its guards
         node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
-        event, located, top = False, False, 1.0
-        if series:
-            hit, at_once, doubtful, first, top = watch_series(w, h, node)
-            located = hit and not doubtful
-            if located:
-                size = 0.0 if at_once else first * h
-                if size > 0.0:
-                    call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
-                t_new = t + size if size < h else t_new
-                h, event = size, True
-            elif hit:
-                top = _step_to(w, t, h, top)
-        else:
-            hit, suspicious = _watch(w, h, error, node)
-            if suspicious:
-                top = _first_dip(w, t, h)
-                hit = hit or top < 1.0
-        if hit and not located:
-            if top < 1.0:
-                h = top * h
-                t_new = t + h
-            turned, again, low, shorter = _from_zero(w, h)
-            if turned:
-                continue
-            if shorter < h:
-                h = shorter
-                t_new = t + h
-            size = 0.0 if again else locate(w, h, low)
-            if size >= 0.0:
-                event = True
-                if not series:
-                    error = scaled_error(w, size) if size > 0.0 else 0.0
-                t_new = t + size if size < h else t_new
-                h = size
-            elif error <= 1.0:
-                call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node)
+        if turned:
+            continue
         if series and h > 0.0:
-            middle = turns(w, h)
-            if middle < 1.0:  # an excursion within the step, which its end does not show
-                call(w.ints[STEP], t, middle * h, w.x, w.k, w.p, w.m, w.y)
-                error = defect(w, t, middle * h)
-                call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-            if error <= 1.0:
-                error = defect(w, t, h)
-            if not error <= 1.0 and not rejected:
-                measure_round_off(w)
-                spread_round_off(w, h)
-                error = max(error if middle < 1.0 else 0.0, defect(w, t, h))
-            if event and error <= 1.0:
-                end = polish(w, t, h)
-                t_new = t + end if end != h else t_new
-                h = end
+            error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1

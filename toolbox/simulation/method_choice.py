@@ -13,7 +13,7 @@ time stepping a step of cost n at fixed intervals.
        sampled, or where the plant has no series or long ones (`toolbox.compilation.taylor`)
     3. where these find no end of switching, or no modes: time stepping, which passes such points
 
-Taylor series took 0.5 to 0.75 of the time of explicit formulas at an equal error, from a block on a belt to ten inertias that all rub (`python -m studies speed`).
+Taylor series took 0.5 to 0.75 of the time of explicit formulas at an equal error, from a block on a belt to ten inertias that all rub.
 
 Smoothed friction is never chosen: in no measured case was it the cheapest.
 """

@@ -38,7 +38,7 @@ from toolbox.compilation.loop_layout import (
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.crossings import first_descent
 from toolbox.simulation.guards import close_to_zero, guard_size, refresh
-from toolbox.simulation.step_control import exp2, log2
+from toolbox.simulation.step_control import exp2, log2, measure_round_off, spread_round_off
 
 SHARE = 2.0
 """Size of the last term of a state in parts of the error that a step may add."""
@@ -307,3 +307,25 @@ def polish(w, t, size):
         for i in range(2 * ng):
             w.y[2 * n + i] = w.z[2 * n + i]
     return size
+
+
+@inlined
+def checked_end(w, t, h, t_new, event, rejected):
+    """Check the step h to t_new in `y` against the field, where a slip turns inside it and at its end, and polish an event; (error, size, end) of it."""
+    error = 0.0
+    middle = turns(w, h)
+    if middle < 1.0:  # an excursion within the step, which its end does not show
+        call(w.ints[STEP], t, middle * h, w.x, w.k, w.p, w.m, w.y)
+        error = defect(w, t, middle * h)
+        call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+    if error <= 1.0:
+        error = defect(w, t, h)
+        if not error <= 1.0 and not rejected:
+            measure_round_off(w)
+            spread_round_off(w, h)
+            error = defect(w, t, h)
+    if event and error <= 1.0:
+        end = polish(w, t, h)
+        t_new = t + end if end != h else t_new
+        h = end
+    return error, h, t_new

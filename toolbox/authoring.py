@@ -8,6 +8,7 @@ Everything here is public: it changes only with a line in the changelog. `models
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
+    control     zero_order_hold
 
 What needs numba or the machinery of predictions is imported when it is first asked for, so that a part costs nothing but its equations.
 """
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from toolbox.compilation.numba_cache import cached
     from toolbox.prediction.rollout import Rollout
     from toolbox.prediction.rollout_loop import advance as advance_rollout
+    from toolbox.robustness.loop import zero_order_hold
 
 __all__ = [
     "Column",
@@ -51,6 +53,7 @@ __all__ = [
     "time_left",
     "window",
     "written",
+    "zero_order_hold",
 ]
 
 
@@ -68,4 +71,8 @@ def __getattr__(name: str) -> Any:
         from toolbox.prediction.rollout_loop import advance
 
         return advance
+    if name == "zero_order_hold":
+        from toolbox.robustness.loop import zero_order_hold
+
+        return zero_order_hold
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

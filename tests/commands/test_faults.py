@@ -103,14 +103,14 @@ def content(folder):
 def quick(monkeypatch):
     """Runs that are there already, and figures as empty files: what is tried here is how they are written."""
     runs = {}
-    judged = verdicts.judged
+    verdict_row = verdicts.verdict_row
 
     def known(scene, label, stem=""):
         if scene.title not in runs:
-            runs[scene.title] = judged(scene, label, stem)
+            runs[scene.title] = verdict_row(scene, label, stem)
         return runs[scene.title]
 
-    monkeypatch.setattr(verdicts, "judged", known)
+    monkeypatch.setattr(verdicts, "verdict_row", known)
     monkeypatch.setattr(figures, "draw", lambda scene, label, run, *paths: [path.touch() for path in paths])
     for name in ("draw_comparison", "draw_found"):
         monkeypatch.setattr(figures, name, lambda *arguments: arguments[-1].touch())

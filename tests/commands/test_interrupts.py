@@ -46,44 +46,44 @@ codegen.CPUCodeLibrary._object_getbuffer_hook = classmethod(hook)
 """
 
 LOST = """
-inner = verdicts.judged
-def judged(*arguments):
+inner = verdicts.verdict_row
+def verdict_row(*arguments):
     try:
         interrupt()
         time.sleep(0.01)
     except KeyboardInterrupt:
         pass
     return inner(*arguments)
-verdicts.judged = judged
+verdicts.verdict_row = verdict_row
 """
 
 IN_MACHINE_CODE = """
 import hashlib
-def judged(*arguments):
+def verdict_row(*arguments):
     threading.Timer(0.1, interrupt).start()
     hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)
-verdicts.judged = judged
+verdicts.verdict_row = verdict_row
 """
 
 IN_A_HARD_FINALLY = """
-def judged(*arguments):
+def verdict_row(*arguments):
     try:
         interrupt()
         time.sleep(100)
     finally:
         time.sleep(100)
-verdicts.judged = judged
+verdicts.verdict_row = verdict_row
 """
 
 TWICE = """
-def judged(*arguments):
+def verdict_row(*arguments):
     try:
         interrupt()
         time.sleep(100)
     finally:
         interrupt()
         time.sleep(0.05)
-verdicts.judged = judged
+verdicts.verdict_row = verdict_row
 """
 
 WHILE_PLACING = """
@@ -147,7 +147,7 @@ reference = 9.0
 """
 ASLEEP = """
 import pathlib, os, time
-def judged(*arguments):
+def trial_objectives(*arguments):
     pathlib.Path(f"at-work-{os.getpid()}").touch()
     time.sleep(1000)
 """
@@ -155,7 +155,7 @@ WORKERS_ASLEEP = """
 import multiprocessing.process
 import asleep
 from toolbox.tuning import search
-search.judged = asleep.judged
+search.trial_objectives = asleep.trial_objectives
 inner = multiprocessing.process.BaseProcess.start
 def start(self):
     inner(self)

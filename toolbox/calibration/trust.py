@@ -14,9 +14,22 @@ from toolbox.errors import SceneError, SimulationError
 
 @dataclass(frozen=True)
 class Residual:
-    """What is left of one signal: rms in its unit, its part of the measured range, and the p-value of whiteness (Ljung and Box 1978).
+    """What the model leaves of one measured signal.
 
-    p below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow. correlation: of neighbours.
+    A p-value below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
+
+    Attributes
+    ----------
+    signal, unit
+        The signal and its unit.
+    rms
+        Root mean square, in that unit.
+    part
+        Its part of the measured range [1].
+    whiteness
+        The p-value of whiteness (Ljung and Box 1978).
+    correlation
+        Correlation of neighbours [1].
     """
 
     signal: str

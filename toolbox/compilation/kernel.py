@@ -84,7 +84,7 @@ def kernel_of(
     bodies: dict[str, Body] = {}
     texts: list[str] = []
     stages = len(pair.a) if isinstance(pair, (Pair, Rosenbrock)) else 0
-    slopes = n
+    table = n
     cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
     if isinstance(pair, Theta):
         assert flow is not None
@@ -103,7 +103,7 @@ def kernel_of(
         bodies["series"] = series
         bodies["step"] = polynomial_body(pair, n, form.guards.numel())
         cost = bodies["series"].count + bodies["step"].count
-        slopes = (pair.order + 1) * (n + form.guards.numel())
+        table = (pair.order + 1) * (n + form.guards.numel())
     elif n * len(pair.b) <= UNROLLED:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
@@ -137,7 +137,7 @@ def kernel_of(
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
         cost,
-        slopes,
+        table,
         code,
     )
 

@@ -115,25 +115,35 @@ _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
 
 @_typed
 def step(before: float, after: float, at: float) -> Table:
-    """A jump from `before` to `after` at time `at` [s]."""
+    """A jump from `before` to `after` at the time `at` [s]."""
     return Table.of("step", (at, at), (before, after))
 
 
 @_typed
 def ramp(start: float, end: float, begin: float, finish: float) -> Table:
-    """Linear from `start` at time `begin` to `end` at time `finish` [s], constant outside."""
+    """A ramp from `start` at the time `begin` to `end` at the time `finish` [s], constant outside."""
     return Table.of("ramp", (begin, finish), (start, end))
 
 
 @_typed
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> Shape:
-    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    """A sine: mean + amplitude sin(2 pi frequency t + phase), with the frequency in Hz and the phase in rad."""
     return Shape("sine", _checked("sine", mean, amplitude, frequency, phase))
 
 
 @_typed
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
-    """A sine around `mean` whose frequency grows linearly from `start` to `end` [Hz] over `duration` [s], and goes on growing."""
+    """A swept sine around `mean`, whose frequency grows linearly, and goes on growing.
+
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the unit of the input.
+    start, end
+        Frequency at time 0 and after `duration` [Hz].
+    duration
+        Time from the one to the other [s].
+    """
     if not is_finite_number(duration) or duration <= 0:
         raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
@@ -141,7 +151,10 @@ def sweep(mean: float, amplitude: float, start: float, end: float, duration: flo
 
 @_typed
 def square(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """mean + amplitude in the first half of every period, mean - amplitude in the second; frequency in Hz, constant after the time `until` [s]."""
+    """A square wave: mean + amplitude in the first half of every period and mean - amplitude in the second.
+
+    The frequency is in Hz; the input is constant after the time `until` [s].
+    """
     half = _half_periods("square", mean, amplitude, frequency, until)
     times = np.repeat(half, 2)[1:-1]
     sides = np.where(np.arange(half.size - 1) % 2 == 0, 1.0, -1.0)
@@ -150,7 +163,10 @@ def square(mean: float, amplitude: float, frequency: float, until: float) -> Tab
 
 @_typed
 def triangle(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """From mean up to mean + amplitude, down to mean - amplitude and back in every period; frequency in Hz, constant after the time `until` [s]."""
+    """A triangle wave: in every period from mean up to mean + amplitude, down to mean - amplitude and back.
+
+    The frequency is in Hz; the input is constant after the time `until` [s].
+    """
     half = _half_periods("triangle", mean, amplitude, frequency, until)
     peaks = 0.5 * (half[1:] + half[:-1])
     sides = np.where(np.arange(peaks.size) % 2 == 0, 1.0, -1.0)

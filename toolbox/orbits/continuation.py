@@ -44,13 +44,37 @@ def follow(
     step: float = 0.02,
     towards: float | None = None,
 ) -> Branch:
-    """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
+    """Follow the branch of limit cycles through `cycle` while a parameter changes, by pseudo-arclength continuation.
 
-    span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
-    start towards, by default the farther one. The frequency of a sine takes the period with it; one written into a part does not. A branch ends early at a
-    Hopf point and where no further cycle is found; `ended` says why.
+    Use it to find where stick-slip is born and where it dies: folds, period doublings and grazings are located on the way. The parameter is one of the plant
+    or of a law, a constant input, or a number of a sine. The frequency of a sine takes the period with it; a frequency that is written into a part does not.
+    The branch ends at the first end of `span` that it reaches, after `points` cycles, at a Hopf point, or where no further cycle is found; `ended` of the
+    result says which.
 
-    Raises SceneError for wrong arguments.
+    Parameters
+    ----------
+    cycle
+        A cycle of the branch, as `limit_cycle` returns it.
+    parameter
+        Name of what changes.
+    span
+        Range (low, high) of the parameter.
+    points
+        Largest number of cycles.
+    step
+        Largest step of the arclength, in parts of the span and of the size of the states.
+    towards
+        The end of the span to start towards; by default the farther one.
+
+    Returns
+    -------
+    Branch
+        The cycles, their stability, and the bifurcations between them.
+
+    Raises
+    ------
+    SceneError
+        If an argument is wrong.
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")

@@ -24,7 +24,7 @@ from toolbox import (
     sine,
     state,
 )
-from toolbox.compilation.runge_kutta import DOP853
+from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor
 
 ROCK = BitRock(weight=97_000.0)
@@ -209,3 +209,19 @@ def test_an_order_that_is_none_is_refused():
     for order in (3, 40, 12.5, True, "16"):
         with pytest.raises(SceneError, match="Argument `order` must be a whole number from 6 to 30"):
             simulate(MACHINES["block on belt"][0], 1.0, method=TaylorSeries(order))
+
+
+def test_located_events_take_series_where_asked_and_not_between_samples():
+    plant, duration, arguments = MACHINES["block on belt"]
+    run = simulate(plant, duration, method=EventExact(series=True), **arguments)
+    np.testing.assert_array_equal(run.states, simulate(plant, duration, method="taylor", **arguments).states)
+    sampled, duration, arguments = MACHINES["drill string under a sampled law"]
+    assert isinstance(simulate(sampled, duration, method=EventExact(series=True), **arguments).program.pair, Pair)
+    with pytest.raises(SceneError, match="Argument `series` must be True or False"):
+        simulate(plant, 1.0, method=EventExact(series=1))
+
+
+def test_derivatives_of_a_run_by_series_are_those_of_explicit_steps():
+    plant = MACHINES["block on belt"][0]
+    found, expected = (sensitivity(simulate(plant, 20.0, method=m), to=["belt.friction.static"]) for m in ("taylor", "explicit"))
+    np.testing.assert_array_equal(found.at(15.0)["block.position"], expected.at(15.0)["block.position"])

@@ -54,6 +54,7 @@ class Series:
         raise NotImplementedError
 
     def at(self, k: int) -> Value:
+        """Coefficient k, None where it is zero."""
         return self.c[k] if k < len(self.c) else None
 
 
@@ -65,24 +66,29 @@ class State(Series):
 
 
 def add(body: Body, a: Value, b: Value) -> Value:
+    """a + b."""
     return a if b is None else b if a is None else body.add(a, b)
 
 
 def subtract(body: Body, a: Value, b: Value) -> Value:
+    """a - b."""
     if b is None:
         return a
     return negative(body, b) if a is None else body.value(f"fsub {FLAGS} {body.type} {a}, {b}")
 
 
 def negative(body: Body, a: Value) -> Value:
+    """-a."""
     return None if a is None else body.value(f"fneg {FLAGS} {body.type} {a}")
 
 
 def multiply(body: Body, a: Value, b: Value) -> Value:
+    """a b."""
     return None if a is None or b is None else body.mul(a, b)
 
 
 def scaled(body: Body, a: Value, factor: float) -> Value:
+    """a times a number."""
     return a if a is None or factor == 1.0 else body.mul(a, body.number(factor))
 
 
@@ -106,6 +112,8 @@ def _products(body: Body, a: Sequence[Value], b: Sequence[Value], k: int, first:
 
 
 class Sum(Series):
+    """a + b, or a - b."""
+
     def __init__(self, body: Body, first: Value, a: Series, b: Series, minus: bool):
         super().__init__(body, first, a.varies or b.varies)
         self.a, self.b, self.minus = a, b, minus
@@ -131,6 +139,8 @@ def unscaled(u: Series) -> tuple[Series, Value]:
 
 
 class Negative(Series):
+    """-a."""
+
     def __init__(self, body: Body, first: Value, a: Series):
         super().__init__(body, first, a.varies)
         self.a = a
@@ -151,6 +161,8 @@ class Same(Series):
 
 
 class Product(Series):
+    """a b with both that change."""
+
     def __init__(self, body: Body, first: Value, a: Series, b: Series):
         super().__init__(body, first, True)
         self.a, self.b = a, b

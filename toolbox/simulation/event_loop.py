@@ -78,7 +78,7 @@ def _due(w, t, every_node):
             changed = jumps(w, t)
         if not changed:
             continue
-        if not (sampling and held_quietly(w, t)) and not inputs_changed(w, t, not sampling):
+        if not (sampling and held_quietly(w)) and not inputs_changed(w, t, not sampling):
             return INCONSISTENT
         if not sampling:
             first_step(w)

@@ -107,8 +107,8 @@ def open_series(w, t):
 
 
 @inlined
-def held_quietly(w, t):
-    """Take over new held outputs where they change no mode, as guards show; False where one may, and nothing has been decided yet.
+def held_quietly(w):
+    """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
 
     Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
     """
@@ -116,18 +116,10 @@ def held_quietly(w, t):
         if w.kind[i] != FRICTION:
             return False
         w.zero[i] = w.m[i] == 0.0
-    if w.ints[SERIES] == 0:
-        refresh(w)
-    elif not open_series(w, t):
-        return False
+    refresh(w)
     quiet = True
     for j in range(w.ints[NG]):
-        value = w.side[j] * w.g[j]
-        if w.ints[SERIES] != 0:
-            if abs(value) > guard_size(w, j):
-                w.guard_scale[w.slot[j]] = abs(value)
-            w.armed[j] = value > 1e-13 * guard_size(w, j)
-        quiet = quiet and value >= 0.0
+        quiet = quiet and w.side[j] * w.g[j] >= 0.0
     return quiet
 
 
@@ -313,17 +305,21 @@ def polish(w, t, size):
 def checked_end(w, t, h, t_new, event, rejected):
     """Check the step h to t_new in `y` against the field, where a slip turns inside it and at its end, and polish an event; (error, size, end) of it."""
     error = 0.0
-    middle = turns(w, h)
-    if middle < 1.0:  # an excursion within the step, which its end does not show
-        call(w.ints[STEP], t, middle * h, w.x, w.k, w.p, w.m, w.y)
-        error = defect(w, t, middle * h)
-        call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-    if error <= 1.0:
-        error = defect(w, t, h)
-        if not error <= 1.0 and not rejected:
+    middle = turns(w, h)  # an excursion within the step, which its end does not show
+    for attempt in range(3):  # a loop, so that the code of the check is there once
+        size = h if attempt > 0 else middle * h
+        if attempt == 2:
+            if error <= 1.0 or rejected:
+                break
             measure_round_off(w)
             spread_round_off(w, h)
-            error = defect(w, t, h)
+        elif middle < 1.0:
+            call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+        elif attempt == 0:
+            continue
+        error = defect(w, t, size)
+        if attempt == 0 and not error <= 1.0:
+            break
     if event and error <= 1.0:
         end = polish(w, t, h)
         t_new = t + end if end != h else t_new

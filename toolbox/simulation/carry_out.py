@@ -42,16 +42,17 @@ def compiled_loop(run: Run, program: Program) -> Any:
     if isinstance(program.pair, Theta):
         from toolbox.simulation.stepping_loop import advance  # here, because numba is slow to import
 
-        name = "loop of time stepping"
+        name, run_on = "loop of time stepping", advance
     else:
-        from toolbox.simulation.event_loop import advance
+        from toolbox.simulation.event_loop import advance, run_on
 
         name = "event loop"
-    if advance not in _LOADED:
-        _LOADED.append(advance)
+    key = (advance, isinstance(program.pair, Taylor))  # steps of Taylor series have machine code of their own
+    if key not in _LOADED:
+        _LOADED.append(key)
         announced(name, advance)
-        advance(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
-    return advance
+        run_on(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
+    return run_on
 
 
 def _with_series(run: Run) -> bool:

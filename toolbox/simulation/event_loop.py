@@ -14,6 +14,8 @@ integrated along as one more state, so that the error control sees it; `Work.exc
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from toolbox.compilation.calls import borrowed_all, call
@@ -229,14 +231,13 @@ def _accept(w):
 
 
 @inlined
-def _crossed(w, t, h, t_new, error, node):
+def _crossed(w, t, h, t_new, error, node, series):
     """Look at the guards over the step h to t_new, which is in `y`, and end it where the first of them crosses zero.
 
     Returns (whether a kink has changed side, so that the step is to be made anew, whether it ends on an event, its size, end and error).
     """
-    series = w.ints[SERIES] != 0
     event, located, top = False, False, 1.0
-    if series:
+    if series is not None:
         hit, at_once, doubtful, first, top = watch_series(w, h, node)
         located = hit and not doubtful
         if located:
@@ -265,7 +266,7 @@ def _crossed(w, t, h, t_new, error, node):
         size = 0.0 if again else locate(w, h, low)
         if size >= 0.0:
             event = True
-            if not series:
+            if series is None:
                 error = scaled_error(w, size) if size > 0.0 else 0.0
             t_new = t + size if size < h else t_new
             h = size
@@ -275,14 +276,17 @@ def _crossed(w, t, h, t_new, error, node):
 
 
 @cached
-def advance(w):
-    """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
+def advance(w, series):
+    """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
+
+    series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition
+    on it stands alone, because numba leaves out only what such a condition alone decides.
+    """
     w = borrowed_all(w)
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
     rejected = False
-    series = w.ints[SERIES] != 0
     if w.ints[STARTED] == 0 and not begin(w):
         return INCONSISTENT
     while True:
@@ -298,8 +302,9 @@ def advance(w):
             return PAUSED
 
         # --- one step
-        if series and w.ints[OPENED] == 0 and not open_series(w, t):
-            return NO_SERIES
+        if series is not None:  # noqa: SIM102
+            if w.ints[OPENED] == 0 and not open_series(w, t):
+                return NO_SERIES
         stop = next_stop(w)
         h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
         h, t_new = h_wanted, t + h_wanted
@@ -311,22 +316,26 @@ def advance(w):
                 continue
             return UNDERFLOW
         call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-        error = 0.0 if series else scaled_error(w, h)
+        error = 0.0
+        if series is None:
+            error = scaled_error(w, h)
 
         # --- its guards
         node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
-        turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node)
+        turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node, series)
         if turned:
             continue
-        if series and h > 0.0:
-            error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
+        if series is not None:  # noqa: SIM102
+            if h > 0.0:
+                error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
-            if rejected and not series:
-                measure_round_off(w)
-                spread_round_off(w, w.reals[STEP_OLD])
+            if series is None:  # noqa: SIM102
+                if rejected:
+                    measure_round_off(w)
+                    spread_round_off(w, w.reals[STEP_OLD])
             rejected = True
             continue
         if not outputs_before(w, t, t_new):
@@ -334,8 +343,9 @@ def advance(w):
 
         # --- accepted
         w.ints[ACCEPTED] += 1
-        if not event and not series:
-            _next_size(w, h, h_wanted, error, rejected)
+        if series is None:  # noqa: SIM102
+            if not event:
+                _next_size(w, h, h_wanted, error, rejected)
         rejected = False
         refresh = w.ints[ACCEPTED] % 32 == 0
         if h > 0.0:
@@ -356,6 +366,11 @@ def advance(w):
                 return status
             if every_node:
                 record(w, t_new, w.x)
+
+
+def run_on(work: Any) -> Any:
+    """Run as `advance` does, by the loop of the steps that the work arrays ask for."""
+    return advance(work, True if work.ints[SERIES] else None)
 
 
 @cached

@@ -71,7 +71,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
     since: (time, steps, events) at the last look.
     """
-    from toolbox.simulation.event_loop import advance  # here, because numba is slow to import
+    from toolbox.simulation.event_loop import run_on  # here, because numba is slow to import
 
     t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
     left = run.duration - float(work.reals[loop_layout.TIME])
@@ -89,7 +89,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     trial.ints[loop_layout.OUTPUT] = trial.out_t.size
     trial.ints[loop_layout.BUDGET] = TRIAL
     begin = progress(trial)
-    if advance(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
+    if run_on(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
         return False
     t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(trial), begin, strict=True))
     explicit = program.kernel.cost * (steps + SEARCH * events) / t

@@ -14,6 +14,9 @@ from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, unifor
 from models.dither import averaged_friction, tangential_dither
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
+from models.elastic.body import ElasticBody
+from models.elastic.meshes import block_mesh, body_of_mesh
+from models.elastic.reduction import ReducedBody
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
 from models.friction import Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition
@@ -48,6 +51,7 @@ __all__ = [
     "DragBit",
     "DrillString",
     "Drop",
+    "ElasticBody",
     "ElasticRock",
     "Exponential",
     "FlowLine",
@@ -64,6 +68,7 @@ __all__ = [
     "PlateContact",
     "PressedDisks",
     "RationalStribeck",
+    "ReducedBody",
     "Section",
     "Slider",
     "SmoothBitRock",
@@ -78,6 +83,8 @@ __all__ = [
     "TwoDisks",
     "WhirlingCollar",
     "averaged_friction",
+    "block_mesh",
+    "body_of_mesh",
     "closed_forms",
     "oscillators",
     "parabolic_shares",

@@ -18,14 +18,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from models.elastic.spectrum import DENSE, natural_frequencies
-from toolbox import SceneError
+from toolbox import ContactProblem, FrictionLaw, SceneError
 from toolbox.authoring import finite_array, is_finite_number, suggest
 
 
@@ -74,6 +74,64 @@ class ReducedBody:
             starts = {port.rpartition(".")[0] for port in self.ports} - {""}
             raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ... . {suggest(start, starts)}")
         return found
+
+    def mounted(self, mounts: Mapping[str, tuple[float, float]]) -> ReducedBody:
+        """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
+
+        `frequencies` and `errors` remain those of the body without mounts.
+        """
+        stiffness, damping = self.stiffness.copy(), self.damping.copy()
+        for port, given in mounts.items():
+            i, numbers = self.index(port), finite_array(given)
+            if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
+                raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
+            stiffness[i, i] += numbers[0]
+            damping[i, i] += numbers[1]
+        return replace(self, stiffness=stiffness, damping=damping)
+
+    def in_contact(
+        self,
+        friction: FrictionLaw,
+        tangent: Sequence[str],
+        normal: str | None = None,
+        *,
+        closing: float = -1.0,
+        load: Any = None,
+        gap: Any = None,
+        pushed: Sequence[str] = (),
+        places: Any = None,
+        areas: Any = None,
+    ) -> ContactProblem:
+        """The body on a rigid counter-surface, for `step_contacts`.
+
+        tangent: one or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.  normal: the word of their normal
+        displacements, for contacts that open and close.  closing: 1 where a positive normal displacement closes the gap, -1 where it opens it, as for z
+        above a plate.  load: (c,) given normal loads instead [N].  gap, places, areas: see `ContactProblem`.  pushed: ports that are pushed; the input
+        `port` is a force [N].  Inputs `surface.word` are the speeds of the counter-surface along the tangents [m/s]. Outputs are all ports.
+        """
+        ways = [self.indices(word) for word in tangent]
+        count = len(ways[0]) if ways else 0
+        if not count or any(len(way) != count for way in ways):
+            raise SceneError(f"Argument `tangent` must name ports of as many contacts in every direction, but it is {tuple(tangent)!r}.")
+        unit = np.eye(self.size)
+        closures = None
+        if normal is not None:
+            closures = closing * unit[self.indices(normal)]
+        return ContactProblem(
+            self.mass,
+            self.stiffness,
+            np.stack([unit[way] for way in ways], axis=1),
+            friction,
+            normal=closures,
+            load=load,
+            damping=self.damping,
+            gap=gap,
+            forces={port: unit[self.index(port)] for port in pushed},
+            surface={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
+            outputs={port: unit[i] for i, port in enumerate(self.ports)},
+            places=places,
+            areas=areas,
+        )
 
     @functools.cached_property
     def _content(self) -> tuple[Any, ...]:

@@ -20,7 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-PASSES = 60
+WEAKEST = 1e-11
+"""Stiffness, in parts of that of the body, below which springs that help to find a first solution are left out at once."""
+
+FULL, PARTS = 16, (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
+"""Passes with full steps, and the parts of a step that are tried after them."""
+
+PASSES = 40
 """Newton passes from one guess, before the next is tried."""
 
 
@@ -58,6 +64,18 @@ class _Sets:
     bound: np.ndarray
 
 
+@dataclass
+class _Point:
+    """Forces, pressures, tractions, slips, residuals of the equations at the head, and the sets that they make."""
+
+    force: np.ndarray
+    normal: np.ndarray
+    traction: np.ndarray
+    slip: np.ndarray
+    residual: np.ndarray
+    sets: _Sets
+
+
 class ContactSolver:
     """Solves the contact problem for one matrix K_c (m, m) and many right sides.
 
@@ -76,22 +94,47 @@ class ContactSolver:
     def solve(self, given: Given, guess: Solution | None) -> Solution | None:
         """The solution, None where no guess leads to one. guess: the solution of a similar problem, such as the step before."""
         stuck = np.concatenate([given.gap, given.held.ravel()]) if self.opens else given.held.ravel()
-        # forces, and the round-off of what they are the small rest of
         tolerance = 1e-11 * (np.abs(given.right).max() + np.abs(self.stiffness @ stuck - given.right).max())
-        tolerance += 1e-14 * (self.sizes @ np.abs(stuck)).max()
-        begins = [(stuck, None, False), (stuck, None, True)]
+        passes = 0
+        begins: list[tuple[np.ndarray, _Sets | None]] = [(stuck, None)]
         if guess is not None:
-            sets = self._sets_of(guess, given)
             moved = stuck.copy()
             moved[self.first :] += guess.slip.ravel()
-            begins = [(moved, sets, False), *begins[:1], (moved, sets, True), *begins[1:]]
-        passes = 0
-        for moved, sets, damped in begins:
-            found = self._passes(moved, sets, given, tolerance, damped)
+            begins.insert(0, (moved, self._sets_of(guess, given)))
+        for moved, sets in begins:
+            found = self._passes(moved, sets, given, tolerance)
             if found is not None:
                 found.passes += passes
                 return found
             passes += PASSES
+        found = self._from_stiff(stuck, given, tolerance)
+        if found is not None:
+            found.passes += passes
+        return found
+
+    def _from_stiff(self, stuck: np.ndarray, given: Given, tolerance: float) -> Solution | None:
+        """The solution by following that of contacts with springs of their own to the position without slip, until the springs are gone.
+
+        With strong springs every contact decides alone; each weaker set of springs begins at the solution of the one before.
+        """
+        plain, added = self.stiffness, np.diag(np.diag(self.stiffness))
+        strength, ratio, moved, passes = 10.0, 0.1, stuck, 0
+        while ratio < 0.999:
+            following = strength * ratio if strength * ratio > WEAKEST else 0.0
+            self.stiffness = plain + following * added
+            held = Given(given.right + following * (added @ stuck), given.gap, given.held, given.friction, given.load)
+            try:
+                found = self._passes(moved, None, held, tolerance)
+            finally:
+                self.stiffness = plain
+            passes += PASSES if found is None else found.passes
+            if found is None:
+                ratio = np.sqrt(ratio)
+            elif following == 0.0:
+                found.passes = passes
+                return found
+            else:
+                strength, moved, ratio = following, found.moved, max(ratio**2, 0.1)
         return None
 
     def _sets_of(self, guess: Solution, given: Given) -> _Sets:
@@ -101,34 +144,41 @@ class ContactSolver:
         slides = ~guess.is_open & ~guess.sticks & (np.linalg.norm(trial, axis=1) > 0)
         return _Sets(guess.is_open, ~guess.is_open & ~slides, trial, bound)
 
-    def _passes(self, moved: np.ndarray, sets: _Sets | None, given: Given, tolerance: float, damped: bool) -> Solution | None:
+    def _passes(self, moved: np.ndarray, sets: _Sets | None, given: Given, tolerance: float) -> Solution | None:
         before = None
         for number in range(PASSES):
-            force = self.stiffness @ moved - given.right
-            normal = -force[: self.first] if self.opens else given.load
-            traction = force[self.first :].reshape(given.held.shape)
-            slip = moved[self.first :].reshape(given.held.shape) - given.held
-            closure = normal + self.rho_normal * (moved[: self.first] - given.gap) if self.opens else given.load
-            trial = traction - self.rho_tangent[:, None] * slip
-            length = np.linalg.norm(trial, axis=1)
+            point = self._point(moved, given)
             if number or sets is None:
-                bound = given.friction * np.maximum(closure, 0.0)
-                sets = _Sets(closure <= 0.0, (length <= bound) & (closure > 0.0), trial, bound)
-                error = np.abs(traction - trial * np.minimum(1.0, bound / np.maximum(length, 1e-300))[:, None]).max()
-                if self.opens:
-                    error = max(error, np.abs(normal - np.maximum(closure, 0.0)).max())
-                state = (sets.is_open.tobytes(), sets.sticks.tobytes())
-                if error <= tolerance and state == before:
-                    slip[sets.sticks] = 0.0
-                    return Solution(moved, np.maximum(normal, 0.0), traction, slip, sets.is_open, sets.sticks, number)
-            else:
-                state = (sets.is_open.tobytes(), sets.sticks.tobytes())
-            step = self._direction(force, moved, given, sets)
+                sets = point.sets
+            state = (sets.is_open.tobytes(), sets.sticks.tobytes())
+            # forces are the small rest of large ones, and their round-off is that of these
+            if state == before and np.abs(point.residual).max() <= tolerance + 1e-14 * (self.sizes @ np.abs(moved)).max():
+                point.slip[sets.sticks] = 0.0
+                return Solution(moved, np.maximum(point.normal, 0.0), point.traction, point.slip, sets.is_open, sets.sticks, number)
+            step = self._direction(point.force, moved, given, sets)
             if step is None:
                 return None
-            moved = moved + (0.5 if damped and number % 3 else 1.0) * step
+            if number < FULL:
+                moved = moved + step
+            else:  # in a circle: the part of the step that leaves the smallest residual
+                moved = min((moved + part * step for part in PARTS), key=lambda s: np.linalg.norm(self._point(s, given).residual))
             before = state
         return None
+
+    def _point(self, moved: np.ndarray, given: Given) -> _Point:
+        """What holds at displacements (m,)."""
+        force = self.stiffness @ moved - given.right
+        normal = -force[: self.first] if self.opens else given.load
+        traction = force[self.first :].reshape(given.held.shape)
+        slip = moved[self.first :].reshape(given.held.shape) - given.held
+        closure = normal + self.rho_normal * (moved[: self.first] - given.gap) if self.opens else given.load
+        trial = traction - self.rho_tangent[:, None] * slip
+        length = np.linalg.norm(trial, axis=1)
+        bound = given.friction * np.maximum(closure, 0.0)
+        residual = (traction - trial * np.minimum(1.0, bound / np.maximum(length, 1e-300))[:, None]).ravel()
+        if self.opens:
+            residual = np.concatenate([normal - np.maximum(closure, 0.0), residual])
+        return _Point(force, normal, traction, slip, residual, _Sets(closure <= 0.0, (length <= bound) & (closure > 0.0), trial, bound))
 
     def _direction(self, force: np.ndarray, moved: np.ndarray, given: Given, sets: _Sets) -> np.ndarray | None:
         """The Newton step of all displacements (m,), None where its equations are singular."""

@@ -1,0 +1,75 @@
+"""An elastic slider whose contact lets go region by region, with every event located."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from models.elastic.reduction import ReducedBody
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class ElasticSlider(Component):
+    """Elastic body on a moving plate with contacts in a row, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
+
+    Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks and
+    slips on its own under its own normal load, which does not change: loads from statics (`row_loads`). The spring and the damper act on the
+    port `held`. The body may have more ports and modes; its rigid-body motions need not be held.
+    Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`, `plate.drag` [N],
+    the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States: `slider.displacement` q
+    and `slider.rate` q'. Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-". The defaults of spring, damper and friction are those of `Slider`.
+    Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
+    """
+
+    body: ReducedBody
+    loads: tuple[float, ...] = quantity(unit="N", meaning="normal load of every contact", at_least=0)
+    held: str = "held"
+    stiffness: float = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
+    damping: float = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
+    friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
+
+    def check(self):
+        if not isinstance(self.body, ReducedBody):
+            raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
+        contacts = len(self.body.indices("contact"))
+        if len(self.loads) != contacts:
+            raise SceneError(f"Argument `slider.loads` must have {contacts} entries, one for each contact, but it has {len(self.loads)}.")
+        self.body.index(self.held)
+
+    def equations(self, signal):
+        n, contacts, held = self.body.size, self.body.indices("contact"), self.body.index(self.held)
+        q, v = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)
+        pull, plate_speed = signal("slider.pull", "N", default=0.0), signal("plate.speed", "m/s", default=0.0)
+        plate = [
+            DryFriction(f"plate.{i}", v[contact] - plate_speed, self.friction, self.loads[i]) for i, contact in enumerate(contacts)
+        ]
+        mount = pull - self.stiffness * q[held] - self.damping * v[held]
+        places = [held, *contacts]
+        compliance = np.linalg.inv(self.body.mass)
+        inner = -ca.DM(compliance @ self.body.stiffness) @ q - ca.DM(compliance @ self.body.damping) @ v
+        forces = ca.vertcat(mount, *(contact.force for contact in plate))
+        elastic, damping = ca.DM(self.body.stiffness), ca.DM(self.body.damping)
+        drag = sum(contact.force for contact in plate)
+        slips = [v[contact] - plate_speed for contact in contacts]
+        stuck = sum(load * (1 - contact.mode**2) for load, contact in zip(self.loads, plate, strict=True))
+        return Equations(
+            flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
+            gives={
+                "slider.position": (q[held], "m"),
+                "slider.speed": (v[held], "m/s"),
+                "plate.drag": (drag, "N"),
+                "plate.stuck": (stuck / sum(self.loads), "1"),
+            },
+            elements=plate,
+            stored=ca.bilin(ca.DM(self.body.mass), v, v) / 2 + ca.bilin(elastic, q, q) / 2 + self.stiffness * q[held] ** 2 / 2,
+            losses={
+                "friction": -sum(contact.force * slip for contact, slip in zip(plate, slips, strict=True)),
+                "damper": self.damping * v[held] ** 2,
+                "material": ca.bilin(damping, v, v),
+            },
+            supplies={"pull": pull * v[held], "plate": drag * plate_speed},
+        )

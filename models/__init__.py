@@ -16,7 +16,9 @@ from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
 from models.elastic.body import ElasticBody
 from models.elastic.meshes import block_mesh, body_of_mesh
+from models.elastic.pad import ElasticPad
 from models.elastic.reduction import ReducedBody
+from models.elastic.slider import ElasticSlider
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
 from models.friction import Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition
@@ -52,7 +54,9 @@ __all__ = [
     "DrillString",
     "Drop",
     "ElasticBody",
+    "ElasticPad",
     "ElasticRock",
+    "ElasticSlider",
     "Exponential",
     "FlowLine",
     "FrictionDamper",

@@ -69,9 +69,8 @@ def body_of_mesh(
     stiffness = plane * linear_elasticity(*lame_parameters(modulus, poisson)).assemble(basis)
     mass = plane * density * skfem.BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis)
     area = skfem.LinearForm(lambda v, w: v)
-    faces = {
-        name: plane * np.maximum(area.assemble(skfem.FacetBasis(mesh, scalar, facets=name)), 0.0) for name in (mesh.boundaries or {})
-    }
+    areas = {name: plane * area.assemble(skfem.FacetBasis(mesh, scalar, facets=name)) for name in (mesh.boundaries or {})}
+    faces = {name: np.where(values > 1e-9 * values.max(), values, 0.0) for name, values in areas.items()}  # nodes beside a face get round-off
     return ElasticBody(mass, stiffness, damping_time * stiffness, mesh.p.T, basis.nodal_dofs.T.astype(int), faces)
 
 

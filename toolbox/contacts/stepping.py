@@ -131,7 +131,7 @@ class _Stepping:
             if found is None:
                 raise SimulationError("No set of open, sticking and sliding contacts is at rest under these inputs.")
             self._keep(0, self.q[0] + self.shapes @ found.moved + self.flexibility @ force, found)
-            if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e12 * max(np.abs(force).max(), 1e-300):
+            if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e13 * max(np.abs(force).max(), found.normal.max(), 1e-300):
                 raise SceneError("Argument `problem` must have contacts that hold all rigid motions, but under these inputs one is free.")
             return self._run(1)
         for i in range(1, self.count + 1):

@@ -127,12 +127,19 @@ class ElasticBody:
 
     def rows(self, face: str, along: str, axis: str) -> list[np.ndarray]:
         """Ports of the rows of a face: nodes with one coordinate `along` an axis, in its order; each the mean displacement of its row along `axis`."""
+        return [self._weighted(row, self.faces[face][row], axis) for row in self._rows(face, along)]
+
+    def row_areas(self, face: str, along: str) -> np.ndarray:
+        """Areas [m2] of the rows of a face, as in `rows`: times a pressure, their normal loads on a smooth plate under even pressure."""
+        return np.array([self.faces[face][row].sum() for row in self._rows(face, along)])
+
+    def _rows(self, face: str, along: str) -> list[np.ndarray]:
         if self.nodes is None:
             raise SceneError("Argument `nodes` must be given for a body that is divided into rows.")
         chosen = self.on(face)
         place = self.nodes[chosen, self._axis(along)]
         _, row = np.unique(np.round(place / max(np.ptp(place), 1e-300), 9), return_inverse=True)
-        return [self._weighted(chosen[row == i], self.faces[face][chosen[row == i]], axis) for i in range(row.max() + 1)]
+        return [chosen[row == i] for i in range(row.max() + 1)]
 
     def frequencies(self, band: float) -> np.ndarray:
         """Natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], in rising order; rigid-body motions are zeros."""

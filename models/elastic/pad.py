@@ -83,7 +83,7 @@ class ElasticPad(Component):
         )
 
     def pressed(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
-        """q [m] at steady sliding, shape (n,), for a coefficient of friction (that of the law at the speed of the disc without), all contacts closed or open as they are.
+        """q [m] at steady sliding, shape (n,), for a coefficient of friction (without, that of the law at the speed of the disc).
 
         A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
         """

@@ -17,11 +17,12 @@ class ElasticSlider(Component):
     """Elastic body on a moving plate with contacts in a row, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
 
     Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks and
-    slips on its own under its own normal load, which does not change: loads from statics (`row_loads`). The spring and the damper act on the
-    port `held`. The body may have more ports and modes; its rigid-body motions need not be held.
-    Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`, `plate.drag` [N],
-    the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States: `slider.displacement` q
-    and `slider.rate` q'. Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-". The defaults of spring, damper and friction are those of `Slider`.
+    slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the
+    normal forces of `toolbox.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
+    Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
+    `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
+    `slider.displacement` q and `slider.rate` q'. Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-".
+    The defaults of spring, damper and friction are those of `Slider`. Such a body is stiff: use method="stiff" and damping of its material.
     Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
     """
 

@@ -166,8 +166,8 @@ def test_energy_is_accounted_for_while_contacts_open_slide_and_stick():
     root = random.normal(size=(n, n))
     problem = ContactProblem(
         np.diag(0.5 + random.random(n)), 200.0 * root @ root.T + 50.0 * np.eye(n), np.stack([np.eye(n)[[i, i + 3]] for i in range(c)]), Coulomb(0.5, 0.3),
-        normal=np.eye(n)[6 : 6 + c], damping=0.02 * root @ root.T, gap=[0.0, 0.001, 0.002], forces={"press": np.eye(n)[6:9].sum(axis=0), "shake": random.normal(size=n)},
-        surface={"belt": np.tile([1.0, 0.3], (c, 1))},
+        normal=np.eye(n)[6 : 6 + c], damping=0.02 * root @ root.T, gap=[0.0, 0.001, 0.002],
+        forces={"press": np.eye(n)[6:9].sum(axis=0), "shake": random.normal(size=n)}, surface={"belt": np.tile([1.0, 0.3], (c, 1))},
     )  # fmt: skip
     import casadi as ca
 

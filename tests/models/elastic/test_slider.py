@@ -23,8 +23,8 @@ def slider(**options):
 
 
 def test_contacts_let_go_one_by_one_and_the_last_with_the_rigid_slider():
-    run = simulate(compose(slider()), 2.0, inputs=DRIVE, method="stiff", accuracy=1e-7)
-    rigid = simulate(compose(Slider(mass=0.04, damping=500.0), PlateContact()), 2.0, inputs=DRIVE, accuracy=1e-9)
+    run = simulate(compose(slider()), 0.6, inputs=DRIVE, method="stiff", accuracy=1e-7)
+    rigid = simulate(compose(Slider(mass=0.04, damping=500.0), PlateContact()), 0.6, inputs=DRIVE, accuracy=1e-9)
     released = [event for event in run.events if event.before == "stick"]
     assert [event.element for event in released[:4]] == [f"plate.{i}" for i in range(4)]
     assert released[3].time == pytest.approx(rigid.events[0].time, rel=1e-3)
@@ -32,7 +32,8 @@ def test_contacts_let_go_one_by_one_and_the_last_with_the_rigid_slider():
 
 
 def test_its_energy_is_accounted_for():
-    run = simulate(compose(slider()), 2.0, inputs=DRIVE, method="stiff", accuracy=1e-9)
+    soft = slider(body=row_of_masses(stiffness=1e6, damping_time=1e-3))
+    run = simulate(compose(soft), 0.6, inputs=DRIVE, method="stiff", accuracy=1e-8)
     audit = energy_audit(run)
     assert abs(audit.residual) < 1e-5 * audit.turnover
     assert run["plate.stuck"][0] == 1.0
@@ -43,9 +44,8 @@ def test_its_energy_is_accounted_for():
 def test_the_last_row_of_the_published_cube_slips_with_the_rigid_slider():
     body = body_of_mesh(block_mesh((0.01,) * 3, (10, 4, 4)), density=7800.0, modulus=2.1e11, damping_time=1e-6).clamped("bottom", "yz")
     rows = body.rows("bottom", "x", "x")
-    areas = [body.faces["bottom"][np.isclose(body.nodes[:, 0], 0.001 * i)].sum() for i in range(11)]
     ports = {f"contact.{i}": row for i, row in enumerate(rows)} | {"held": body.mean("left", "x")}
-    elastic = ElasticSlider(body.reduced(ports), tuple(1e5 * area for area in areas))
+    elastic = ElasticSlider(body.reduced(ports), tuple(1e5 * body.row_areas("bottom", "x")))
     run = simulate(compose(elastic), 0.24, inputs=DRIVE, method="stiff", accuracy=1e-5)
     rigid = simulate(compose(Slider(), PlateContact()), 0.24, inputs=DRIVE, accuracy=1e-9)
     first = {event.element: event.time for event in reversed(run.events) if event.before == "stick"}

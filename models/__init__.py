@@ -31,6 +31,7 @@ from models.shaft import shaft_frequencies
 from models.sliders import InclinedSlider, PlateContact, Slider
 from models.smooth_bit_rock import SmoothBitRock
 from models.squeal import SquealingPad
+from models.string_on_wall import sliding_resultant, string_on_wall
 from models.survey import Survey, read_survey
 from models.tabulated_string import DrillString
 from models.top_drive import TopDrive
@@ -95,6 +96,8 @@ __all__ = [
     "read_sections",
     "read_survey",
     "shaft_frequencies",
+    "sliding_resultant",
+    "string_on_wall",
     "tangential_dither",
     "uniform_pressure_radius",
     "uniform_wear_radius",

@@ -166,10 +166,11 @@ class ContactRun:
         plane = face_of(self.problem.places)
         if values == "mode":
             return draw_modes(plane, self.modes[i], ax)
-        pressures = {"pressure": "Pa", "traction": "Pa", "rubbed": "J"}
-        if values not in pressures:
+        scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "rubbed": (1e9, "nJ")}
+        if values not in scales:
             raise SceneError(f"Argument `values` must be mode, pressure, traction or rubbed, but it is {values!r}.")
-        return draw_field(plane, getattr(self, values)[i], f"{values} [{pressures[values]}]", ax)
+        factor, unit = scales[values]
+        return draw_field(plane, factor * getattr(self, values)[i], f"{values} [{unit}]", ax)
 
     def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
         """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""

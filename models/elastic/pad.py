@@ -22,9 +22,10 @@ class ElasticPad(Component):
     Contact i is two ports of the reduced body, `along.i` with displacement x_i along the disc and `into.i` with y_i into it; a spring k_c stands for lining and
     disc. q is counted from the unloaded pad, a_i is the approach of the disc to its contact: what presses it where nothing else pushes the pad. With one rigid
     mass on two springs this is `SquealingPad` with preload k_c a, and may part.
-    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `pushed`, into the disc where that port counts so; gives `pad.normal_force`
-    and `pad.friction_force` [N] of all contacts. States: `pad.displacement` q and `pad.rate` q'. Elements: `touch.i` ("open", "closed") and `pad.i`
-    ("stick", "slip+/-"). Range: small strain, speed of the disc the same under all contacts, some ten contacts.
+    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `pushed`, into the disc where that port counts so; gives
+    `pad.normal_force` and `pad.friction_force` [N] of all contacts. States: `pad.displacement` q and `pad.rate` q', without modes that no port moves.
+    Elements: `touch.i` ("open", "closed") and `pad.i` ("stick", "slip+/-").
+    Range: small strain, speed of the disc the same under all contacts, some ten contacts.
     """
 
     body: ReducedBody
@@ -47,8 +48,12 @@ class ElasticPad(Component):
         if self.pushed is not None:
             self.body.index(self.pushed)
 
+    @property
+    def _body(self) -> ReducedBody:
+        return self.body.moved
+
     def equations(self, signal):
-        n, along, into = self.body.size, self.body.indices("along"), self.body.indices("into")
+        n, along, into = self._body.size, self._body.indices("along"), self._body.indices("into")
         q, v = state("pad.displacement", "m", n), state("pad.rate", "m/s", n)
         disc_speed = signal("disc.speed", "m/s", default=self.disc_speed)
         push = signal("pad.push", "N", default=0.0) if self.pushed is not None else 0.0
@@ -59,24 +64,24 @@ class ElasticPad(Component):
         pad = [
             DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)
         ]
-        places = [*into, *along] + ([self.body.index(self.pushed)] if self.pushed is not None else [])
+        places = [*into, *along] + ([self._body.index(self.pushed)] if self.pushed is not None else [])
         forces = ca.vertcat(*(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.pushed is not None else []))
-        compliance = np.linalg.inv(self.body.mass)
+        compliance = np.linalg.inv(self._body.mass)
         compliance = (compliance + compliance.T) / 2
-        inner = -ca.DM(compliance @ self.body.stiffness) @ q - ca.DM(compliance @ self.body.damping) @ v
+        inner = -ca.DM(compliance @ self._body.stiffness) @ q - ca.DM(compliance @ self._body.damping) @ v
         normal, drag = sum(contact.force for contact in touch), sum(contact.force for contact in pad)
         slips = [v[j] - disc_speed for j in along]
         supplies = {"disc drive": drag * disc_speed}
         if self.pushed is not None:
-            supplies["push"] = push * v[self.body.index(self.pushed)]
+            supplies["push"] = push * v[self._body.index(self.pushed)]
         return Equations(
             flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
             gives={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
             elements=[*touch, *pad],
-            stored=(ca.bilin(ca.DM(self.body.mass), v, v) + ca.bilin(ca.DM(self.body.stiffness), q, q)) / 2 + sum(contact.stored for contact in touch),
+            stored=(ca.bilin(ca.DM(self._body.mass), v, v) + ca.bilin(ca.DM(self._body.stiffness), q, q)) / 2 + sum(contact.stored for contact in touch),
             losses={
                 "friction": -sum(contact.force * slip for contact, slip in zip(pad, slips, strict=True)),
-                "damping": ca.bilin(ca.DM(self.body.damping), v, v),
+                "damping": ca.bilin(ca.DM(self._body.damping), v, v),
                 "contact": sum(contact.loss for contact in touch),
             },
             supplies=supplies,
@@ -87,13 +92,13 @@ class ElasticPad(Component):
 
         A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
         """
-        along, into, count = self.body.indices("along"), self.body.indices("into"), len(self.approach)
+        along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.approach)
         mu = math.copysign(1.0, self.disc_speed) * (float(self.friction.sliding(abs(self.disc_speed))) if friction is None else friction)
         closed, approach = np.ones(count, bool), np.asarray(self.approach)
         for _ in range(4 * count + 4):
-            matrix, force = self.body.stiffness.copy(), np.zeros(self.body.size)
+            matrix, force = self._body.stiffness.copy(), np.zeros(self._body.size)
             if self.pushed is not None:
-                force[self.body.index(self.pushed)] += push
+                force[self._body.index(self.pushed)] += push
             for i in np.flatnonzero(closed):
                 matrix[into[i], into[i]] += self.contact_stiffness
                 matrix[along[i], into[i]] -= mu * self.contact_stiffness
@@ -114,16 +119,16 @@ class ElasticPad(Component):
 
         Which contacts are closed is that of `pressed`. Without `friction` it is that of the law at the speed of the disc, and its fall with speed is left out.
         """
-        along, into = self.body.indices("along"), self.body.indices("into")
+        along, into = self._body.indices("along"), self._body.indices("into")
         mu = math.copysign(1.0, self.disc_speed) * (float(self.friction.sliding(abs(self.disc_speed))) if friction is None else friction)
         closed = self.pressed(friction)[into] + np.asarray(self.approach) > 0
-        stiffness, damping = self.body.stiffness.copy(), self.body.damping.copy()
+        stiffness, damping = self._body.stiffness.copy(), self._body.damping.copy()
         for i in np.flatnonzero(closed):
             for matrix, contact in ((stiffness, self.contact_stiffness), (damping, self.contact_damping)):
                 matrix[into[i], into[i]] += contact
                 matrix[along[i], into[i]] -= mu * contact
-        n = self.body.size
-        system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self.body.mass, stiffness), -np.linalg.solve(self.body.mass, damping)]])
+        n = self._body.size
+        system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self._body.mass, stiffness), -np.linalg.solve(self._body.mass, damping)]])
         found = np.linalg.eigvals(system)
         return found[np.argsort(-found.real)]
 

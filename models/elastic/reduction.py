@@ -75,6 +75,21 @@ class ReducedBody:
             raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ... . {suggest(start, starts)}")
         return found
 
+    @functools.cached_property
+    def moved(self) -> ReducedBody:
+        """The body without modes that nothing on its ports can move, such as those that a symmetry keeps at rest: round-off alone would be their motion."""
+        p, size = len(self.ports), np.sqrt(np.diag(self.mass))
+        links = np.abs(self.mass / np.outer(size, size)) + np.abs(self.damping) / max(np.abs(self.damping).max(), 1e-300)
+        links += np.abs(self.stiffness) / np.abs(self.stiffness).max()
+        reached = np.arange(self.size) < p
+        while True:  # modes may be moved by way of others, through damping
+            further = reached | (links[reached] > 1e-9).any(axis=0)
+            if (further == reached).all():
+                break
+            reached = further
+        kept = np.ix_(reached, reached)
+        return replace(self, mass=self.mass[kept], damping=self.damping[kept], stiffness=self.stiffness[kept])
+
     def mounted(self, mounts: Mapping[str, tuple[float, float]]) -> ReducedBody:
         """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
 

@@ -22,7 +22,9 @@ class ElasticSlider(Component):
     Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
     `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
     `slider.displacement` q and `slider.rate` q'. Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-".
-    The defaults of spring, damper and friction are those of `Slider`. Such a body is stiff: use method="stiff" and damping of its material.
+    The defaults of spring, damper and friction are those of `Slider`. Modes that no port moves are left out.
+    Such a body is stiff: give its material some damping, else its fastest mode rings through the
+    run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same.
     Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
     """
 
@@ -42,7 +44,8 @@ class ElasticSlider(Component):
         self.body.index(self.held)
 
     def equations(self, signal):
-        n, contacts, held = self.body.size, self.body.indices("contact"), self.body.index(self.held)
+        body = self.body.moved
+        n, contacts, held = body.size, body.indices("contact"), body.index(self.held)
         q, v = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)
         pull, plate_speed = signal("slider.pull", "N", default=0.0), signal("plate.speed", "m/s", default=0.0)
         plate = [
@@ -50,10 +53,10 @@ class ElasticSlider(Component):
         ]
         mount = pull - self.stiffness * q[held] - self.damping * v[held]
         places = [held, *contacts]
-        compliance = np.linalg.inv(self.body.mass)
-        inner = -ca.DM(compliance @ self.body.stiffness) @ q - ca.DM(compliance @ self.body.damping) @ v
+        compliance = np.linalg.inv(body.mass)
+        inner = -ca.DM(compliance @ body.stiffness) @ q - ca.DM(compliance @ body.damping) @ v
         forces = ca.vertcat(mount, *(contact.force for contact in plate))
-        elastic, damping = ca.DM(self.body.stiffness), ca.DM(self.body.damping)
+        elastic, damping = ca.DM(body.stiffness), ca.DM(body.damping)
         drag = sum(contact.force for contact in plate)
         slips = [v[contact] - plate_speed for contact in contacts]
         stuck = sum(load * (1 - contact.mode**2) for load, contact in zip(self.loads, plate, strict=True))
@@ -66,7 +69,7 @@ class ElasticSlider(Component):
                 "plate.stuck": (stuck / sum(self.loads), "1"),
             },
             elements=plate,
-            stored=ca.bilin(ca.DM(self.body.mass), v, v) / 2 + ca.bilin(elastic, q, q) / 2 + self.stiffness * q[held] ** 2 / 2,
+            stored=ca.bilin(ca.DM(body.mass), v, v) / 2 + ca.bilin(elastic, q, q) / 2 + self.stiffness * q[held] ** 2 / 2,
             losses={
                 "friction": -sum(contact.force * slip for contact, slip in zip(plate, slips, strict=True)),
                 "damper": self.damping * v[held] ** 2,

@@ -60,8 +60,8 @@ figure = draw_shares(rows, nodes)
 figure = draw_faces(nodes)
 
 # %% [markdown]
-# **Answer.** Slip grows from the edge inward, in springs and bodies alike. One bristle is wrong by a fifth of the friction force, sixteen by half a percent, but
-# their stiffness is assumed. The elastic cube needs no such number: its rows let go one by one over three quarters of the time, and the last
+# **Answer.** Slip grows from the edge inward, in springs and bodies alike. One bristle is wrong by a fifth of the friction force, sixteen by half a percent,
+# but their stiffness is assumed. The elastic cube needs no such number: its rows let go one by one over three quarters of the time, and the last
 # with the rigid slider. Nodes that may open add what rows cannot have: the pull presses the held edge and lifts the far one, so pressure and bounds change,
 # the last node stops sticking some 13 ms before the rigid slider lets go, and the face carries all of $\mu N$ only when all of it slips along the pull.
 

@@ -6,8 +6,8 @@ A pad of 80 mm x 20 mm on springs in two directions at its back, pressed on a di
 couples come together and one of them grows (flutter). Steady sliding is linearised for the onset; the cycle beyond it, in which contacts part, stick and
 slip one by one, has every event located. A stiff block on the springs of the minimal model of squeal has the onset of its closed form.
 
-Found: damping of the material shrinks the cycle, and lowers the onset before it raises it, because it damps the two modes unequally. Dither of the push by half of
-the load takes a tenth to a fifth of the swing at 0.5 to 20 kHz and ends nothing.
+Found: damping of the material shrinks the cycle, and lowers the onset before it raises it, because it damps the two modes unequally. Dither of the push
+by half of the load takes a tenth to a fifth of the swing at 0.5 to 20 kHz and ends nothing.
 """
 
 from __future__ import annotations

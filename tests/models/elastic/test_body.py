@@ -108,6 +108,17 @@ def test_a_rigid_motion_has_the_whole_mass():
     assert together @ reduced.mass @ together == pytest.approx(7800.0 * 1e-4 * 0.5, rel=1e-9)
 
 
+def test_modes_that_no_port_moves_can_be_left_out_and_nothing_else_changes():
+    mass, stiffness, _ = rod(12)
+    both = ElasticBody(np.kron(np.eye(2), mass.toarray()), np.kron(np.eye(2), stiffness.toarray()), entries=np.arange(26).reshape(2, 13).T)
+    reduced = both.reduced({"first": both.point(0, "x")}, 12_000.0)
+    alone = ElasticBody(mass, stiffness).reduced({"first": np.eye(13)[0]}, 12_000.0)
+    assert reduced.moved.size == alone.size < reduced.size
+    np.testing.assert_allclose(
+        ElasticBody(reduced.moved.mass, reduced.moved.stiffness).frequencies(1e5), ElasticBody(alone.mass, alone.stiffness).frequencies(1e5), rtol=1e-6
+    )
+
+
 def test_damping_is_reduced_with_the_same_shapes():
     mass, stiffness, nodes = rod()
     body = ElasticBody(mass, stiffness, 1e-6 * stiffness, nodes)

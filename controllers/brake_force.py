@@ -10,10 +10,10 @@ from toolbox import Update
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeForce(BrakeLaw):
-    """The constant force of the plan, N = N_p: the twin that shows what the other laws are for. With a `margin` it is eased towards standstill.
+    """The constant force of the plan, N = N_p: the comparison against which the other brake laws are judged. With a `margin` it is eased towards standstill.
 
-    Eased, the wheel slows down from w_e = ln(N_p / (margin N_0)) / q on as w' = -(2 mu r margin N_0 / I) exp(q w), and the rest of the stop takes
-    (1 - exp(-q w_e)) I / (2 mu r margin N_0 q) instead of w_e I / (2 mu r N_p).
+    Eased, the wheel slows down from w_e = ln(N_p / (margin N_0)) / q on as w' = -(2 mu r margin N_0 / I) exp(q w), and the rest of the stop takes (1 - exp(-q
+    w_e)) I / (2 mu r margin N_0 q) instead of w_e I / (2 mu r N_p).
     """
 
     def sampled(self, signal, period):

@@ -1,21 +1,99 @@
 """Programs of nonlinear predictive laws from a rollout and its derivatives: states eliminated, compiled once per machine (see `controllers.nonlinear_mpc`).
 
-Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;  P_rows: the end costs the same of (x - x_s, u - u_s);  free[k]: 1 where the bit turns at
-state k + 1; 0 where it is stuck, and the torque is not weighed against the steady torque; -1 for a stage that costs nothing but moves; 2 where it has stuck
-again, which costs `priority` more and has no slope;  limits: rows of x between lowest and highest, from stage `first` on, that of the bit speed
-first, which a bit that has stuck again cannot keep;  unit: of the torques [N m].
+What a law hands on together is one value: the `Plan` that is judged, the `Aim` that it is weighed against, the `Limits` of states, the `Commands` that a
+drive can give, the `Program` to be filled, and the `Prediction` and `Motion` of a rollout.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from toolbox.authoring import advance_rollout, cached
 
 
+class Plan(NamedTuple):
+    """States X (N+1, n) and torques U (N, 1) of a plan, and what each stage weighs.
+
+    free[k]: 1 where the bit turns at state k + 1; 0 where it is stuck, and the torque is not weighed against the steady torque; -1 for a stage that costs
+    nothing but moves; 2 where it has stuck again, which costs `priority` more and has no slope.
+    """
+
+    X: np.ndarray
+    U: np.ndarray
+    free: np.ndarray
+
+
+class Aim(NamedTuple):
+    """What a plan is weighed against: the steady state x_s and its torque u_s, the last torque, and the weights.
+
+    Q_rows r_i: a stage costs sum_i (r_i (x - x_s))^2 / 2;  P_rows: the end costs the same of (x - x_s, u - u_s);  unit: of the torques [N m];  move: change
+    of the torque [N m] that counts as 1.
+    """
+
+    x_s: np.ndarray
+    u_s: float
+    last: float
+    Q_rows: np.ndarray
+    P_rows: np.ndarray
+    unit: float
+    move: float
+
+
+class Limits(NamedTuple):
+    """Rows of x between lowest and highest, from stage `first` on; that of the bit speed first, which a bit that has stuck again cannot keep."""
+
+    rows: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+    first: np.ndarray
+
+
+class Commands(NamedTuple):
+    """Lowest and highest torque [N m], and the largest change from sample to sample."""
+
+    lowest: float
+    highest: float
+    rate: float
+
+
+class Program(NamedTuple):
+    """A quadratic program: matrix H and vector g, rows, and the bounds of the unknowns and then of the rows."""
+
+    H: np.ndarray
+    g: np.ndarray
+    rows: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+class Prediction(NamedTuple):
+    """What `advance_rollout` needs of a `Rollout`, beside a motion."""
+
+    addresses: np.ndarray
+    interval: float
+    steps: int
+    inputs: np.ndarray
+    columns: np.ndarray
+    p: np.ndarray
+
+
+class Motion(NamedTuple):
+    """States X (N+1, n), modes M (N+1, contacts) and torques U (N, 1), of which the first state and modes are given; `none`: no derivatives."""
+
+    X: np.ndarray
+    M: np.ndarray
+    none: np.ndarray
+    U: np.ndarray
+
+
 @cached(error_model="python")
-def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, priority):  # pragma: no cover - compiled
+def cost(plan, aim, bounds, priority):  # pragma: no cover - compiled
     """Cost of a plan along its own rollout, excess of limits included."""
+    X, U, free = plan
+    x_s, u_s, last, Q_rows, P_rows, unit, move = aim
+    limits, lowest, highest, first = bounds
     N, n = U.shape[0], X.shape[1]
     total, before = 0.0, last
     for k in range(N):
@@ -52,13 +130,15 @@ def cost(X, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest,
 
 
 @cached(error_model="python")
-def condense(
-    X, A, B, U, free, x_s, u_s, last, Q_rows, P_rows, unit, move, limits, lowest, highest, first, rate, H, g, rows, low, high
-):  # pragma: no cover - compiled
-    """Fill H, g and the rows with bounds for the change of the plan (in units), with moves first, then two sides of every limit.
+def condense(plan, A, B, aim, bounds, rate, program):  # pragma: no cover - compiled
+    """Fill a program with the change of the plan (in units) as unknown: rows for the moves first, then two sides of every limit.
 
-    The part of H and g behind the N torques is left alone; low and high hold the bounds of the unknowns and of the rows.
+    A, B: derivatives of the rollout. The part of H and g behind the N torques is left alone.
     """
+    X, U, free = plan
+    x_s, u_s, last, Q_rows, P_rows, unit, move = aim
+    limits, lowest, highest, first = bounds
+    H, g, rows, low, high = program
     N, n = U.shape[0], X.shape[1]
     width = H.shape[0]
     S, W = np.zeros((n, N)), np.zeros((n, N))
@@ -164,10 +244,11 @@ def kkt(H, A, g, low, high, z, y):  # pragma: no cover - compiled
 
 
 @cached(error_model="python")
-def wound_up(
-    addresses, interval, steps, inputs, columns, p, X, M, none, U, row, reference, last, proportional, integral, lowest, highest, rate
-):  # pragma: no cover - compiled
-    """Fill X, M and U with the motion under a PI drive on the speed `row` x, started from the last torque."""
+def wound_up(prediction, motion, row, reference, last, proportional, integral, commands):  # pragma: no cover - compiled
+    """Fill the motion under a PI drive on the speed `row` x, started from the last torque."""
+    addresses, interval, steps, inputs, columns, p = prediction
+    X, M, none, U = motion
+    lowest, highest, rate = commands
     offset = last - proportional * (reference - row @ X[0])
     before = last
     for k in range(U.shape[0]):
@@ -182,10 +263,12 @@ def wound_up(
 
 
 @cached(error_model="python")
-def regulated(
-    addresses, interval, steps, inputs, columns, p, X, M, none, U, x_s, u_s, gain, last, lowest, highest, rate
-):  # pragma: no cover - compiled
-    """Fill X, M and U with the motion under u_k = u_(k-1) - gain (x - x_s, u_(k-1) - u_s), cut to its limits."""
+def regulated(prediction, motion, aim, gain, commands):  # pragma: no cover - compiled
+    """Fill the motion under u_k = u_(k-1) - gain (x - x_s, u_(k-1) - u_s), cut to its limits."""
+    addresses, interval, steps, inputs, columns, p = prediction
+    X, M, none, U = motion
+    x_s, u_s, last = aim.x_s, aim.u_s, aim.last
+    lowest, highest, rate = commands
     n, before = X.shape[1], last
     for k in range(U.shape[0]):
         wanted = before - gain[n] * (before - u_s)

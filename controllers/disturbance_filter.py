@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from toolbox import SceneError
+from toolbox.authoring import zero_order_hold
 
 
-def held(A: np.ndarray, B: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """exp(A t) and the integral of exp(A s) B over t: the exact motion of x' = A x + B u under a held u."""
-    from scipy.linalg import expm
+@dataclass(frozen=True)
+class FilterModel:
+    """What a filter knows: x' = A x + B u - E T, y = C x at samples of `period` [s], with commands that take effect `delay` [s] later.
 
-    n, m = B.shape
-    both = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * duration)
-    return both[:n, :n], both[:n, n:]
+    noise: standard deviations of y;  torque_walk: wandering of T in a second;  drive_walk: white noise of the drive.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    E: np.ndarray
+    C: np.ndarray
+    period: float
+    delay: float
+    noise: Sequence[float]
+    torque_walk: float
+    drive_walk: float
 
 
 class DisturbanceFilter:
@@ -27,10 +40,11 @@ class DisturbanceFilter:
     Anderson, J. B. Moore, Optimal Filtering, Prentice-Hall 1979.
     """
 
-    def __init__(self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float):  # fmt: skip
+    def __init__(self, model: FilterModel):
         from scipy.linalg import expm, solve_discrete_are
 
-        n = A.shape[0]
+        A, B, E, C, period, noise = model.A, model.B, model.E, model.C, model.period, model.noise
+        torque_walk, drive_walk, n = model.torque_walk, model.drive_walk, A.shape[0]
         unit = np.append(np.ones(n), torque_walk)  # the torque in steps of a second, for a well-scaled equation
         F = np.block([[A, -E[:, None]], [np.zeros((1, n + 1))]]) * unit / unit[:, None]
         G = np.append(B, 0.0)[:, None]
@@ -48,11 +62,11 @@ class DisturbanceFilter:
         self.gain, self.covariance = unit[:, None] * gain, np.outer(unit, unit) * (P - gain @ H @ P)
         self.unit, self.spread, self.walk, self.noise = unit, np.outer(unit, unit) * P, np.outer(unit, unit) * walk, R
         self.rows = H
-        self.periods, self.part = whole_periods(delay, period)
+        self.periods, self.part = whole_periods(model.delay, period)
         F, scaled = F * unit[:, None] / unit, G
-        self.first, first_drive = held(F, scaled, self.part)
-        self.rest, rest_drive = held(F, scaled, period - self.part)
-        self.whole, whole_drive = held(F, scaled, period)
+        self.first, first_drive = zero_order_hold(F, scaled, self.part)
+        self.rest, rest_drive = zero_order_hold(F, scaled, period - self.part)
+        self.whole, whole_drive = zero_order_hold(F, scaled, period)
         self.first_drive, self.rest_drive, self.whole_drive = first_drive.ravel(), rest_drive.ravel(), whole_drive.ravel()
         self.z = np.zeros(n + 1)
         self.waiting = np.zeros(self.periods + 1)

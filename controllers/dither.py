@@ -31,7 +31,7 @@ class LoadDither(Controller):
     """What the dithers of a normal load share: they drive `load` with mean (1 + depth wave), |wave| <= 1.
 
     With `over` they drive `load`, such as `brake.disturbance`, with depth wave times the signal `over`, the force that another law commands. `mean` is
-    the stand-in of the input `load` unless given.
+    the default of the input `load` unless given.
     """
 
     load: str = "bit.weight"
@@ -186,10 +186,35 @@ def dither_map(
     offset: float = 0.0,
     **arguments: Any,
 ) -> DitherMap:
-    """The swing of `signal` under load = mean (1 + depth sin), less `offset`, for frequencies in parts of `natural` [Hz], by simulation.
+    """Map the swing of a signal under an alternating load, load = mean (1 + depth sin) - offset, by simulation.
 
-    Each run lasts `periods` natural periods, the second half of which counts; arguments as of `simulate`. For a dither that rides on a force which is
-    given otherwise (`brake.disturbance`), `offset` is that force.
+    Each run lasts `periods` natural periods, of which the second half counts.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    load
+        The input that alternates.
+    mean
+        Its mean.
+    natural
+        Natural frequency [Hz] that frequencies are parts of.
+    contact, signal
+        The contact to judge, and the signal whose swing is mapped.
+    ratios, depths
+        Frequencies in parts of `natural`, and depths of the alternation.
+    periods
+        Length of a run in natural periods.
+    offset
+        Force that is given otherwise and that the dither rides on, as with `brake.disturbance`.
+    arguments
+        Further arguments of `simulate`.
+
+    Returns
+    -------
+    DitherMap
+        The swing at every frequency and depth.
     """
     if not (mean > 0 and natural > 0):
         raise SceneError(f"Arguments `mean` and `natural` must be > 0, but they are {mean!r} and {natural!r}.")

@@ -15,18 +15,20 @@ from toolbox import Equations, SceneError, Update, quantity, state
 
 @dataclass(frozen=True)
 class HInfinity(TorqueLimits):
-    """The law from the top speed to the torque that makes the worst gain from disturbances to sizes that count small.
+    """The H-infinity law from the top speed to the torque: it minimises the worst gain from disturbances to weighted errors.
 
         u = u_0 + K(s) (1 + leak / s) (w_top - reference)
         || (T_bit / disturbance, n / speed_noise) -> (w_bit / bit_size, z / angle_size, u / torque_size) || < worst
 
     z is the error of the top speed through 1 / (s + leak), because with a true integral no law keeps the norm: a constant error of the measured speed would
-    count without end. So K alone leaves an error under a load that it does not know; the factor
-    1 + leak / s, outside of the norm, makes an integral of its slowest pole and changes nothing above that. `design` linearises the plant with the bit
-    sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin` times that: it is better conditioned than the
-    optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer gets the torque that is given, and the
-    integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts (`controllers.bumpless`). Source: J. C.
-    Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the operating point.
+    count without end. So K alone leaves an error under a load that it does not know; the factor 1 + leak / s, outside of the norm, makes an integral of its
+    slowest pole and changes nothing above that.
+
+    `design` linearises the plant with the bit sliding at `reference`, finds the smallest norm that any law reaches, and takes the central law for `margin`
+    times that: it is better conditioned than the optimum. Its states are an observer of the string under the worst disturbance; with torque limits the observer
+    gets the torque that is given, and the integral waits while the torque is cut. Sampled, states and integral begin at rest under the torque that acts
+    (`controllers.bumpless`). Source: J. C. Doyle, K. Glover, P. P. Khargonekar, B. A. Francis, IEEE Trans. Automatic Control 34 (1989) 831-847. Range: near the
+    operating point.
     """
 
     reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)

@@ -13,18 +13,17 @@ from toolbox import Controller, HybridSystem, SceneError, Update, quantity, stat
 
 @dataclass(frozen=True)
 class Lifting(Controller):
-    """Gives another law a set-point that is higher than its own while the top swings, and comes down slowly once it does not.
+    """A law that gives another law a higher set-point while the top swings, and comes down slowly once it does not.
 
         the top swings where |w_top - lifted| > swing lifted;   left = hold there, else counts down to 0
         lifted - reference rises at `rise` towards to - reference while left > 0, else falls at `fall` to 0
 
     Why: a stick-slip that lives beside smooth running at one set-point does not at a higher one, where the rock is flatter. A law that holds smooth running
-    down to 4 rad/s may need 7 rad/s to break a cycle, most of all on a drive that is heavier than it knows; lifted, it needs no more than it holds. The
-    price is speed: for the time of the lift the bit turns faster than asked. The top of a stiff drive does not swing: the law inside must give way to
-    the string.
+    down to 4 rad/s may need 7 rad/s to break a cycle, most of all on a drive that is heavier than it knows; lifted, it needs no more than it holds. The price
+    is speed: for the time of the lift the bit turns faster than asked. The top of a stiff drive does not swing: the law inside must give way to the string.
 
-    law: what gets the set-point `top.reference`.  reference: stand-in of that signal, the set-point that the inner law is designed for. From rest, too, the
-    top is off its set-point, and the start is lifted. Sampled only. Source: the practice of lifting the rotary speed against stick-slip; the rule is a
+    `law` gets the set-point `top.reference`. `reference` is the default of that signal, and the set-point that the inner law is designed for. From rest, too,
+    the top is off its set-point, and the start is lifted. Sampled only. Source: the practice of lifting the rotary speed against stick-slip; the rule is a
     choice of this file.
     """
 

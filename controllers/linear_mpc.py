@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, held, riccati, steady, twist_row
+from controllers.predictive import Predictive, PredictiveLaw, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
 from toolbox import HybridSystem, quantity
-from toolbox.authoring import Declared
+from toolbox.authoring import Declared, zero_order_hold
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class PlannedLinear(PredictiveLaw):
         model, _, _, A = drilling_point(plant, law.reference)
         super().__init__(law, plant, model, A)
         n, N, unit = A.shape[0], law.horizon, law.torque_size
-        step, drive = held(A, np.column_stack([model.B, -model.E]), law.period)
+        step, drive = zero_order_hold(A, np.column_stack([model.B, -model.E]), law.period)
         P, self.gain, Q = riccati(step, drive[:, 0], law, model)
         # states of the plan as  x_k = free_k x_0 + forced_k U - loaded_k T
         free, loaded, forced = np.empty((N, n, n)), np.empty((N, n)), np.empty((N, n, N))

@@ -1,4 +1,4 @@
-"""A designed `LinearMPC` as C: filter, program, check, stand-in drive and limits in one step, around a solver that OSQP writes for this program.
+"""A designed `LinearMPC` as C: filter, program, check, fallback drive and limits in one step, around a solver that OSQP writes for this program.
 
     estimate z = z- + L (y - C z-);  theta = (x at arrival, last torque, T, reference);  min 1/2 w'w + g(theta)' w, low(theta) <= A w <= high(theta)
     u = first torque of the plan where its KKT residual is below 1e-6, else that of the soft drive;  within limits;  z- of the next sample

@@ -15,9 +15,9 @@ from toolbox import quantity
 class LQG(LQR):
     """`LQR` on the states that `Kalman` estimates from the top speed alone.
 
-    `design` returns `OnEstimates(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number
-    of samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of
-    the filter (separation); with a rock the filter knows less than the regulator was designed on, and tests say what is left of that.
+    `design` returns `OnEstimates(LQR, Kalman)`: estimates are recorded as `estimate.bit.speed`, `estimate.bit.torque` and so on. `late` is the number of
+    samples by which commands reach the drive later. Without rock and limits the poles are those of the regulator and those of the filter (separation). With a
+    rock the filter knows less than the regulator was designed on, and the tests say how much of that remains.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)

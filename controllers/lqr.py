@@ -20,11 +20,13 @@ class LQR(TorqueLimits):
         u = u_0 - K (x - x_0) - K_i z,   z' = w_top - reference,   minimising
         int (w_top - ref)^2 / top_size^2 + (w_bit - ref)^2 / bit_size^2 + z^2 / angle_size^2 + (u - u_0)^2 / torque_size^2 dt
 
-    The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design`
-    linearises the plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0
-    follow a set-point that moves (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Sampled,
-    z begins where the law gives the torque that acts (`controllers.bumpless`). Measures all states of the string. Range: near that point. K holds the twist
-    of that point, too, so that a stuck bit is wound up and freed only as fast as the integral overcomes K: tens of seconds at low set-points.
+    The sizes are Bryson's: the deviation that counts as much as any other (A. E. Bryson, Y.-C. Ho, Applied Optimal Control, 1975). `design` linearises the
+    plant with the bit sliding at `reference`, takes x_0 and u_0 from there and K from the Riccati equation (scipy). x_0 and u_0 follow a set-point that moves
+    (`slope`, per rad/s). Where torque limits are known, z is led back by (wanted - command) / (K_i tracking). Sampled, z begins where the law gives the torque
+    that acts (`controllers.bumpless`).
+
+    The law measures all states of the string. Range: near that operating point. K holds the twist of that point, too, so that a stuck bit is wound up and freed
+    only as fast as the integral overcomes K: tens of seconds at low set-points.
     """
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from controllers.disturbance_filter import DisturbanceFilter
+from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from controllers.string_model import StringModel, rock_table, string_model
 from toolbox import HybridSystem, Observer, SceneError, quantity
@@ -63,10 +63,10 @@ class HorizonFilter(DisturbanceFilter):
         check_fields(observer)
         self.model: StringModel = string_model(plant)
         model, N = self.model, observer.window
-        super().__init__(
+        super().__init__(FilterModel(
             model.A, model.B, model.E, model.top[None, :], observer.period, observer.delay, (observer.speed_noise,),
             observer.torque_walk, observer.drive_walk,
-        )  # fmt: skip
+        ))  # fmt: skip
         self.period = observer.period
         self.table = rock_table(plant)
         self.failures = 0

@@ -9,32 +9,41 @@ strength, and while the bit is predicted to be stuck the plan winds up the strin
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from controllers.predictive import Predictive, PredictiveLaw, Record, held, riccati, sensor_rows, steady, twist_row
+from controllers.disturbance_filter import FilterModel
+from controllers.predictive import Predictive, PredictiveLaw, Record, riccati, sensor_rows, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
 from toolbox import HybridSystem, SceneError, quantity
-from toolbox.authoring import announced
+from toolbox.authoring import announced, time_left, zero_order_hold
+
+if TYPE_CHECKING:
+    from controllers.condensing import Aim, Limits
 
 
 @dataclass(frozen=True, kw_only=True)
 class NonlinearMPC(Predictive):
     """`Predictive` on the hybrid model: in each sample a plan is rolled out, linearised along its own motion and improved by one quadratic program.
 
-    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning); with `iterations` above
+    The plan is that of the sample before, or, where it is better, that of a soft drive (bit at rest) or of the regulator (bit turning). With `iterations` above
     1 it is improved until it settles (SQP). A step is taken only as far as it lowers the cost of its own rollout, so that no program can make a plan worse.
-    width: None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
-    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.  While the bit is at rest (estimated below
-    `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up; a turning bit is kept above `slowest`
-    times the set-point, and a prediction in which it sticks again costs `priority` for each sample.  adapt: whether the strength of the rock, a factor on its
-    torque between 0.5 and 2, is estimated: with the states, by `RockFilter`, once the bit has turned for three samples (it may wander by `strength_walk` in a
-    second); before that from the torque that the linear filter sees, in the time `strength_time`; at rest from the torque that it has held, `margin` more than
-    that. Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks.
-    Source of the iteration: M. Diehl, H. G. Bock, J. P. Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
+
+    `width` is None for exact modes (mode-scheduled prediction), else the width [rad/s] of regularised friction, with the peak of the set-valued law unless
+    `matched` is False, which is the textbook's tanh, weighed as the textbook does, and a trap.
+
+    While the bit is at rest (estimated below `rest_speed`), only the top speed is weighed until the predicted release, so that the string is wound up. A
+    turning bit is kept above `slowest` times the set-point, and a prediction in which it sticks again costs `priority` for each sample.
+
+    `adapt` tells whether the strength of the rock, a factor on its torque between 0.5 and 2, is estimated. Once the bit has turned for three samples,
+    `RockFilter` estimates it with the states (it may wander by `strength_walk` in a second); before that it follows from the torque that the linear filter
+    sees, in the time `strength_time`; at rest from the torque that the rock has held, `margin` more than that.
+
+    Range: horizons of a few seconds; much longer plans have local minima in which the bit sticks. Source of the iteration: M. Diehl, H. G. Bock, J. P.
+    Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
     drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
@@ -77,7 +86,7 @@ class PlannedNonlinear(PredictiveLaw):
         super().__init__(law, plant, model, string_model(plant).A)
         self.settings = law
         n, N = A.shape[0], law.horizon
-        step, drive = held(A, model.B[:, None], law.period)
+        step, drive = zero_order_hold(A, model.B[:, None], law.period)
         P, self.gain, _ = riccati(step, drive[:, 0], law, model)
         self.Q_rows = np.array([model.top / law.top_size, model.bit / law.bit_size])
         values, vectors = np.linalg.eigh(P)
@@ -98,7 +107,7 @@ class PlannedNonlinear(PredictiveLaw):
         if law.adapt:
             sensors = sensor_rows(plant, law.sensors)
             self.filter = RockFilter(
-                string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk,
+                FilterModel(string_model(plant).A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk),
                 drive_error=law.drive_error, strength_walk=law.strength_walk, rollout=self.rollout, contact=self.contact, bit=model.bit, rock=self._rock_at,
                 turning=2.0 * law.rest_speed, lasting=3,
             )  # fmt: skip
@@ -144,7 +153,7 @@ class PlannedNonlinear(PredictiveLaw):
                 self.rollout.scale[self.contact] = self.strength
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
-        from controllers.condensing import condense, regulated, wound_up
+        from controllers.condensing import Aim, Commands, Motion, Plan, Prediction, Program, condense, regulated, wound_up
 
         law, N, unit = self.settings, self.law.horizon, self.law.torque_size
         x, load = z[:-1].copy(), float(z[-1])
@@ -158,28 +167,29 @@ class PlannedNonlinear(PredictiveLaw):
         wish = self.target @ (self.reference, self.strength * self._rock_torque(self.reference))
         self.limit_low[0] = law.slowest * self.reference / law.bit_size
         x_s, u_s = np.ascontiguousarray(wish[:-1]), float(wish[-1])
-        around = (x_s, u_s, self.last, self.Q_rows, self.P_rows, unit, law.move_size, self.limit_rows, self.limit_low, self.limit_high)
+        aim = Aim(x_s, u_s, float(self.last), self.Q_rows, self.P_rows, unit, law.move_size)
         shifted = np.append(self.torques[1:], self.torques[-1:], axis=0)
-        U, value, X, M = self._valued(x, shifted, around)
+        U, value, X, M = self._valued(x, shifted, aim)
         if not self.samples:
             value = np.inf  # there is no last plan
         # a plan that owes nothing to the last one: a soft drive winds up a bit at rest, the regulator catches one that turns
         roll = self.rollout
         P_X, P_M, P_U = np.empty((N + 1, x.size)), np.zeros((N + 1, roll.contacts)), np.empty((N, 1))
         P_X[0], P_M[0] = x, roll.modes(x)
-        call = (roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers, P_X, P_M, _NONE, P_U)
-        limits = (self.lowest, self.highest, self.rate)
+        prediction = Prediction(roll.addresses, roll.interval, roll.steps, roll.inputs, roll.columns, roll.numbers)
+        motion, commands = Motion(P_X, P_M, _NONE, P_U), Commands(self.lowest, self.highest, self.rate)
         if resting:
-            wound_up(*call, self.top, self.reference, self.last, self.drive.proportional, self.drive.integral, *limits)
+            wound_up(prediction, motion, self.top, self.reference, aim.last, self.drive.proportional, self.drive.integral, commands)
         else:
-            regulated(*call, x_s, u_s, self.gain, self.last, *limits)
-        other = self._cost(P_X, P_U, P_M, around)
+            regulated(prediction, motion, aim, self.gain, commands)
+        other = self._cost(P_X, P_U, P_M, aim)
         if other < value:
             U, value, X, M = P_U, other, P_X, P_M
         for _ in range(law.iterations):
             X, A, B, M = roll.advance(x, U)
             free = self._free(X, M)
-            condense(X, A, B, U, free, *around, self._first(X), self.rate, self.H, self.g, self.rows, self.low, self.high)
+            program = Program(self.H, self.g, self.rows, self.low, self.high)
+            condense(Plan(X, U, free), A, B, aim, self._limits(X), self.rate, program)
             self.low[:N], self.high[:N] = (self.lowest - U[:, 0]) / unit, (self.highest - U[:, 0]) / unit
             self.program.update(self.H, self.rows)
             answer = self.program.solve(self.g, self.low, self.high)
@@ -190,7 +200,7 @@ class PlannedNonlinear(PredictiveLaw):
             change = answer.z[:N, None] * unit
             factor = 1.0
             while factor > 0.05:
-                trial = self._valued(x, U + factor * change, around)
+                trial = self._valued(x, U + factor * change, aim)
                 if trial[1] < value:
                     break
                 factor *= 0.5
@@ -203,22 +213,25 @@ class PlannedNonlinear(PredictiveLaw):
         self.torques, self.states, self.modes, self.value = U, X, M, value
         return float(U[0, 0]), ""
 
-    def _valued(self, x: np.ndarray, U: np.ndarray, around: tuple[Any, ...]) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+    def _valued(self, x: np.ndarray, U: np.ndarray, aim: Aim) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
+        time_left()
         X, M = self.rollout.states(x, U)
-        return U, self._cost(X, U, M, around), X, M
+        return U, self._cost(X, U, M, aim), X, M
 
-    def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, around: tuple[Any, ...]) -> float:
-        from controllers.condensing import cost
+    def _cost(self, X: np.ndarray, U: np.ndarray, M: np.ndarray, aim: Aim) -> float:
+        from controllers.condensing import Plan, cost
 
-        value = cost(X, U, self._free(X, M), *around, self._first(X), self.law.priority)
+        value = cost(Plan(X, U, self._free(X, M)), aim, self._limits(X), self.law.priority)
         return value if np.isfinite(value) else np.inf
 
-    def _first(self, X: np.ndarray) -> np.ndarray:
-        """The stage from which each limit holds: for the bit, the first one that is fast enough, where a bit turns now."""
+    def _limits(self, X: np.ndarray) -> Limits:
+        """The limits of a plan: that of the bit holds from the first stage at which it is fast enough, where a bit turns now."""
+        from controllers.condensing import Limits
+
         first = np.zeros(self.limit_rows.shape[0], np.int64)
         fast = X[1:, self.place] >= self.settings.slowest * self.reference
         first[0] = X.shape[0] - 1 if self.resting or not self.settings.matched or not fast.any() else np.argmax(fast)
-        return first
+        return Limits(self.limit_rows, self.limit_low, self.limit_high, first)
 
     def _free(self, X: np.ndarray, M: np.ndarray) -> np.ndarray:
         """What each stage weighs (see `controllers.condensing`): a bit at rest is wound up first, and what follows its release comes later."""

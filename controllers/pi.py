@@ -14,7 +14,7 @@ from toolbox import Equations, SceneError, Update, quantity, state
 class PI(TorqueLimits):
     """PI speed control: u = proportional e + integral int e dt, e = reference - top speed.
 
-    Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the stand-in of
+    Continuous, or sampled with u_k = proportional e_k + integral z_k, z_(k+1) = z_k + period e_k. The field `reference` is the default of
     the signal `top.reference` [rad/s]. Where torque limits are known, the integral is led back with the time proportional / integral: z' = e +
     (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
     """
@@ -25,10 +25,22 @@ class PI(TorqueLimits):
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
-        """Gains that give an inertia J [kg m2] alone the poles of s^2 + 2 damping om s + om^2, om = `frequency` [rad/s].
+        """Return the law that gives an inertia alone the poles of s^2 + 2 damping om s + om^2.
 
-        proportional = 2 damping om J, integral = om^2 J, less whatever drag the drive has (textbook: K. J. Åström, T. Hägglund, Advanced PID Control,
-        ISA 2006).
+            proportional = 2 damping om J,     integral = om^2 J
+
+        A drag of the drive adds to `proportional`: subtract it where it matters. Source: textbook (K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006).
+
+        Parameters
+        ----------
+        inertia
+            Inertia J [kg m2].
+        frequency
+            Natural frequency om [rad/s].
+        damping
+            Damping ratio [1].
+        others
+            Other fields of the law, such as `reference`.
         """
         return cls(proportional=2.0 * damping * frequency * inertia, integral=frequency**2 * inertia, **others)
 

@@ -8,10 +8,29 @@ from toolbox import SceneError
 
 
 def pipe_impedance(outer: float, inner: float, shear_modulus: float, density: float) -> float:
-    """Torsional wave impedance of a pipe [N m s/rad]: zeta = I_p sqrt(G rho), I_p = pi (outer^4 - inner^4) / 32; diameters in m, G in Pa, rho in kg/m3.
+    """Compute the torsional wave impedance of a pipe, zeta = I_p sqrt(G rho), with I_p = pi (outer^4 - inner^4) / 32.
 
-    `toolbox.impedance` is that of a drive, `toolbox.reflection` what of a wave it sends back. Raises SceneError unless 0 <= inner < outer and G, rho > 0.
-    Source: textbook; used for drill strings by U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+    `toolbox.impedance` is that of a drive, and `toolbox.reflection` tells what part of a wave the drive sends back. Source: textbook; used for drill strings
+    by U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+
+    Parameters
+    ----------
+    outer, inner
+        Diameters of the pipe [m].
+    shear_modulus
+        Shear modulus G [Pa].
+    density
+        Density rho [kg/m3].
+
+    Returns
+    -------
+    float
+        Impedance zeta [N m s/rad].
+
+    Raises
+    ------
+    SceneError
+        Unless 0 <= inner < outer, and G and rho are > 0.
     """
     if not 0 <= inner < outer:
         raise SceneError(f"Argument `inner` must be >= 0 m and below the outer diameter {outer:g} m, but it is {inner!r}.")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from controllers.disturbance_filter import DisturbanceFilter, held
+from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
@@ -31,7 +31,7 @@ class Predictive(TorqueLimits):
     no other gain can outweigh (`priority`); without `soft` they may leave no answer.
 
     measures: `sensors`, with their noise; from these a stationary Kalman filter estimates the states and the torque of the rock, so that a
-    constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the stand-in of the signal
+    constant torque that the model does not know leaves no error. The field `reference` is the point of the design and the default of the signal
     `top.reference` [rad/s], whose present value every plan holds for its whole horizon. delay: how long after its sample a command reaches the plant, as the
     law knows it; it may exceed the period.
 
@@ -165,11 +165,13 @@ class PredictiveLaw:
         self.law, self.measures = law, law.sensors
         self.model = model
         sensors = sensor_rows(plant, law.sensors)
-        self.filter = DisturbanceFilter(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+        self.filter = DisturbanceFilter(
+            FilterModel(A, model.B, model.E, sensors, law.period, law.delay, law.noise, law.torque_walk, law.drive_walk)
+        )
         self.drive = SoftDrive(law, plant)
         self.watchdog = Watchdog(law.period, law.patience, law.lowest_torque, law.highest_torque)
         self.reference = float(law.reference)
-        self.stand_ins = {"top.torque": (0.0, "N m"), "top.reference": (self.reference, "rad/s")}
+        self.defaults = {"top.torque": (0.0, "N m"), "top.reference": (self.reference, "rad/s")}
         self.steady_string = steady_string(A, model, sensors)
         self.top = sensor_rows(plant, ("top.speed",))[0]
         self.lowest = -np.inf if law.lowest_torque is None else law.lowest_torque
@@ -293,7 +295,6 @@ __all__ = [
     "Predictive",
     "PredictiveLaw",
     "Record",
-    "held",
     "riccati",
     "sensor_rows",
     "steady",

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox import SceneError
-from toolbox.authoring import announced
+from toolbox.authoring import announced, time_left
 
 SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
 """Solvers by name: osqp through its own interface, the others as they ship with casadi."""
@@ -97,12 +97,13 @@ class QuadraticProgram:
         self._call.matrices(self.H, self.A)
 
     def solve(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> Answer:
-        """The answer for these vectors; it does not raise where there is none."""
+        """The answer for these vectors; it does not raise where there is none, but ends a run whose seconds are spent."""
+        left = time_left()
         if not (np.isfinite(g).all() and not np.isnan(low).any() and not np.isnan(high).any()):
             nothing = np.full(g.size + self.A.shape[0], np.nan)
             return Answer(nothing[: g.size], nothing, False, "the problem is not finite", Residuals(np.inf, np.inf, np.inf))
         try:
-            z, y = self._call(g, low, high)
+            z, y = self._call(g, low, high, left)
         except RuntimeError as error:  # a plug-in that gives up
             z, y = np.full(g.size, np.nan), np.full(low.size, np.nan)
             self._call.forget()
@@ -149,7 +150,7 @@ class _Plugin:
         for name in ("x0", "lam_x0", "lam_a0"):
             self.given[name][:] = 0.0
 
-    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray, left: float) -> tuple[np.ndarray, np.ndarray]:
         given, found, n = self.given, self.found, self.n
         given["g"][:] = g
         given["lbx"][:], given["ubx"][:], given["lba"][:], given["uba"][:] = low[:n], high[:n], low[n:], high[n:]
@@ -171,7 +172,7 @@ class _Osqp:
         import osqp
 
         self.program = osqp.OSQP()
-        self.n = H.shape[0]
+        self.n, self.left = H.shape[0], np.inf
         self.upper = np.triu(np.ones_like(H)).T.astype(bool)  # transposed: scipy stores columns
         P, rows = self._sparse(H, A)
         many = rows.shape[0]
@@ -193,7 +194,10 @@ class _Osqp:
     def forget(self) -> None:
         self.program.warm_start(x=np.zeros(self.n), y=np.zeros(self.program.m))
 
-    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray, left: float) -> tuple[np.ndarray, np.ndarray]:
+        if left != self.left:
+            self.left = left
+            self.program.update_settings(time_limit=min(left, 1e10))
         self.program.update(q=g, l=np.maximum(low, -1e30), u=np.minimum(high, 1e30))
         result = self.program.solve(raise_error=False)
         return np.asarray(result.x, float), np.asarray(result.y, float)

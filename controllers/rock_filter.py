@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.disturbance_filter import DisturbanceFilter
+from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 
 SURPRISE = 4.0
 """Mean square of the innovations, in units of what the filter expects, beyond which the law of the rock is no longer believed."""
@@ -35,16 +35,16 @@ class RockFilter(DisturbanceFilter):
 
     so that they are careful while the command swings, and sharp in steady drilling; the gain of the linear filter follows its Riccati equation in time.
 
-    rollout: the prediction;  contact: which of its contacts is the bit;  bit: row of the bit speed;  rock: torque and slope at a speed > 0;
-    turning: estimated speed above which a bit turns.
+    model: what the filters know;  rollout: the prediction;  contact: which of its contacts is the bit;  bit: row of the bit speed;  rock: torque and
+    slope at a speed > 0;  turning: estimated speed above which a bit turns.
     """
 
     def __init__(
-        self, A, B, E, C, period: float, delay: float, noise, torque_walk: float, drive_walk: float, *,
-        drive_error: float, strength_walk: float, rollout: Any, contact: int,
+        self, model: FilterModel, *, drive_error: float, strength_walk: float, rollout: Any, contact: int,
         bit: np.ndarray, rock: Callable[[float], tuple[float, float]], turning: float, lasting: int,
     ):  # fmt: skip
-        super().__init__(A, B, E, C, period, delay, noise, torque_walk, drive_walk)
+        super().__init__(model)
+        A, B, E, C, period, drive_walk = model.A, model.B, model.E, model.C, model.period, model.drive_walk
         n = A.shape[0]
         self.drive_walk, self.drive_error, self.mean = drive_walk, drive_error, 0.0
         # what the drive's noise of intensity 1 adds in a period to the linear filter, beside the rest of `walk`

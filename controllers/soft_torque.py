@@ -27,11 +27,23 @@ class SoftTorque(TorqueLimits):
 
     @staticmethod
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:
-        """The PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
+        """Return the PI law for a distributed string: proportional = 4 zeta, integral = (2 pi f)^2 J.
 
-        zeta [N m s/rad] is the wave impedance of the pipe (`pipe_impedance`), J [kg m2] the inertia of the drive, f [Hz] the
-        lowest frequency of the string: there the integral cancels the inertia and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source:
-        U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+        At f the integral cancels the inertia, and the drive shows 4 zeta, |r| = 3/5, with less at its harmonics. Source: U. J. F. Aarsnes, F. Di Meglio, R. J.
+        Shor, J. Sound Vib. 424 (2018).
+
+        Parameters
+        ----------
+        string_impedance
+            Wave impedance zeta of the pipe [N m s/rad] (`pipe_impedance`).
+        inertia
+            Inertia J of the drive [kg m2].
+        frequency
+            Lowest frequency f of the string [Hz].
+        reference
+            Set-point [rad/s].
+        limits
+            Torque limits and other fields of the law.
         """
         return PI(proportional=4.0 * string_impedance, integral=(2.0 * np.pi * frequency) ** 2 * inertia, reference=reference, **limits)
 

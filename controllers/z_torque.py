@@ -18,13 +18,15 @@ class ZTorque(TorqueLimits):
 
         u = P e + I z + J_c (w - f) / T_f,   f' = (w - f) / T_f,   z' = e,   e = reference - top speed
 
-    (w - f) / T_f is the filtered acceleration. Below sqrt(zeta / (J T_f)) the drive then shows the string Z = P (and I / i om below I / P), instead of a
-    P that an inertia hides. With P = zeta = I_p sqrt(G rho) a wave is not reflected, |r| = |P - zeta| / (P + zeta). All of the inertia cannot be
-    compensated through a filter: J_c = J (1 - sqrt(zeta T_f / J))^2 is what leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
-    `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the
-    drag of the drive, I = zeta sqrt(k / J_b) / 5. Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I
-    are choices of this file. Where torque limits are known, z is led back by (command - wanted) / zeta. Sampled, f begins at
-    the speed that is measured and z where the law gives the torque that acts (`controllers.bumpless`).
+    (w - f) / T_f is the filtered acceleration. Below sqrt(zeta / (J T_f)) the drive then shows the string Z = P (and I / i om below I / P), instead of a P that
+    an inertia hides. With P = zeta = I_p sqrt(G rho) a wave is not reflected, |r| = |P - zeta| / (P + zeta). All of the inertia cannot be compensated through a
+    filter: J_c = J (1 - sqrt(zeta T_f / J))^2 leaves drive and filter a double real pole at -sqrt(zeta / (J T_f)).
+
+    `design` reads what is not given from a lumped chain: zeta = sqrt(k J_b) (k all springs in series, J_b all below the drive), P = zeta less the drag of the
+    drive, I = zeta sqrt(k / J_b) / 5. Where torque limits are known, z is led back by (command - wanted) / zeta. Sampled, f begins at the measured speed and z
+    where the law gives the torque that acts (`controllers.bumpless`).
+
+    Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
     """
 
     impedance: float | None = quantity(None, "N m s/rad", "gain P", at_least=0)

@@ -16,13 +16,16 @@ class AxialChain(Component):
 
         m_i v_i' = N_i - N_(i-1) - drag m_i v_i,   N_i = k_i stretch_i + c_i (v_(i+1) - v_i),   stretch_i' = v_(i+1) - v_i
 
-    Stretches and forces are counted from the string hanging free, where all are zero, so weight appears at the hook only: with G = gravity sum m_i,
-    N_0 = H - G at the first mass and N_n = -W at the last, H the hook load, W the weight on bit. One mass is a rigid string.
-    Top end, one of two: `hook_load` given, H is imposed and n masses have n-1 springs, 2n-1 states; without, the hook is lowered at a given
-    speed through hoisting lines, which are the first of n springs, 2n states: `axial.stretch` [m] and `axial.speed` (n) [m/s].
-    Signals: needs `hook.load` [N] (the field) or `hook.speed` [m/s], downwards (0), and `bit.weight` W [N] (0, off bottom); gives
-    `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N]. What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`.
-    Textbook; the defaults have the size of a 1000 m string on ten lines and are chosen.
+    Stretches and forces are counted from the string hanging free, where all are zero, so weight appears at the hook only: with G = gravity sum m_i, N_0 = H -
+    G at the first mass and N_n = -W at the last, H the hook load, W the weight on bit. One mass is a rigid string. Top end, one of two: `hook_load` given, H
+    is imposed and n masses have n-1 springs, 2n-1 states; without, the hook is lowered at a given speed through hoisting lines, which are the first of n
+    springs, 2n states: `axial.stretch` [m] and `axial.speed` (n) [m/s].
+
+    - Needs the signals `hook.load` [N] (default: the field) or `hook.speed` [m/s], downwards (default 0), and `bit.weight` W [N] (default 0, off bottom).
+    - Gives the signals `bit.axial_speed` [m/s] and, behind lines, `hook.load` [N].
+
+    What is between bit and rock gives the weight on bit: `ElasticRock`, `DragBit`. Textbook; the defaults have the size of a 1000 m string on ten lines and
+    are chosen.
     """
 
     mass: tuple[float, ...] = quantity((34_000.0,), "kg", "masses, top first", above=0)

@@ -16,11 +16,17 @@ class OscillatorOnBar(Component):
     """A mass on a spring that rubs on a bar clamped at both ends, whose clamps move past it with the speed V.
 
         m v' = f - k x - c v + F,     slip v - V - u_t(a, t),     F dry friction
-            (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L),     u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
+            (rho A L / 2) (q_j'' + 2 zeta w_j q_j' + w_j^2 q_j) = -F sin(j pi a / L)
+        u(y, t) = sum q_j sin(j pi y / L),     w_j = (j pi / L) sqrt(E / rho)
 
-    with the first `modes` axial modes j of the bar and the contact at a = `contact` L. Signals: needs `oscillator.force` f [N] (0); gives
-    `oscillator.bar_speed` u_t(a) [m/s] and the states `oscillator.position` x, `oscillator.speed` v, `oscillator.amplitude` q [m] and
-    `oscillator.rate` q' [m/s] (one entry per mode). Contact: `bar`. The energy of the bar is that seen from its clamps.
+    with the first `modes` axial modes j of the bar and the contact at a = `contact` L.
+
+    - Needs the signals `oscillator.force` f [N] (default 0).
+    - Gives the signals `oscillator.bar_speed` u_t(a) [m/s] and the states `oscillator.position` x, `oscillator.speed` v, `oscillator.amplitude` q [m] and
+      `oscillator.rate` q' [m/s] (one entry per mode).
+    - Contact: `bar`.
+
+    The energy of the bar is that seen from its clamps.
 
     A reconstruction after Hong et al. (oscillator on a clamped-clamped axial bar), of whom only the statement on the two periods is known here; the
     defaults are chosen. Range: small strain, travel small beside the length (the contact keeps its place on the bar), periods longer than that of

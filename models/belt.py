@@ -15,8 +15,9 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, 
 class Block(Component):
     """Mass on a spring without friction of its own: m v' = u + a - k x - c v.
 
-    Signals: needs `block.force` u [N] (0) and `block.attachment` a [N] (0), the force of what is tied to it: a friction damper, an absorber, a bristle;
-    gives `block.position` x [m], `block.speed` v [m/s].
+    - Needs the signals `block.force` u [N] (default 0) and `block.attachment` a [N] (default 0), the force of what is tied to it: a friction damper, an
+      absorber, a bristle.
+    - Gives the signals `block.position` x [m], `block.speed` v [m/s].
     """
 
     mass: float = quantity(1.0, "kg", "mass of the block", above=0)
@@ -38,10 +39,13 @@ class Block(Component):
 class BlockOnBelt(Component):
     """Block on a moving belt, held by a spring: m v' = u + a - k x - c v - d (v - v_belt) + F, F dry friction against v - v_belt.
 
-    Signals: needs `block.force` u [N] (0), `block.load` [N] (the field `load`; an alternating load is an input) and `block.attachment` a [N]
-    (0), the force of what is tied to the block; gives `block.position` x [m], `block.speed` v [m/s]. Contact: `belt`. Defaults are the numbers
-    of Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s. At belt speed 0 it
-    is the oscillator of J. P. Den Hartog (1931).
+    - Needs the signals `block.force` u [N] (default 0), `block.load` [N] (default: the field `load`; an alternating load is an input) and `block.attachment`
+      a [N] (default 0), the force of what is tied to the block.
+    - Gives the signals `block.position` x [m], `block.speed` v [m/s].
+    - Contact: `belt`.
+
+    Defaults are the numbers of Leine et al., Nonlinear Dynamics 16 (1998) 41-54: stick-slip of amplitude about one, stick while |k x| <= F_s. At belt speed 0
+    it is the oscillator of J. P. Den Hartog (1931).
     """
 
     mass: float = quantity(1.0, "kg", "mass of the block", above=0)
@@ -75,8 +79,11 @@ class BlocksOnBelt(Component):
 
         m_i v_i' = u_i - k_i x_i - c_i v_i + q_i (x_(i+1) - x_i) - q_(i-1) (x_i - x_(i-1)) + F_i,   F_i dry friction against v_i - v_belt
 
-    Signals: needs `blocks.force.i` u_i [N] (0), i from 0; gives `blocks.position` (n) [m] and `blocks.speed` (n) [m/s]. Contacts: `belt.i`. Two equal
-    blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
+    - Needs the signals `blocks.force.i` u_i [N] (default 0), i from 0.
+    - Gives the signals `blocks.position` (n) [m] and `blocks.speed` (n) [m/s].
+    - Contacts: `belt.i`.
+
+    Two equal blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
     """
 
     mass: tuple[float, ...] = quantity((1.0, 1.2), "kg", "masses", above=0)
@@ -119,10 +126,11 @@ class BlocksOnBelt(Component):
 class Absorber(Component):
     """Dynamic vibration absorber on a block: m_a w' = k_a (x - y) + c_a (v - w), and the block feels the same force back.
 
-    Signals: needs `block.position` [m] and `block.speed` [m/s]; gives `absorber.position` y [m], `absorber.speed` w [m/s] and
-    `block.attachment` [N]; with `on="pad"` the same of the pads of a `DiscBrake`. `Absorber.tuned` gives the one that lets a block bear the most
-    falling friction. An oscillator on an elastic foundation with an absorber is that of Maegawa and Itoigawa, of whose work only this much is
-    known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
+    - Needs the signals `block.position` [m] and `block.speed` [m/s].
+    - Gives the signals `absorber.position` y [m], `absorber.speed` w [m/s] and `block.attachment` [N]; with `on="pad"` the same of the pads of a `DiscBrake`.
+
+    `Absorber.tuned` gives the one that lets a block bear the most falling friction. An oscillator on an elastic foundation with an absorber is that of
+    Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
     """
 
     mass: float = quantity(0.1, "kg", "mass of the absorber", above=0)

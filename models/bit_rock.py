@@ -12,9 +12,12 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity
 class BitRock(Component):
     """Rock under a rotating bit: set-valued Stribeck torque, T = W R_b [mu_c + (mu_s - mu_c) exp(-gamma |w| / v_f)] sgn w.
 
-    Signals: needs `bit.speed` [rad/s] and `bit.weight` [N] (the field `weight`); gives `bit.torque` [N m]. Contact: `bit`. Defaults: E. M.
-    Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s,
-    so that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
+    - Needs the signals `bit.speed` [rad/s] and `bit.weight` [N] (default: the field `weight`).
+    - Gives the signals `bit.torque` [N m].
+    - Contact: `bit`.
+
+    Defaults: E. M. Navarro-Lopez, D. Cortes, J. Sound Vib. 307 (2007) 152-171, doi:10.1016/j.jsv.2007.06.037 (mu_c 0.5, mu_s 0.8, gamma 0.9, v_f 1 rad/s, so
+    that decay = gamma / v_f = 0.9 s/rad). The viscous drag of the bit belongs to the chain.
     """
 
     weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)

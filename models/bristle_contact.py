@@ -19,10 +19,10 @@ from toolbox import Component, Equations, Relay, SceneError, quantity, state
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:
-    """Parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
+    """Compute the parts of the load that equal strips of a rounded (parabolic) contact carry, in order across it; they add up to 1.
 
-    The pressure 3/4 (1 - s^2), -1 <= s <= 1, integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler
-    foundation under a parabolic punch.
+    The pressure 3/4 (1 - s^2), -1 <= s <= 1, is integrated over each strip. Raises SceneError for fewer than 1 bristle. Source: textbook, Winkler foundation
+    under a parabolic punch.
     """
     if isinstance(n, bool) or not isinstance(n, int) or n < 1:
         raise SceneError(f"Argument `n` must be a whole number >= 1, but it is {n!r}.")
@@ -50,12 +50,16 @@ class BristleContact(Component):
 
         z_i' = v - v_plate - w_i ,   F = -sum k/n z_i ,   |k/n z_i| <= mu N share_i ,   w_i = 0 unless at the bound
 
-    Loading from rest follows F(x) = sum min(k x / n, mu N share_i), reversals follow Masing's rule. Signals: needs `slider.speed` v [m/s] (0),
-    `plate.speed` [m/s] (0), `plate.load` N [N] (the field); gives `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the part of the
-    bristles below their bound. State: `plate.stretch` z (n) [m], from 0. Elements: `plate.i` with modes "stick" and "slip" and
-    signals `plate.i.force` [N] and `plate.i.slip` w_i [m/s]. A load that varies must
-    stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu: without inertia a
-    bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an assumption.
+    Loading from rest follows F(x) = sum min(k x / n, mu N share_i), reversals follow Masing's rule.
+
+    - Needs the signals `slider.speed` v [m/s] (default 0), `plate.speed` [m/s] (default 0), `plate.load` N [N] (default: the field).
+    - Gives the signals `plate.drag` F [N], the force on the slider, and `plate.stuck` [1], the part of the bristles below their bound.
+    - State: `plate.stretch` z (n) [m], from 0.
+    - Elements: `plate.i` with modes "stick" and "slip" and signals `plate.i.force` [N] and `plate.i.slip` w_i [m/s].
+
+    A load that varies must stay above 0; where it falls by more than 1e4 of itself per second a bristle may be left "beyond" its bound. One coefficient mu:
+    without inertia a bristle would jump from a static to a lower kinetic bound. Source: textbook (Jenkins element, Iwan model). The stiffness is an
+    assumption.
     """
 
     n: int = 16

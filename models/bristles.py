@@ -23,8 +23,8 @@ from toolbox import Component, Equations, FrictionLaw, quantity, state
 class Dahl(Component):
     """Dahl's friction: a spring that yields, F = -s z, z' = v - |v| s z / F_k, v the slip.
 
-    From rest the force depends on the way d alone: |F| = F_k (1 - exp(-s d / F_k)). It has no break-away force above F_k, so no
-    stick-slip. Signals: see `models/bristles.py`. Range: any speed. Source: P. R. Dahl (1968), with the exponent 1. Defaults: chosen.
+    From rest the force depends on the distance d alone: |F| = F_k (1 - exp(-s d / F_k)). It has no break-away force above F_k, so there is no stick-slip.
+    Signals: see `models/bristles.py`. Range: any speed. Source: P. R. Dahl (1968), with the exponent 1. Defaults: chosen.
     """
 
     stiffness: float = quantity(100.0, "N/m", "stiffness s of the bristles before sliding", above=0)
@@ -83,10 +83,10 @@ class LuGre(Component):
 class Dankowicz(Component):
     """Asperities that bend by at most a reach z_m: F = -N mu(|v|) z / z_m, z' = v - |v| z / z_m, v the slip.
 
-    How far they have bent depends on the way d alone, from rest z = z_m (1 - exp(-d / z_m)); how hard they pull, on the speed of now. After a
-    few z_m of sliding one way, |F| = N mu(|v|). It stores no energy: pulling back bent asperities costs as much as they gave, so that it drives the
-    block while z and v differ in sign. Signals: see `models/bristles.py`. A reconstruction after H. Dankowicz, ZAMM 79 (1999) 399-409, with
-    a law in place of the separation of the surfaces that the source couples to the slip. Defaults: chosen.
+    How far they are bent depends on the distance d alone, from rest z = z_m (1 - exp(-d / z_m)); how hard they pull depends on the present speed. After a few
+    z_m of sliding one way, |F| = N mu(|v|). The model stores no energy: pulling back bent asperities costs as much as they gave, so that it drives the block
+    while z and v differ in sign. Signals: see `models/bristles.py`. A reconstruction after H. Dankowicz, ZAMM 79 (1999) 399-409, with a law in place of the
+    separation of the surfaces that the source couples to the slip. Defaults: chosen.
     """
 
     reach: float = quantity(0.01, "m", "largest deflection z_m", above=0)

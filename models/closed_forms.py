@@ -19,7 +19,7 @@ from toolbox import SceneError
 
 
 @dataclass(frozen=True)
-class Cycle:
+class StickSlipPeriod:
     """A stick-slip cycle: seconds in slip and in stick."""
 
     slip: float
@@ -31,7 +31,7 @@ class Cycle:
         return self.slip + self.stick
 
 
-def belt_cycle(block: BlockOnBelt) -> Cycle:
+def belt_cycle(block: BlockOnBelt) -> StickSlipPeriod:
     """Stick-slip of an undamped block on a belt under Coulomb friction with a static bound above the kinetic one.
 
         z = N (mu_s - mu_k) w_n / (k v),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k / m)
@@ -47,7 +47,7 @@ def belt_cycle(block: BlockOnBelt) -> Cycle:
     return _cycle(block.mass, block.stiffness, fall, block.belt_speed, "block")
 
 
-def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> Cycle:
+def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> StickSlipPeriod:
     """Stick-slip of an undamped stator under a rotor that is driven at constant speed W [rad/s], Coulomb friction with T_s > T_k.
 
         z = (T_s - T_k) w_n / (k_t W),   t_slip = (2 / w_n)(pi - arctan z),   t_stick = 2 z / w_n,   w_n = sqrt(k_t / I_2)
@@ -62,14 +62,14 @@ def driven_disks_cycle(disks: TwoDisks, rotor_speed: float) -> Cycle:
     return _cycle(disks.stator_inertia, disks.stiffness, fall, rotor_speed, "disks")
 
 
-def _cycle(inertia: float, stiffness: float, fall: float, speed: float, part: str) -> Cycle:
+def _cycle(inertia: float, stiffness: float, fall: float, speed: float, part: str) -> StickSlipPeriod:
     if not stiffness > 0:
         raise SceneError(f"Argument `{part}.stiffness` must be > 0, but it is {stiffness!r}.")
     if not (math.isfinite(speed) and speed != 0):
         raise SceneError(f"Argument `speed` of the driver must be finite and not 0, but it is {speed!r}.")
     w = math.sqrt(stiffness / inertia)
     z = fall * w / (stiffness * abs(speed))
-    return Cycle(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
+    return StickSlipPeriod(slip=2 / w * (math.pi - math.atan(z)), stick=2 * z / w)
 
 
 def stick_slip_speed(block: BlockOnBelt) -> float:

@@ -14,12 +14,15 @@ class FrictionDamper(Component):
 
         m_d w' = k_d (x - y) + c_d (v - w) + F,   F dry friction against w
 
-    While it sticks it is a spring; where |k_d (x - y)| would pass the static force F_c it slides. A slider without mass takes W = 4 F_c (X - F_c / k_d)
-    from a slow swing of amplitude X > F_c / k_d, at most k_d X^2 where F_c = k_d X / 2; without load it takes nothing, and nothing when it never
-    slides. Signals: needs `block.speed` v [m/s] and `damper.load` [N] (the field); gives `block.attachment` [N],
-    `damper.stretch` x - y [m], `damper.speed` w [m/s]. Contact: `damper`.
-    Why a mass: the slider's speed is then a state that sticks exactly. c_d calms its ringing on the spring; the default is
-    critical for the default mass. Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
+    While it sticks it is a spring; where |k_d (x - y)| would pass the static force F_c it slides. A slider without mass takes W = 4 F_c (X - F_c / k_d) from
+    a slow swing of amplitude X > F_c / k_d, at most k_d X^2 where F_c = k_d X / 2; without load it takes nothing, and nothing when it never slides.
+
+    - Needs the signals `block.speed` v [m/s] and `damper.load` [N] (default: the field).
+    - Gives the signals `block.attachment` [N], `damper.stretch` x - y [m], `damper.speed` w [m/s].
+    - Contact: `damper`.
+
+    Why a mass: the slider's speed is then a state that sticks exactly. c_d calms its ringing on the spring; the default is critical for the default mass.
+    Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
     """
 
     stiffness: float = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)

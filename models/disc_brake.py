@@ -14,17 +14,18 @@ class DiscBrake(Component):
 
         I w' = T_drive - r F ;   m v' = F + a - k x - c v ;   F dry friction against r w - v, with load 2 N
 
-    x, v: tangential motion of pads and caliper at the effective radius r;  N = `brake.force` + `brake.disturbance`, the normal force of one pad; a
-    first-order `lag` of the actuator stands between the command and N where it is given. The commanded force must stay >= 0: pads push.
-    Signals: needs `brake.force` [N] (the field `force`), `brake.disturbance` [N] (0; a harmonic one is the input `sine`), `disc.torque` T_drive [N m] (0),
-    `pad.attachment` a [N] (0), the force of what is tied to the pads: an absorber, a shaker; gives `disc.speed` w [rad/s], `pad.position` [m],
-    `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
-    Contact: `pad`.
+    x and v are the tangential motion of pads and caliper at the effective radius r, and N = `brake.force` + `brake.disturbance` is the normal force of one pad.
+    Where a `lag` of the actuator is given, it stands between the command and N and is of first order. The commanded force must stay >= 0: pads push.
 
-    Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are
-    chosen, not published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad
-    then loses its damping where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. Form of the plant after the disc and pad with normal
-    harmonic force of Balaram et al., of which only this much is known here: a reconstruction.
+    - Needs the signals `brake.force` [N] (default: the field `force`), `brake.disturbance` [N] (default 0; a harmonic one is the input `sine`), `disc.torque`
+      T_drive [N m] (default 0), `pad.attachment` a [N] (default 0), the force of what is tied to the pads: an absorber, a shaker.
+    - Gives the signals `disc.speed` w [rad/s], `pad.position` [m], `pad.speed` [m/s], `brake.torque` r F [N m], and with a lag `brake.normal_force` [N].
+    - Contact: `pad`.
+
+    Range: low speed (groan, below some 3 rad/s of the defaults); heat and fade are left out, and so is squeal (`SquealingPad`). All numbers are chosen, not
+    published: a passenger car of 1600 kg on tyres of 0.3 m, a quarter of it as inertia on the disc, pads and caliper at 50 Hz. The pad then loses its damping
+    where 2 N (mu_s - mu_k) decay exp(-decay r w) > c. The form of the plant is that of the disc and pad with normal harmonic force of Balaram et al., of which
+    only this much is known here: a reconstruction.
     """
 
     inertia: float = quantity(36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0)

@@ -28,9 +28,11 @@ class DiskStack(Component):
     again: without damping in the contact its force has a kink there and no jump. What damps the axial motion are the keys.
     Friction does not act back on the axial motion, and nothing but inertia makes the loads of the interfaces differ.
 
-    Signals: needs `stack.torque` T [N m] (0) and `stack.actuator_force` F_a [N] (the field); gives `stack.brake_torque` [N m], the torque
-    of all rotors against the wheel, and `stack.load` (2n) [N]. States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s],
-    `stack.wheel_speed` [rad/s], `stack.position` (2n+1) [m], `stack.axial_speed` (2n+1) [m/s]. Contacts: `stack.i`, i from 0 to 2n-1.
+    - Needs the signals `stack.torque` T [N m] (default 0) and `stack.actuator_force` F_a [N] (default: the field).
+    - Gives the signals `stack.brake_torque` [N m], the torque of all rotors against the wheel, and `stack.load` (2n) [N].
+    - States: `stack.twist` (2n+1) [rad], `stack.speed` (2n+1) [rad/s], `stack.wheel_speed` [rad/s], `stack.position` (2n+1) [m], `stack.axial_speed` (2n+1)
+      [m/s].
+    - Contacts: `stack.i`, i from 0 to 2n-1.
 
     A reconstruction: of the eight-rotor assembly of J. A. Larsson and K. Farhang only the abstract is known (slip phases of nearly constant
     duration, stick phases that grow until the last). Equations and all numbers are chosen to show that.

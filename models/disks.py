@@ -9,18 +9,18 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, 
 
 
 def uniform_wear_radius(inner: float, outer: float) -> float:
-    """Effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
+    """Compute the effective radius of a worn annulus, whose pressure goes as 1/r: R = (R_o + R_i) / 2 [m].
 
-    Torque = mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R. Raises SceneError unless 0 <= inner < outer. Source: textbook.
     """
     _check_annulus(inner, outer)
     return (outer + inner) / 2
 
 
 def uniform_pressure_radius(inner: float, outer: float) -> float:
-    """Effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
+    """Compute the effective radius of a new annulus under uniform pressure: R = (2/3) (R_o^3 - R_i^3) / (R_o^2 - R_i^2) [m].
 
-    Torque = mu N R; never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
+    The torque is mu N R; R is never less than the radius of uniform wear. Raises SceneError unless 0 <= inner < outer. Source: textbook.
     """
     _check_annulus(inner, outer)
     return 2 / 3 * (outer**2 + outer * inner + inner**2) / (outer + inner)  # free of cancellation for a thin ring
@@ -39,10 +39,12 @@ class TwoDisks(Component):
 
         I1 w1' = T + F ;   I2 w2' = -F - k th2 - c w2 ;   th2' = w2 ;   F friction torque N R mu against w = w1 - w2
 
-    Signals: needs `disks.torque` T [N m] (0) and `disks.normal_force` N [N] (the field). Contact: `disks`. A reconstruction: only the
-    abstract of J. A. Larsson and K. Farhang (2016) is public; equations and the defaults (a stop from `disks.rotor_speed` = 2 rad/s) are chosen to
-    show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every cycle is computable; from
-    6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
+    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.normal_force` N [N] (default: the field).
+    - Contact: `disks`.
+
+    A reconstruction: only the abstract of J. A. Larsson and K. Farhang (2016) is public. The equations and the defaults (a stop from `disks.rotor_speed` = 2
+    rad/s) are chosen to show what it reports: cycles that start near the period of the stator and end near three times as much. From up to 4 rad/s every
+    cycle is computable; from 6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
     """
 
     rotor_inertia: float = quantity(20.0, "kg m2", "inertia of the rotor", above=0)
@@ -80,10 +82,13 @@ class PressedDisks(Component):
         m1 z1'' = F_a - N ;   m2 z2'' = N - k_a z2 - c_a z2' ;   d = z1 - z2 - gap
         N = max(0, k_c d + c_c d') while the faces touch (d > 0), else 0
 
-    Signals: needs `disks.torque` T [N m] (0) and `disks.actuator_force` F_a [N] (the field); gives `disks.normal_force` N [N]. Contacts: `disks`
-    (stick and slip) and `disks.faces` (open and closed). Friction does not act back on the axial motion. A reconstruction, as `TwoDisks`: axial masses,
-    contact, gap and torsion are a set that shows what the abstract reports in a stop from 10 rad/s with the force ramped up in 50 ms; the mount
-    of the stator in axial direction (k_a, c_a) is an assumption on top of it.
+    - Needs the signals `disks.torque` T [N m] (default 0) and `disks.actuator_force` F_a [N] (default: the field).
+    - Gives the signals `disks.normal_force` N [N].
+    - Contacts: `disks` (stick and slip) and `disks.faces` (open and closed).
+
+    Friction does not act back on the axial motion. A reconstruction, as `TwoDisks`: axial masses, contact, gap and torsion are a set that shows what the
+    abstract reports in a stop from 10 rad/s with the force ramped up in 50 ms; the mount of the stator in axial direction (k_a, c_a) is an assumption on top
+    of it.
     """
 
     rotor_inertia: float = quantity(5.0, "kg m2", "inertia of the rotor", above=0)

@@ -14,14 +14,26 @@ from toolbox.authoring import suggest
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
-    """Mean coefficient of friction against a slip v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt over a period, with the sign of v.
+    """Compute the mean coefficient of friction against a slip v + B sin t, (1 / 2 pi) int mu(v + B sin t) dt over a period, with the sign of v.
 
-    speed: v, the mean slip;  amplitude: B >= 0, the velocity amplitude of the dither, in the unit of v. Dry friction that turns round with the
-    slip becomes a drag: Coulomb's law gives mu_k (2 / pi) arcsin(v / B) for |v| < B and mu_k beyond, the bound at rest plays no part.
-    Range: dither so fast that v hardly changes in a period, and the contact does not rest when the slip turns. By Gauss-Legendre
-    quadrature between the turns of the slip; exact to round-off for constant friction, relative error below 1e-8 for decays up to
-    about 30 / B, and below 1e-4 across the kinks of a table. Raises SceneError for numbers that are not finite and B < 0. Source: textbook; J. J.
-    Thomsen, A. Fidlin (2003).
+    Dry friction that turns round with the slip becomes a drag: Coulomb's law gives mu_k (2 / pi) arcsin(v / B) for |v| < B and mu_k beyond; the bound at rest
+    plays no part. Range: dither so fast that v hardly changes in a period, and a contact that does not rest when the slip turns. The integral is
+    Gauss-Legendre quadrature between the turns of the slip: exact to round-off for constant friction, with a relative error below 1e-8 for decays up to about
+    30 / B, and below 1e-4 across the kinks of a table. Source: textbook; J. J. Thomsen, A. Fidlin (2003).
+
+    Parameters
+    ----------
+    law
+        The friction law.
+    speed
+        Mean slip v.
+    amplitude
+        Velocity amplitude B >= 0 of the dither, in the unit of v.
+
+    Raises
+    ------
+    SceneError
+        If a number is not finite, or B < 0.
     """
     if not math.isfinite(speed):
         raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
@@ -48,14 +60,31 @@ class TangentialDither(NamedTuple):
 
 
 def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency: float, *, drag: float = 0.0) -> TangentialDither:
-    """The smallest dither along the slip under which the friction of a contact no longer falls with speed at the mean slip v.
+    """Find the smallest dither along the slip under which the friction of a contact no longer falls with speed at the mean slip v.
 
         N d mu_eff/dv (v; B) + drag >= 0,    mu_eff as in `averaged_friction`,    force = 2 pi frequency B / A
 
-    slip: v > 0;  frequency: of the dither [Hz], far above what the plant answers to;  drag: viscous drag that helps, of the slip against the force of
-    the contact. N is the load of the contact at rest and at the stand-ins of the inputs, A the acceleration of its slip per unit of force. Constant
-    kinetic friction needs none: B = 0. Where falling friction is the trouble B comes out near v: the slip must turn round in every cycle. B
-    to a relative 1e-3, searched between 0.01 v and 100 v. Raises SceneError for an unknown contact, v <= 0, and where no B in that range is enough.
+    N is the load of the contact at rest and at the defaults of the inputs, A the acceleration of its slip per unit of force. Constant kinetic friction needs
+    none: B = 0. Where falling friction is the trouble, B comes out near v: the slip must turn round in every cycle. B is found to a relative 1e-3 between
+    0.01 v and 100 v.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    contact
+        Name of the contact.
+    slip
+        Mean slip v > 0.
+    frequency
+        Frequency of the dither [Hz], far above what the plant answers to.
+    drag
+        Viscous drag that helps, of the slip against the force of the contact.
+
+    Raises
+    ------
+    SceneError
+        If the contact is unknown, v <= 0, or no B in that range is enough.
     """
     names = [element.name for element in plant.elements]
     if contact not in names:

@@ -45,18 +45,23 @@ class DragBit(Component):
 
         T = eps a^2 d/2 + mu gamma (a/2) W_f,   W = zeta eps a d + W_f,   d = n q(1) on bottom, 0 off it
 
-    d is the depth of cut per revolution. The wear flats carry W_f = l a sigma while the bit moves down, nothing while it moves up, and anything
-    between at rest: contact `bit.axial`. Both parts of the torque resist forward rotation, only the flats backward rotation, and a bit at rest
-    holds anything between: contact `bit`. With a depth of cut below `engagement` the flats carry in proportion, so that touching down is no jump.
-    Signals: needs `bit.speed` w [rad/s] and `bit.axial_speed` v [m/s], downwards; gives `bit.torque` T [N m], `bit.weight` W [N] and
-    `bit.cut_depth` d [m], negative off bottom. States: `bit.profile` q (nodes) [m], see the module.
-    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007). Assumed: all numbers, of the size that source uses; `engagement`;
-    equal blades; backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned
-    back is not cut twice. Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands
-    leaves it: the cutting force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with
-    negative `bit.cut_depth` is a warning, not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry
-    nothing, it lies on the edge of what it can hold. `prescribed`: the speed is the input `bit.speed`, 10 rad/s without,
-    which must not be negative, and there is no contact `bit`. `nodes`: eight per axial oscillation between two blades; too few can make the bit lift off.
+    d is the depth of cut per revolution. The wear flats carry W_f = l a sigma while the bit moves down, nothing while it moves up, and anything between at
+    rest: contact `bit.axial`. Both parts of the torque resist forward rotation, only the flats resist backward rotation, and a bit at rest holds anything
+    between: contact `bit`. With a depth of cut below `engagement` the flats carry in proportion, so that touching down is no jump.
+
+    - Needs the signals `bit.speed` w [rad/s] and `bit.axial_speed` v [m/s], downwards.
+    - Gives the signals `bit.torque` T [N m], `bit.weight` W [N] and `bit.cut_depth` d [m], negative off bottom.
+    - States: `bit.profile` q (nodes) [m], see the module.
+
+    With `prescribed` the speed is the input `bit.speed` (default 10 rad/s), which must not be negative, and there is no contact `bit`. `nodes`: give eight per
+    axial oscillation between two blades; too few can make the bit lift off.
+
+    Source: T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007). Assumed: all numbers, of the size that source uses; `engagement`; equal blades;
+    backward rotation, which the source leaves out: the rock ahead waits until the blades go forward again, and what was turned back is not cut twice.
+
+    Range: rotation with |v| < a w/(2 zeta), in which the rock only takes energy. A bit that is thrown off bottom and lands leaves this range: the cutting
+    force, which does not ask whether the bit sinks or rises, throws it up again like a spring, and higher. So a run with negative `bit.cut_depth` is a warning,
+    not a forecast. A bit at rest needs some torque in the string: without any, while the flats carry nothing, it lies on the edge of what it can hold.
     """
 
     radius: float = quantity(0.108, "m", "radius a of the bit", above=0)

@@ -13,11 +13,14 @@ from toolbox import Component, Equations, SceneError, UnilateralContact, quantit
 class ElasticRock(Component):
     """Elastic rock that carries the bit while it touches: W = max(0, k d + c d') on bottom, 0 off it; d = z + a cos(j phi).
 
-    z is the depth of the bit below the mean surface, which is at rest: hook speeds are relative to the mean rate of penetration. A surface with j
-    lobes of height a, as roller-cone bits leave it, lifts the bit once per lobe. Contact: `bit.bottom`, open or closed.
-    Signals: needs `bit.axial_speed` [m/s], downwards, and with lobes `bit.speed` [rad/s]; gives `bit.weight` W [N], `bit.position` z [m], a
-    state, and with lobes `bit.angle` phi [rad], another. The torque that lobes need to lift the bit is left out, as is usual: its power is
-    the supply `lobes`. Textbook; stiffness and damping are chosen, of the size of stiff rock under a bit.
+    z is the depth of the bit below the mean surface, which is at rest: hook speeds are relative to the mean rate of penetration. A surface with j lobes of
+    height a, as roller-cone bits leave it, lifts the bit once per lobe. Contact: `bit.bottom`, open or closed.
+
+    - Needs the signals `bit.axial_speed` [m/s], downwards, and with lobes `bit.speed` [rad/s].
+    - Gives the signals `bit.weight` W [N], `bit.position` z [m], a state, and with lobes `bit.angle` phi [rad], another.
+
+    The torque that lobes need to lift the bit is left out, as is usual: its power is the supply `lobes`. Textbook; stiffness and damping are chosen, of the
+    size of stiff rock under a bit.
     """
 
     stiffness: float = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)

@@ -24,8 +24,12 @@ class FlowLine(Component):
 
         C_i p_i' = Q_(i-1) - Q_i,     L_i Q_i' = p_i - p_(i+1) - R_i Q_i - K_i Q_i |Q_i| - F_i
 
-    n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s]. Signals: needs `line.inlet_flow` Q_0 [m3/s] (0) and `line.outlet_pressure`
-    [Pa] (0); gives `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s]. The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
+    n segments have 2 n states, `line.pressure` [Pa] and `line.flow` [m3/s].
+
+    - Needs the signals `line.inlet_flow` Q_0 [m3/s] (default 0) and `line.outlet_pressure` [Pa] (default 0).
+    - Gives the signals `line.inlet_pressure` p_1 [Pa] and `line.outlet_flow` Q_n [m3/s].
+
+    The loss of a nozzle at the end is part of the last K (`nozzle_loss`).
 
     `gel` adds the yield pressure of a fluid that gels at rest, |F_i| <= load_i static at rest and load_i sliding(|Q_i|) in flow, contact `line.i` (i from 0),
     with `gel_load` [Pa] per segment: for a round pipe 4 tau l / d (balance of forces at the wall). The gel is back as soon as the flow rests. One segment
@@ -54,10 +58,27 @@ class FlowLine(Component):
         end_loss: float = 0.0,
         gel: FrictionLaw | None = None,
     ) -> FlowLine:
-        """The line of a uniform round pipe: length and diameter [m], viscosity [Pa s], density [kg/m3], bulk modulus of fluid and wall [Pa].
+        """Make the line of a uniform round pipe.
 
-        Per segment of length l and area A: R of Poiseuille, L = density l / A, C = A l / bulk modulus, K = 0 but for `end_loss` [Pa s2/m6] in the
-        last. `gel` is then a law of the yield stress [Pa] at the wall. Raises SceneError for arguments that are no pipe.
+        Per segment of length l and area A: R of Poiseuille, L = density l / A, C = A l / bulk modulus, and K = 0 but for `end_loss` in the last segment.
+        Raises SceneError for arguments that are no pipe.
+
+        Parameters
+        ----------
+        length, diameter
+            Size of the pipe [m].
+        viscosity
+            Viscosity of the fluid [Pa s].
+        density
+            Density of the fluid [kg/m3].
+        bulk_modulus
+            Bulk modulus of fluid and wall [Pa].
+        segments
+            Number of segments.
+        end_loss
+            Loss K of the last segment [Pa s2/m6].
+        gel
+            Law of the yield stress [Pa] at the wall; None for a fluid that does not gel.
         """
         if not isinstance(segments, int) or isinstance(segments, bool) or segments < 1:
             raise SceneError(f"Argument `segments` must be an integer >= 1, but it is {segments!r}.")
@@ -117,8 +138,13 @@ class FlowLine(Component):
 class OutletRCR(Component):
     """Resistor, capacitor, resistor at the end of a line (three-element windkessel): p = R_p Q + p_d, C p_d' = Q - p_d / R_d.
 
-    A step of flow gives p = Q [R_p + R_d (1 - exp(-t / (R_d C)))]. Signals: needs `line.outlet_flow` Q [m3/s] (0), gives `line.outlet_pressure` p [Pa]; state
-    `outlet.pressure` p_d [Pa]. For a mud line it stands for the annulus and the choke. The defaults are an example.
+    A step of flow gives p = Q [R_p + R_d (1 - exp(-t / (R_d C)))].
+
+    - Needs the signal `line.outlet_flow` Q [m3/s] (default 0).
+    - Gives the signal `line.outlet_pressure` p [Pa].
+    - State: `outlet.pressure` p_d [Pa].
+
+    For a mud line it models the annulus and the choke. The defaults are an example.
     """
 
     proximal: float = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)

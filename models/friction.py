@@ -60,7 +60,7 @@ class Exponential(FrictionLaw):
 class Transition(FrictionLaw):
     """Friction that falls about one speed: mu(v) = kinetic + (static - kinetic) exp(-(|v| / speed)^4).
 
-    A smooth stand-in for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
+    A smooth substitute for the law of a rotating drill string that drops from static to kinetic at a speed w_c: 94 % of the drop lie between 0.42 and
     1.37 times `speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
     """
 

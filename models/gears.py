@@ -210,13 +210,17 @@ class GearNetwork(Component):
         train (a, b, c):  windup' = w_a - i0 w_b - (1 - i0) w_c,     tau = k_m windup + c_m windup'
                           T_a = tau eta^-s,   T_b = -i0 tau,   T_c = -(T_a + T_b)
 
-    Structure: `nodes` (names of the inertias), `trains` (a, b, carrier) and `shafts` (first, second) by names of nodes; "ground" stands still, any other
-    name is a node of another part, which must give `<name>.speed` and takes `<name>.torque`. Numbers: `inertia` per node; `ratio`, `mesh_stiffness`,
+    Structure: `nodes` (names of the inertias), `trains` (a, b, carrier) and `shafts` (first, second) by names of nodes. "ground" stands still; any other name
+    is a node of another part, which must give `<name>.speed` and takes `<name>.torque`. Numbers: `inertia` per node; `ratio`, `mesh_stiffness`,
     `mesh_damping` and, for lossy teeth, `efficiency` and `idle_torque` per train (None: lossless, no contact); `stiffness` and `damping` per shaft.
 
-    Signals: needs `<node>.torque` T [N m] (0), gives `<node>.speed` [rad/s]; states `gears.speed`, `gears.windup`, `gears.twist`. Contacts: `gears.i` of
-    train i (see the module). `driven`: a node that control laws take for the top drive: their `top.torque` and `top.speed` are its torque and speed.
-    Range: two lossy trains with the same a and the same carrier share one slip and are refused; no backlash. The numbers are examples.
+    - Needs the signals `<node>.torque` T [N m] (default 0).
+    - Gives the signals `<node>.speed` [rad/s].
+    - States: `gears.speed`, `gears.windup`, `gears.twist`.
+    - Contacts: `gears.i` of train i (see the module).
+
+    `driven` is a node that control laws take for the top drive: their `top.torque` and `top.speed` are its torque and speed. Range: two lossy trains with the
+    same a and the same carrier share one slip and are refused; no backlash. The numbers are examples.
     """
 
     nodes: tuple[str, ...] = ("sun", "carrier")

@@ -31,12 +31,16 @@ class HandArm(Component):
 
         m_i v_i' = f_i - f_(i+1),   f_i = k_i e_i + c_i e_i',   e_i' = v_(i-1) - v_i,   v_0 the handle, v_(n+1) = 0 the ground
 
-    n masses have n + 1 springs and dampers. Signals, with `holds` = "handle": needs `handle.speed` v_0 [m/s] (0), gives `handle.force` = -f_1 [N], the force
-    of the hand on what it holds, and `hand.force` f_1; states `hand.compression` e (n + 1) [m], `hand.speed` v (n) [m/s]. `holds` names the part that
-    is held: "block" feels `block.speed` and gives `block.force`. Tissue that moves with the handle belongs to the mass of what is held.
+    n masses have n + 1 springs and dampers. `holds` names the part that is held. With "handle" there is none:
 
-    Range: small vibration along one direction, a fixed posture and grip. Numbers are the user's: the defaults (two masses) only have the order of
-    magnitude of a hand and a forearm and come from no source.
+    - Needs the signal `handle.speed` v_0 [m/s] (default 0).
+    - Gives the signals `handle.force` = -f_1 [N], the force of the hand on what it holds, and `hand.force` f_1.
+    - States: `hand.compression` e (n + 1) [m], `hand.speed` v (n) [m/s].
+
+    With "block" it feels `block.speed` and gives `block.force`. Tissue that moves with the handle belongs to the mass of what is held.
+
+    Range: small vibration along one direction, a fixed posture and grip. Numbers are the user's: the defaults (two masses) only have the order of magnitude
+    of a hand and a forearm and come from no source.
     """
 
     mass: tuple[float, ...] = quantity((0.5, 2.0), "kg", "masses, from the handle on", above=0)

@@ -53,12 +53,15 @@ def resisting(load: ca.SX, base: ca.SX, width: ca.SX, steepness: ca.SX | None, i
 class HystereticBitRock(Component):
     """Set-valued rock torque with hysteresis in the acceleration: T0 = W R_b mu(|w|) sgn w on branches (1 +- beta0) T0, see the module.
 
-    Signals: needs `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and `bit.weight` W [N] (the field `weight`); gives
-    `bit.torque` [N m]. Contact: `bit`, which sticks up to the torque at which it would speed up: W R_b mu_s in the rate form, whose branches
-    meet at w' = 0, and (1 + beta0) W R_b mu_s in the switched form. With `beta1` the rate form of the hysteretic law of F. F. Real et al.
-    (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes (2007), which unlike the smooth law sticks.
-    It stands in for the hysteretic dry friction of Hong and Dhupia, a reconstruction; beta0 and beta1 are assumed. Range: beta0 <= 1, else the
-    lower branch would drive the bit.
+    - Needs the signals `bit.speed` w [rad/s], `bit.free_acceleration` M/J [rad/s2], `bit.inertia` J [kg m2] and `bit.weight` W [N] (default: the field
+      `weight`).
+    - Gives the signals `bit.torque` [N m].
+    - Contact: `bit`, which sticks up to the torque at which it would speed up: W R_b mu_s in the rate form, whose branches meet at w' = 0, and (1 + beta0) W
+      R_b mu_s in the switched form.
+
+    With `beta1` the rate form of the hysteretic law of F. F. Real et al. (2018), without it the switched form, both on the law of Navarro-Lopez and Cortes
+    (2007), which unlike the smooth law sticks. It stands in for the hysteretic dry friction of Hong and Dhupia, a reconstruction; beta0 and beta1 are
+    assumed. Range: beta0 <= 1, else the lower branch would drive the bit.
     """
 
     weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)

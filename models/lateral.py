@@ -29,14 +29,19 @@ class WhirlingCollar(Component):
         (Y, Z) = -k_l (y, z) - c_h |v| (y', z') - N (y, z)/r + F (-z, y)/r;   M = R_co F + e (Y sin phi - Z cos phi)
         k_l = E I_a pi^4/(2 L^3) - T pi^3/(2 L^2) - W pi^2/(2 L);   N unilateral on r - gap;   F dry friction with load N against R_co phi' + r theta'
 
-    y, z: geometric centre, with polar form r, theta; zero at rest in the middle of the hole.  M: torque of it all on the string. Five states:
-    `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from where it is at rest, `collar.velocity` (2) [m/s] of the mass
-    centre. Contacts: `wall`, and its friction `rub`. Signals: needs `collar.speed` phi' [rad/s], `bit.torque` T [N m] (0) and `bit.weight` W [N]
-    (of the bit, or the field); gives `collar.torque` M [N m], `collar.y`, `collar.z`, `collar.radius` r [m]. `TorsionalChain` with `collar=` takes part.
+    (y, z) is the geometric centre, with polar form r, theta, and is zero at rest in the middle of the hole. M is the torque of all this on the string.
+
+    - Needs the signals `collar.speed` phi' [rad/s], `bit.torque` T [N m] (default 0) and `bit.weight` W [N] (of the bit, or the field).
+    - Gives the signals `collar.torque` M [N m], `collar.y`, `collar.z`, `collar.radius` r [m].
+    - States (five): `collar.angle` phi [rad], `collar.displacement` (2) [m] of the mass centre from where it is at rest, `collar.velocity` (2) [m/s] of the
+      mass centre.
+    - Contacts: `wall`, and its friction `rub`.
+
+    `TorsionalChain` with `collar=` takes part.
 
     The wall is elastic (`wall_stiffness`, `wall_damping`), or rigid where `restitution` is given. Range: one bending mode; beyond the weight that makes k_l
-    negative the collar lies on the wall. A reconstruction: stands in for the torsional-lateral string of Hong and Dhupia, of which only the abstract
-    was read, with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
+    negative the collar lies on the wall. A reconstruction: it replaces the torsional-lateral string of Hong and Dhupia, of which only the abstract was read,
+    with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
     """
 
     span: float = quantity(8.55, "m", "length L between stabilisers", above=0)
@@ -158,11 +163,29 @@ class WhirlingCollar(Component):
 
 
 def whirl_ratio(run: Trajectory, after: float = 0.0, until: float | None = None, name: str = "collar") -> float:
-    """Turns of the collar's centre around the hole per turn of the collar, theta'/phi' over a window [s].
+    """Measure the turns of the collar's centre around the hole per turn of the collar, theta'/phi', over a window.
 
-    1 in forward synchronous whirl, -R_co/gap rolling backward along the wall; nan where the collar does not turn. A passage through the
-    middle of the hole counts as the half turn that it is, of either sense. Raises SceneError for a window outside the run, and for a run without a
-    collar of that name.
+    It is 1 in forward synchronous whirl and -R_co/gap when the collar rolls backward along the wall. A passage through the middle of the hole counts as the
+    half turn that it is, of either sense.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    after, until
+        Window [s]; by default the whole run.
+    name
+        Name of the collar.
+
+    Returns
+    -------
+    float
+        The ratio; nan where the collar does not turn.
+
+    Raises
+    ------
+    SceneError
+        If the window lies outside the run, or the run has no collar of that name.
     """
     begin, end = window(run, after, until)
     times = np.unique(np.concatenate([run.nodes.time[(run.nodes.time > begin) & (run.nodes.time < end)], [begin, end]]))

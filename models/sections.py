@@ -114,10 +114,10 @@ _COLUMN_OF = {"outer": "OD", "inner": "ID", "shear_modulus": "shear modulus"}
 
 
 def read_sections(path: str | Path) -> tuple[Section, ...]:
-    """The sections of a CSV or TOML table, top first.
+    """Read the sections of a string from a CSV or TOML table, top first.
 
-    Columns: `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`; `material` (a name of MATERIALS), or
-    `density [kg/m3]` and `shear modulus [Pa]`; perhaps `name`. Units may differ, order is free. Raises SceneError naming file, row and column.
+    Columns are `length [m]`, or `from [m]` and `to [m]` (measured depths, without gaps); `OD [m]`, `ID [m]`; `material` (a name of MATERIALS), or `density
+    [kg/m3]` and `shear modulus [Pa]`; and optionally `name`. Units may differ, and the order is free. Raises SceneError naming file, row and column.
     """
     table = read_table(path, COLUMNS)
     sections: list[Section] = []

@@ -12,15 +12,34 @@ from toolbox import SceneError
 
 
 def shaft_frequencies(sections: Sequence[Section], count: int, *, top_inertia: float = 0.0, bit_inertia: float = 0.0) -> np.ndarray:
-    """The first natural frequencies [Hz] of a shaft of uniform sections with a rigid inertia at each end, without the rigid rotation.
+    """Compute the first natural frequencies of a shaft of uniform sections with a rigid inertia at each end, without the rigid rotation.
 
-    An inertia of infinity [kg m2] holds its end. The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance
-    zeta; where zeta changes, the torque stays. So the angle of y, begun at atan(w J_top / zeta), grows with w, which is a natural frequency where
+    The shape y = (angle, torque / (zeta w)) turns by w L / c in a section of wave speed c and impedance zeta; where zeta changes, the torque stays. So the
+    angle of y, begun at atan(w J_top / zeta), grows with w, which is a natural frequency where
 
         angle(w) + atan(w J_bit / zeta) = k pi
 
-    which the transcendental equation of the stepped shaft says too, but here no root can be missed. Accuracy: round-off. Source: textbook
-    (transfer matrices in the phase form of Pruefer). Raises SceneError without sections, for a count that is no whole number, and for an inertia below 0.
+    The transcendental equation of the stepped shaft says this too, but here no root can be missed. Accuracy: round-off. Source: textbook (transfer matrices
+    in the phase form of Pruefer).
+
+    Parameters
+    ----------
+    sections
+        The sections, top first.
+    count
+        Number of frequencies.
+    top_inertia, bit_inertia
+        Inertias at the ends [kg m2]; infinity holds an end.
+
+    Returns
+    -------
+    array, shape (count,)
+        Natural frequencies [Hz].
+
+    Raises
+    ------
+    SceneError
+        If there is no section, the count is no whole number, or an inertia is below 0.
     """
     from scipy.optimize import brentq
 

@@ -15,9 +15,11 @@ from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, st
 class Slider(Component):
     """Rigid slider held by a spring and a damper: m v' = u - k x - c v + F, F the drag of the plate under it.
 
-    Signals: needs `slider.pull` u [N] (0) and `plate.drag` F [N] (0; `PlateContact` and `BristleContact` give it); gives `slider.position` [m],
-    `slider.speed` [m/s]. Defaults: spring and damper of a published finite-element study of a slider on a plate (10 N/mm, 5 N s/mm); the mass is
-    that of a steel cube of 10 mm, an assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
+    - Needs the signals `slider.pull` u [N] (default 0) and `plate.drag` F [N] (default 0; `PlateContact` and `BristleContact` give it).
+    - Gives the signals `slider.position` [m], `slider.speed` [m/s].
+
+    Defaults: spring and damper of a published finite-element study of a slider on a plate (10 N/mm, 5 N s/mm); the mass is that of a steel cube of 10 mm, an
+    assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
     """
 
     mass: float = quantity(7.8e-3, "kg", "mass of the slider (assumed)", above=0)
@@ -39,9 +41,12 @@ class Slider(Component):
 class PlateContact(Component):
     """Dry friction of a slider on a moving plate, the same everywhere under it: it sticks and slips as a whole.
 
-    Signals: needs `slider.speed` [m/s], `plate.speed` [m/s] (0) and `plate.load` [N] (the field); gives `plate.drag` [N], the force on the slider.
-    Contact: `plate`. Defaults: friction of the study that `Slider` names, 0.35 falling to 0.25 with 0.001 s/mm under 0.1 MPa; its area
-    is not stated, 10 mm x 10 mm is assumed, hence 10 N.
+    - Needs the signals `slider.speed` [m/s], `plate.speed` [m/s] (default 0) and `plate.load` [N] (default: the field).
+    - Gives the signals `plate.drag` [N], the force on the slider.
+    - Contact: `plate`.
+
+    Defaults: friction of the study that `Slider` names, 0.35 falling to 0.25 with 0.001 s/mm under 0.1 MPa; its area is not stated, 10 mm x 10 mm is assumed,
+    hence 10 N.
     """
 
     load: float = quantity(10.0, "N", "normal load (0.1 MPa on an assumed 100 mm2)", at_least=0)
@@ -65,9 +70,14 @@ class InclinedSlider(Component):
 
         m y'' + c y' + k y = F sin a - friction,   |friction| <= mu F cos a,   m = F cos a / g
 
-    From rest it moves if and only if tan a > mu, and creeps to k y = F (sin a - mu cos a). Signals: needs `slider.force` F [N] (the field);
-    gives `slider.position` y [m] and `slider.speed` [m/s], down the slope. Contact: `slope`. Numbers and the unusual mass are those of the published
-    study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). The mass keeps the declared force where `slider.force` varies. Range: 0 <= a < pi/2.
+    From rest it moves if and only if tan a > mu, and creeps to k y = F (sin a - mu cos a).
+
+    - Needs the signals `slider.force` F [N] (default: the field).
+    - Gives the signals `slider.position` y [m] and `slider.speed` [m/s], down the slope.
+    - Contact: `slope`.
+
+    Numbers and the unusual mass are those of the published study (10 N, 1 N/mm, 1 N s/mm, mu 0.35, 45 deg, g = 9.8 m/s2). The mass keeps the declared force
+    where `slider.force` varies. Range: 0 <= a < pi/2.
     """
 
     force: float = quantity(10.0, "N", "vertical force", above=0)

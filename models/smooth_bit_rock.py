@@ -13,10 +13,12 @@ from toolbox import Component, Equations, quantity
 class SmoothBitRock(Component):
     """Smooth torque of the rock on the bit, T = W b0 [tanh(b1 w) + b2 w / (1 + b3 w^2)].
 
-    Signals: needs `bit.speed` w [rad/s] and `bit.weight` W [N] (the field `weight`); gives `bit.torque` [N m]. No contact: this bit creeps
-    and never sticks, so it serves comparisons with published runs, not questions about break-off. T rises to a peak near
-    w = 1/sqrt(b3), then falls to W b0. Source of law and numbers: F. F. Real et al. (2018), after T. G. Ritto; range: |w| up to some
-    30 rad/s, where they were identified on field data.
+    - Needs the signals `bit.speed` w [rad/s] and `bit.weight` W [N] (default: the field `weight`).
+    - Gives the signals `bit.torque` [N m].
+
+    No contact: this bit creeps and never sticks, so it serves comparisons with published runs, not questions about break-off. T rises to a peak near w =
+    1/sqrt(b3), then falls to W b0. Source of law and numbers: F. F. Real et al. (2018), after T. G. Ritto; range: |w| up to some 30 rad/s, where they were
+    identified on field data.
     """
 
     weight: float = quantity(97_347.0, "N", "weight on bit", at_least=0)

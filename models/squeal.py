@@ -17,13 +17,16 @@ class SquealingPad(Component):
 
         m x'' + c x' + k_xx x + k_xy y = F ;   m y'' + c y' + k_xy x + k_yy y = 0 ;   F dry friction against x' - v_disc, load P + k_c y
 
-    x along the disc, y into it, both from the pressed state at rest without friction;  k_xx = sum k_i cos^2 a_i, k_xy = sum k_i sin a_i cos a_i,
-    k_yy = k_c + sum k_i sin^2 a_i.  F follows the normal force, so sliding turns k_xy of the first line into k_xy - mu k_c: the stiffness is no
-    longer symmetric, and beyond `flutter_friction` two modes of one frequency take energy from the disc. The growth ends in stick where damping is
-    enough, as in the defaults, else in loss of contact.
-    Signals: gives `pad.position` x, `pad.approach` y [m], `pad.speed`, `pad.approach_speed` [m/s], `pad.normal_force` P + k_c y [N]. Contact: `pad`.
-    Range: loss of contact is not modelled; a run whose normal force falls below 0 is refused, so keep the preload above
-    k_c |y|. Defaults: the dimensionless pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
+    x is along the disc and y into it, both from the pressed state at rest without friction; k_xx = sum k_i cos^2 a_i, k_xy = sum k_i sin a_i cos a_i, k_yy =
+    k_c + sum k_i sin^2 a_i. F follows the normal force, so sliding turns k_xy of the first line into k_xy - mu k_c: the stiffness is no longer symmetric, and
+    beyond `flutter_friction` two modes of one frequency take energy from the disc. The growth ends in stick where damping is enough, as in the defaults, else
+    in loss of contact.
+
+    - Gives the signals `pad.position` x, `pad.approach` y [m], `pad.speed`, `pad.approach_speed` [m/s], `pad.normal_force` P + k_c y [N].
+    - Contact: `pad`.
+
+    Range: loss of contact is not modelled; a run whose normal force falls below 0 is refused, so keep the preload above k_c |y|. Defaults: the dimensionless
+    pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
     """
 
     mass: float = quantity(1.0, "kg", "mass of the pad", above=0)

@@ -128,9 +128,9 @@ COLUMNS = (
 
 
 def read_survey(path: str | Path) -> Survey:
-    """The survey in a CSV or TOML table with columns `depth [m]` (or `MD`), `inclination [deg]` and `azimuth [deg]`.
+    """Read the survey of a hole from a CSV or TOML table with columns `depth [m]` (or `MD`), `inclination [deg]` and `azimuth [deg]`.
 
-    Units may differ, order of columns is free. Raises SceneError naming file, row and column.
+    Units may differ, and the order of columns is free. Raises SceneError naming file, row and column.
     """
     table = read_table(path, COLUMNS)
     columns = [tuple(row[column.name] for row in table) for column in COLUMNS]

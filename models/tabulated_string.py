@@ -39,7 +39,7 @@ class DrillString(TorsionalChain):
         *,
         top_inertia: Annotated[float, "kg m2"],
         bit_inertia: Annotated[float, "kg m2"] = 0.0,
-        band: Annotated[float, "Hz"] = 1.0,
+        band: Annotated[float, "Hz"] = 2.0,
         elements: int | None = None,
         friction: FrictionLaw | None = None,
         on_bottom: bool = False,
@@ -52,20 +52,46 @@ class DrillString(TorsionalChain):
         bit_drag: Annotated[float, "N m s/rad"] = 0.0,
         name: str | None = None,
     ) -> DrillString:
-        """The chain of a string given by its sections (top first) and, for friction along it, the survey of its hole.
+        """Make the chain of a string from its sections (top first) and, for friction along it, the survey of its hole.
 
             J rho w_t + tau_x = -drag_rate rho J w - F,   |F| <= mu n r_o,   n = side force per length, r_o = OD / 2
 
-        sections, survey: paths of tables (see `read_sections`, `read_survey`), or values.  top_inertia, bit_inertia [kg m2]: rigid, at the ends of the string.
-        band [Hz]: the natural frequencies up to there are right within one per cent, which decides the number of elements (see `models.lumping`);
-        elements: the number itself instead; inertias are one more.  friction: law of the string on its hole, with coefficients mu; only inertias with a side
-        force get a contact.  on_bottom: leave the last inertia to `BitRock`; its share of friction goes to the one above.
-        mud_density [kg/m3]: buoyancy, 0 for none.  doglegs: the side force n has the part of the tension in curved hole (Johancsik), else n = w sin(inc);
-        weight_on_bit [N]: what this tension lacks.  drag_rate [1/s]: viscous drag per inertia of the string.  internal_damping [s]: damping of the springs
-        per stiffness.  top_drag, bit_drag [N m s/rad]: at the ends.
+        Parameters
+        ----------
+        sections, survey
+            Paths of tables (see `read_sections`, `read_survey`), or values.
+        top_inertia, bit_inertia
+            Rigid inertias at the ends of the string [kg m2].
+        band
+            Frequency [Hz] up to which natural frequencies are right within one per cent; it decides the number of elements (see
+            `models.lumping`). Friction along the string asks for more than the swing of a whole string does: `python -m studies detail` prints
+            what more elements change and cost.
+        elements
+            The number of elements instead; inertias are one more.
+        friction
+            Friction law of the string on its hole, with coefficients mu; only inertias with a side force get a contact.
+        on_bottom
+            Leave the last inertia to `BitRock`; its share of friction goes to the one above.
+        mud_density
+            Density of the mud for buoyancy [kg/m3]; 0 for none.
+        doglegs
+            Whether the side force n has the part of the tension in curved hole (Johancsik); else n = w sin(inc).
+        weight_on_bit
+            Weight on bit [N], by which that tension is lower.
+        drag_rate
+            Viscous drag per inertia of the string [1/s].
+        internal_damping
+            Damping of the springs per stiffness [s].
+        top_drag, bit_drag
+            Drag at the ends [N m s/rad].
+        name
+            Name of the part, where a plant has two chains.
 
-        Raises SceneError for bad tables, naming file, row and column, for arguments out of range, for friction without survey, and for a survey that ends
-        above the bit.
+        Raises
+        ------
+        SceneError
+            If a table is bad (the message names file, row and column), an argument is out of range, friction is given without a survey, or the survey ends
+            above the bit.
         """
         numbers = {
             "top_inertia": top_inertia, "bit_inertia": bit_inertia, "mud_density": mud_density, "weight_on_bit": weight_on_bit,

@@ -20,9 +20,12 @@ class TopDrive(Component):
         with inertia:   J_m w_m' = T_m - (T_top / n) eta^-s,  twist' = w_m / n - w_top,  T_top = k twist + c twist'
         encoder:        w' = (w_m / n - w) / t_encoder                      without lag w = w_m / n; rigid: w_m = n w_top
 
-    Composed into a plant, it stands between control laws and the string: what they drive as `top.torque` is `drive.command` (torque wanted at the top,
-    losses not counted), what they measure as `top.speed` is `drive.speed`; no law changes. Signals: needs `drive.command` [N m] (0) and `top.speed`
-    [rad/s]; gives `top.torque` [N m], `drive.torque` T_m [N m] and `drive.speed` w [rad/s]. Contact, with an efficiency: `drive`.
+    Composed into a plant, it stands between control laws and the string: what they drive as `top.torque` is `drive.command` (torque wanted at the top, losses
+    not counted), what they measure as `top.speed` is `drive.speed`; no law changes.
+
+    - Needs the signals `drive.command` [N m] (default 0) and `top.speed` [rad/s].
+    - Gives the signals `top.torque` [N m], `drive.torque` T_m [N m] and `drive.speed` w [rad/s].
+    - Contact, with an efficiency: `drive`.
 
     What is None is not there: a lag is one state, `motor_inertia` (with stiffness and damping of its shaft, seen from the top) two, an efficiency (with an
     idle torque) one contact, a limit one kink. Without `motor_inertia` the first inertia of the string includes that of the motor, as in published

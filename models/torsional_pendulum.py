@@ -11,10 +11,13 @@ from toolbox import Component, Equations, quantity, state
 class TorsionalPendulum(Component):
     """One inertia under a table of imposed speed: J w' = k twist + c (W - w) - c_b w - T,   twist' = W - w.
 
-    Two states. Signals: needs `top.speed` W [rad/s] (the field) and `bit.torque` T [N m] (0); gives `bit.speed` w [rad/s], `top.load`
-    [N m], the torque of the string on the table, `bit.free_acceleration` [rad/s2], that of the bit without the rock, and
-    `bit.inertia` [kg m2]. The string
-    of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
+    Two states.
+
+    - Needs the signals `top.speed` W [rad/s] (default: the field) and `bit.torque` T [N m] (default 0).
+    - Gives the signals `bit.speed` w [rad/s], `top.load` [N m], the torque of the string on the table, `bit.free_acceleration` [rad/s2], that of the bit
+      without the rock, and `bit.inertia` [kg m2].
+
+    The string of T. Richard, C. Germay, E. Detournay, J. Sound Vib. 305 (2007); the defaults have the size of its 1000 m string and are chosen.
     """
 
     inertia: float = quantity(116.0, "kg m2", "inertia of the bit and of what moves with it", above=0)

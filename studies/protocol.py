@@ -280,7 +280,7 @@ class TakenOver:
         self.law, self.period, self.at, self.angle = law, period, at, angle
         self.drive = StiffPI(reference=reference, **LIMITS)
         self.measures, self.drives = law.measures, law.drives
-        self.stand_ins = dict(law.stand_ins)
+        self.defaults = dict(law.defaults)
 
     def __call__(self, t: float, y: Any) -> float:
         if t > self.at - 1e-6:

@@ -17,6 +17,19 @@ settings.register_profile("quiet", deadline=None)  # the first example of a test
 settings.load_profile("quiet")
 
 
+def pytest_addoption(parser):
+    words = "campaigns of faults, kills and interrupts in full, which take hours; without it a sample of each"
+    parser.addoption("--exhaustive", action="store_true", help=words)
+
+
+def pytest_collection_modifyitems(items):
+    """Slow tests have ten times as long before they count as hanging: a loaded machine is no failure."""
+    for item in items:
+        if item.get_closest_marker("slow") is not None:
+            own = item.get_closest_marker("timeout")
+            item.add_marker(pytest.mark.timeout(max(1200, own.args[0] if own is not None and own.args else 0)), append=False)
+
+
 def pytest_configure(config):
     os.environ["MPLBACKEND"] = "Agg"
     try:
@@ -45,6 +58,12 @@ def _registered():
     sys.path.insert(0, str(folder))
     os.environ["PYTHONPATH"] = os.pathsep.join([str(folder), str(ROOT), os.environ.get("PYTHONPATH", "")])
     return folder
+
+
+@pytest.fixture
+def exhaustive(request):
+    """Whether campaigns run in full."""
+    return request.config.getoption("--exhaustive")
 
 
 @pytest.fixture

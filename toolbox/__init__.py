@@ -7,9 +7,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from toolbox.calibration.fit import Fit as Fit
     from toolbox.calibration.fit import fit as fit
     from toolbox.calibration.recording import Recording as Recording
+    from toolbox.calibration.results import Fit as Fit
     from toolbox.contacts.contact_run import ContactRun as ContactRun
     from toolbox.contacts.problem import ContactProblem as ContactProblem
     from toolbox.contacts.stepping import press_contacts as press_contacts
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import export_c as export_c
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
+    from toolbox.export.from_control import from_control as from_control
+    from toolbox.measuring.energy import energy_audit as energy_audit
     from toolbox.measuring.measure import cycles as cycles
-    from toolbox.measuring.measure import energy_audit as energy_audit
     from toolbox.measuring.measure import overshoot as overshoot
     from toolbox.measuring.measure import settling as settling
     from toolbox.measuring.measure import severity as severity
@@ -154,6 +155,7 @@ __all__ = [
     "export_fmu",
     "fit",
     "follow",
+    "from_control",
     "hopf_curve",
     "hopf_points",
     "impedance",
@@ -189,15 +191,18 @@ __all__ = [
 ]
 
 _ROOMS = {
-    "toolbox.calibration.fit": "Fit fit",
+    "toolbox.calibration.fit": "fit",
     "toolbox.calibration.recording": "Recording",
+    "toolbox.calibration.results": "Fit",
     "toolbox.contacts.contact_run": "ContactRun",
     "toolbox.contacts.problem": "ContactProblem",
     "toolbox.contacts.stepping": "press_contacts step_contacts",
     "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
     "toolbox.export.c_code": "export_c to_control",
+    "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
-    "toolbox.measuring.measure": "cycles energy_audit overshoot settling severity stick_intervals",
+    "toolbox.measuring.energy": "energy_audit",
+    "toolbox.measuring.measure": "cycles overshoot settling severity stick_intervals",
     "toolbox.modelling.components": "Component Equations Update",
     "toolbox.modelling.composition": "compose",
     "toolbox.modelling.elements": "DryFriction FrictionLaw Hysteresis Relay UnilateralContact quantity state time",

@@ -5,9 +5,10 @@ Everything here is public: it changes only with a line in the changelog. `models
     checks      is_finite_number, finite_array, check_fields, suggest, window
     symbols     State
     tables      Column, Table, read_table
-    predictions Rollout, regularised, advance_rollout
+    predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
+    control     zero_order_hold
 
 What needs numba or the machinery of predictions is imported when it is first asked for, so that a part costs nothing but its equations.
 """
@@ -25,12 +26,14 @@ from toolbox.files.tables import read as read_table
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import State
 from toolbox.modelling.regularisation import regularised
+from toolbox.simulation.deadline import time_left
 from toolbox.simulation.samples import window
 
 if TYPE_CHECKING:
     from toolbox.compilation.numba_cache import cached
     from toolbox.prediction.rollout import Rollout
     from toolbox.prediction.rollout_loop import advance as advance_rollout
+    from toolbox.robustness.loop import zero_order_hold
 
 __all__ = [
     "Column",
@@ -47,8 +50,10 @@ __all__ = [
     "read_table",
     "regularised",
     "suggest",
+    "time_left",
     "window",
     "written",
+    "zero_order_hold",
 ]
 
 
@@ -66,4 +71,8 @@ def __getattr__(name: str) -> Any:
         from toolbox.prediction.rollout_loop import advance
 
         return advance
+    if name == "zero_order_hold":
+        from toolbox.robustness.loop import zero_order_hold
+
+        return zero_order_hold
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -39,7 +39,7 @@ class GrazingError(SimulationError):
 
 
 def suggest(name: str, known: Iterable[str]) -> str:
-    """The tail of an error message about an unknown name: the nearest known names."""
+    """Return the end of an error message about an unknown name: the nearest known names."""
     known = sorted(set(known))
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if isinstance(name, str) else []
     if near:

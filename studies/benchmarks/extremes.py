@@ -199,7 +199,7 @@ def toolbox_run(case: Extreme, times: np.ndarray, method: str = "event", accurac
 
 
 def _numbers(case: Extreme) -> tuple[np.ndarray, np.ndarray]:
-    """Start and inputs of a case as vectors, the second with stand-ins where nothing is given."""
+    """Start and inputs of a case as vectors, the second with defaults where nothing is given."""
     begin = simulate(case.plant, 0.0, start=case.start, inputs=case.inputs)
     u = np.array(case.plant.input_defaults(case.plant.values)).ravel()
     for i, name in enumerate(case.plant.inputs):

@@ -134,12 +134,12 @@ def measured(name: str, case: Case) -> WorkPrecision:
     disagreement = max(trade.disagreement, error(independent.states))
     points = list(trade.points)
 
-    def peer(method: str, knob: str, setting: float, made: Callable[[], tuple[np.ndarray, Callable[[], float]]], repeats: int) -> None:
+    def peer(method: str, varied: str, setting: float, made: Callable[[], tuple[np.ndarray, Callable[[], float]]], repeats: int) -> None:
         try:
             states, seconds = made()
-            points.append(Point(method, "", knob, setting, error(states), min(seconds() for _ in range(repeats)), 0))
+            points.append(Point(method, "", varied, setting, error(states), min(seconds() for _ in range(repeats)), 0))
         except Exception as failed:  # whatever a peer raises is its result
-            points.append(Point(method, "", knob, setting, math.nan, math.nan, 0, f"{type(failed).__name__}: {failed}"))
+            points.append(Point(method, "", varied, setting, math.nan, math.nan, 0, f"{type(failed).__name__}: {failed}"))
 
     for rtol in TOLERANCES:
         peer("scipy, events", "rtol", rtol, lambda rtol=rtol: (

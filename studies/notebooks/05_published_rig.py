@@ -20,7 +20,7 @@ from toolbox import Scene, plot
 from toolbox.scenes import verdicts as study
 
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "navarro_lopez_4.toml")
-judged = {label: study.judged(scene, label) for label in scene.labels}
+judged = {label: study.verdict_row(scene, label) for label in scene.labels}
 print(study.table(scene, [row for row, _ in judged.values()]))
 
 # %% [markdown]

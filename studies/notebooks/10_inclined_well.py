@@ -19,21 +19,22 @@ from models import wells
 from toolbox import Scene, compose, plot, ramp, simulate
 
 string = wells.AARSNES_SHOR
+bit = f"chain.{string.friction_at[-1]}"
 breakaway = sum(string.friction_load) * string.friction.static
 print(
     f"{len(string.inertia)} inertias, {len(string.friction_load)} contacts; break-off torque by the closed form {breakaway / 1e3:.2f} kN m"
 )
 slow = simulate(compose(string), 400.0, inputs={"top.torque": ramp(0.0, 1.1 * breakaway, 0.0, 400.0)})
-last = min(event.time for event in slow.events if event.before == "stick" and event.element == f"chain.{string.friction_at[-1]}")
+last = min(event.time for event in slow.events if event.before == "stick" and event.element == bit)
 print(f"the lowest contact lets go at {slow.at(last)['top.torque'] / 1e3:.2f} kN m")
 
 # %%
 scene = Scene.load(Path(toolbox.__file__).parents[1] / "studies" / "scenes" / "aarsnes_shor.toml")
 runs = {label: scene.run(label) for label in scene.labels}
-stuck = {label: run.time_in("chain.17", "stick", after=15.0) for label, run in runs.items()}
+stuck = {label: run.time_in(bit, "stick", after=15.0) for label, run in runs.items()}
 for label, seconds in stuck.items():
     print(f"{label:32} stuck {seconds:5.2f} of the last 15 s, {len(runs[label].events):4d} switches")
-axes = plot.comparison(runs, "bit.speed", "chain.17")
+axes = plot.comparison(runs, "bit.speed", bit)
 
 # %% [markdown]
 # Speed along the string over time, dark where it stands: under the published PI, waves of rest run from the bit upward. The drive near the

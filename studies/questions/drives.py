@@ -18,7 +18,6 @@ Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised;  sett
 from __future__ import annotations
 
 import argparse
-import csv
 import ctypes
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -69,6 +68,7 @@ from studies.protocol import (
     rock_torques,
 )
 from toolbox import Controller, Sampled, Takeover, Trajectory, simulate
+from toolbox.files import tables
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
 
@@ -205,7 +205,7 @@ def step_time(law: Law, reference: float) -> float:
     class Timed:
         """The law, timed where it is called."""
 
-        measures, drives, stand_ins = made.measures, made.drives, made.stand_ins
+        measures, drives, defaults = made.measures, made.drives, made.defaults
 
         def __call__(self, t: float, y: Any) -> float:
             began = time.thread_time_ns()
@@ -260,10 +260,7 @@ def rocks() -> str:
 def write_rows(rows: Sequence[Any], path: Path) -> None:
     """Write rows of a verdict, dataclasses or mappings of one kind, as csv."""
     made = [each if isinstance(each, dict) else asdict(each) for each in rows]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(made[0]))
-        writer.writeheader()
-        writer.writerows(made)
+    tables.write(path, list(made[0]), [list(each.values()) for each in made])
 
 
 def flat(each: Row) -> dict[str, Any]:

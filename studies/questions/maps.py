@@ -167,10 +167,10 @@ def region(ax: Any, axes: Any, segments: np.ndarray, beyond: str, label: str, st
     """The border of a region, and the region in grey: all that lies "right" of it, "above" or "below"."""
     from matplotlib.collections import LineCollection
 
-    from toolbox.onsets.figures import chained
+    from toolbox.onsets.figures import lines_of
 
     x, y = axes
-    lines = chained(segments)
+    lines = lines_of(segments)
     for line in lines:
         if beyond == "right":
             ax.fill_betweenx(line[:, 1], line[:, 0], x[-1], color=shade, linewidth=0, zorder=0)
@@ -258,12 +258,12 @@ def main() -> None:
         with plt.rc_context(plot.PAPER):
             from matplotlib.collections import LineCollection
 
-            from toolbox.onsets.figures import chained
+            from toolbox.onsets.figures import lines_of
 
             figure, ax = plt.subplots(figsize=(5.4, 3.5), layout="constrained")
             shade = ax.pcolormesh(*grid, np.clip(swing, 0, None).T, cmap="Greys", vmin=0.0, vmax=1.5, shading="nearest", rasterized=True)
             ax.add_collection(
-                LineCollection(chained(segments), colors="#8fb4dc", linewidths=3.2, label="suppressed above (2 % of the swing)", zorder=3)
+                LineCollection(lines_of(segments), colors="#8fb4dc", linewidths=3.2, label="suppressed above (2 % of the swing)", zorder=3)
             )
             ax.plot(grid[0], LEINE.mass * grid[0] * v, label=r"theory, $F = m\,W\,v_b$", **THEORY)
             ax.set(

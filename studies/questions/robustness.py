@@ -22,7 +22,6 @@ Laws without a linear loop (super-twisting has no slope at its surface) have '-'
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,6 +33,7 @@ from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, 
 from controllers.observers import Kalman
 from models import BitRock, wells
 from toolbox import Margins, Observed, Sampled, absorber_limit, compose, margins, performance_limit
+from toolbox.files import tables
 
 PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 PERIOD, DELAY = 0.01, 0.03
@@ -161,10 +161,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\nAn ideal absorber at the top reaches down to {absorbing[0]:.2f} rad/s, on the inertia of the drive to {absorbing[1]:.2f} rad/s.")
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
-        with (given.out / "robustness.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["law", *(f"disk margin at {speed:g} rad/s" for speed in SPEEDS)])
-            writer.writerows([label, *("" if math.isnan(value) else value for value in row)] for label, row in found.items())
+        headings = ["law", *(f"disk margin at {speed:g} rad/s" for speed in SPEEDS)]
+        tables.write(given.out / "robustness.csv", headings, [[label, *row] for label, row in found.items()])
         picture(given.out / "robustness.png", absorbing)
         print(f"\nTable and picture are in {given.out}")
 

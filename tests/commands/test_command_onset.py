@@ -39,6 +39,7 @@ def rig(tmp_path):
 RANGE = ["--parameter", "top.reference", "--from", "20 rpm", "--to", "150 rpm", "--values", "4", "--tolerance", "1 rpm"]
 
 
+@pytest.mark.slow
 def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(rig, tmp_path, capsys):
     out = tmp_path / "borders"
     assert main(["onset", rig, *RANGE, "--out", str(out)]) == 0

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from controllers import LinearMPC, NonlinearMPC, StiffPI
-from controllers.predictive import Record, held
+from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from controllers.watchdog import MEMORY, STANDS, SWINGS, Watchdog
 from models import BitRock, TorsionalChain, wells
-from toolbox import Sampled, Scene, SceneError, compose, simulate
+from toolbox import Budget, BudgetError, Sampled, Scene, SceneError, compose, simulate
+from toolbox.authoring import zero_order_hold
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -39,7 +40,7 @@ def test_without_active_limits_the_linear_law_is_the_regulator_of_the_riccati_eq
     law = LinearMPC(reference=8.0, horizon=horizon, top_size=2.0, torque_size=3000.0, move_size=4000.0, **STATES)
     planned = law.design(RIG)
     model, x_s, u_s, A = drilling_point(RIG, 8.0)
-    F, G = held(A, model.B[:, None], 0.1)
+    F, G = zero_order_hold(A, model.B[:, None], 0.1)
     # the same problem for another solver: states (x, last torque) with torques in kN m, input the change of the torque
     F = np.block([[F, 1e3 * G], [np.zeros((1, 3)), np.ones((1, 1))]])
     G = np.append(1e3 * G, 1.0)[:, None]
@@ -81,6 +82,20 @@ def test_the_predicted_motion_is_what_simulate_gives_for_the_planned_torques():
 
 
 # --- limits
+
+
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+def test_a_law_that_solves_programs_without_end_ends_with_the_seconds_of_its_run(solver):
+    H, A, g, low, high = program()
+    solved = QuadraticProgram(H, A, solver)
+
+    def law(t, y):
+        while True:
+            solved.solve(g, low, high)
+
+    with pytest.raises(BudgetError, match=r"s and reached t = 0 s"):
+        simulate(RIG, 1.0, controller=law, sample_time=0.1, budget=Budget(seconds=0.1))
+    assert solved.solve(g, low, high).sound
 
 
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
@@ -394,6 +409,7 @@ def on_another_rig(law, drive, bit, stiffness):
     return simulate(RIG, 180.0, controller=late, parameters=other, output_times=np.arange(0.0, 180.0, 0.05))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
 @pytest.mark.parametrize("rig", OTHERS.values(), ids=OTHERS)
 def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_with_the_soft_drive_at_rest(law, rig):
@@ -503,7 +519,7 @@ def test_a_python_law_is_given_the_inputs_that_it_asks_for_behind_what_it_measur
         return 0.0
 
     law.measures, law.drives = ("bit.speed",), ("top.torque",)
-    law.stand_ins = {"top.reference": (3.0, "rad/s")}
+    law.defaults = {"top.reference": (3.0, "rad/s")}
     simulate(RIG, 0.35, controller=law, sample_time=0.1)
     simulate(RIG, 0.35, controller=law, sample_time=0.1, inputs={"top.reference": ((0.0, 1.0), (1.0, 2.0))})
     assert np.array(seen) == pytest.approx(np.array([(0.0, value) for value in (3.0, 3.0, 3.0, 3.0, 1.0, 1.1, 1.2, 1.3)]))

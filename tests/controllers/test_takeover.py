@@ -71,7 +71,7 @@ class AfterSoftTorque:
 
     def __init__(self, law):
         self.law, self.drive, self.angle = law, SoftTorque(**NUMBERS).design(RIG), None
-        self.measures, self.drives, self.stand_ins = law.measures, law.drives, law.stand_ins
+        self.measures, self.drives, self.defaults = law.measures, law.drives, law.defaults
 
     def __call__(self, t, y):
         if t > AT - 1e-9:

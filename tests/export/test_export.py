@@ -240,7 +240,7 @@ def test_the_predictive_law_is_exported_at_its_own_period_and_hides_no_folder(tm
     assert c.exists() and not list((tmp_path / "mpc_osqp").glob("*.py"))
 
 
-def test_the_header_names_signals_units_stand_ins_period_and_memory(tmp_path):
+def test_the_header_names_signals_units_defaults_period_and_memory(tmp_path):
     c, h = export_c(ZTorque(reference=7.25), PLANT, 0.02, tmp_path / "z_torque")
     text = h.read_text()
     for line in ("y[0]  top.speed [rad/s]", "y[1]  top.torque.held [N m]",

@@ -110,7 +110,7 @@ def test_errors_name_the_argument_what_must_hold_and_what_came():
 
 @pytest.mark.parametrize(
     ("text", "unit", "hint"),
-    [("97 KN", "N", "`kN`"), ("12 RPM", "rad/s", "`rpm`"), ("3 klbff", "N", "`klbf`"), ("3 kNn m", "N m", "`kN m`")],
+    [("97 MKN", "N", "`MN`"), ("12 rpmm", "rad/s", "`rpm`"), ("3 klbff", "N", "`klbf`"), ("3 kNn m", "N m", "`kN m`")],
 )
 def test_an_unknown_unit_is_answered_with_units_that_fit(text, unit, hint):
     with pytest.raises(SceneError, match="unknown unit") as caught:
@@ -155,3 +155,21 @@ def test_a_quantity_of_a_million_digits_is_refused_at_once_in_a_short_line(value
     with pytest.raises(SceneError, match="Argument `force` must be") as caught:
         parse(value, "N", "force")
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "same"),
+    [
+        ("95 RPM", "rad/s", "95 rpm"), ("97 KN", "N", "97 kN"), ("10 KN M", "N m", "10 kN m"), ("2 MIN", "s", "2 min"), ("20 klb", "N", "20 klbf"),
+        ("20 lb", "N", "20 lbf"), ("20 lb", "kg", "20 lb"), ("10 tonne-force", "N", "98066.5 N"), ("10 t", "N", "98066.5 N"), ("10 t", "kg", "10000 kg"),
+        ("120 1/min", "rad/s", "120 rpm"), ("3 1/min", "1/s", "0.05 1/s"), ("20 ft-lb", "N m", "20 lbf ft"),
+    ],
+)  # fmt: skip
+def test_habits_of_drillers_and_letters_of_the_wrong_case_are_understood_where_only_one_unit_fits(text, unit, same):
+    assert parse(text, unit) == pytest.approx(parse(same, unit), rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["1 mn", "5 MM", "7 Mpa", "7 mpa"])
+def test_a_prefix_of_the_wrong_case_is_refused_because_milli_is_not_mega(text):
+    with pytest.raises(SceneError):
+        parse(text, {"n": "N", "m": "m", "a": "Pa"}[text[-1].lower()])

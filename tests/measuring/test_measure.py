@@ -11,8 +11,9 @@ import pytest
 from scipy.optimize import brentq
 
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Component, Equations, SceneError, SimulationError, compose, measure, quantity, simulate, state
+from toolbox import Component, Equations, SceneError, SimulationError, compose, quantity, simulate, state
 from toolbox import time as symbol_of_time
+from toolbox.measuring import energy
 from toolbox.measuring.measure import cycles, energy_audit, extent, overshoot, settling, severity, stick_intervals, stuck_ratio
 from toolbox.modelling.inputs import sine, step
 
@@ -277,7 +278,7 @@ def test_a_plant_at_rest_or_without_energy_has_nothing_to_close():
 
 def test_portions_of_steps_add_up_to_the_whole(rig_run, monkeypatch):
     whole, audit = extent(rig_run, "bit.speed"), energy_audit(rig_run)
-    monkeypatch.setattr(measure, "CHUNK", 7)
+    monkeypatch.setattr(energy, "CHUNK", 7)
     assert extent(rig_run, "bit.speed").mean == pytest.approx(whole.mean, rel=1e-13)
     assert energy_audit(rig_run).turnover == pytest.approx(audit.turnover, rel=1e-13)
 

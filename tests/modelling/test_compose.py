@@ -1,4 +1,4 @@
-"""Putting parts together: names, signals, units, stand-ins, parameters, and what cannot be composed."""
+"""Putting parts together: names, signals, units, defaults, parameters, and what cannot be composed."""
 
 from __future__ import annotations
 
@@ -95,14 +95,14 @@ def test_a_chain_of_signals_is_resolved_through_parts_without_states():
     assert run.at(40.0)["second.x"] == pytest.approx(3.0, rel=1e-7)
 
 
-def test_a_signal_that_nobody_gives_takes_its_stand_in():
+def test_a_signal_that_nobody_gives_takes_its_default():
     plant = compose(lag("lag", "lag.in", default=2.5))
     assert simulate(plant, 40.0).at(40.0)["lag.x"] == pytest.approx(2.5, rel=1e-5)
     assert simulate(plant, 40.0, parameters={"lag.in": -1.0}).at(40.0)["lag.x"] == pytest.approx(-1.0, rel=1e-5)
     assert simulate(plant, 40.0, inputs={"lag.in": 4.0}).at(40.0)["lag.x"] == pytest.approx(4.0, rel=1e-5)
 
 
-def test_a_signal_without_giver_and_stand_in_is_refused_with_a_suggestion():
+def test_a_signal_without_giver_and_default_is_refused_with_a_suggestion():
     with pytest.raises(SceneError, match=r"bit\.sped.*bit\.speed"):
         compose(wells.JANSEN_2, lag("lag", "bit.sped", unit="rad/s"))
     with pytest.raises(SceneError, match=r"bit\.speed"):
@@ -141,7 +141,7 @@ def test_a_signal_needed_by_many_is_one_input():
         assert run.at(5.0)[f"{name}.x"] == pytest.approx(2 * (1 - math.exp(-5)), rel=1e-7)
 
 
-def test_two_different_stand_ins_of_one_signal_are_refused():
+def test_two_different_defaults_of_one_signal_are_refused():
     with pytest.raises(SceneError, match=r"common\.in"):
         compose(lag("one", "common.in", default=1.0), lag("two", "common.in", default=2.0))
 
@@ -166,7 +166,7 @@ def test_a_loop_through_a_state_is_no_algebraic_loop():
     compose(lag("one", "two.x"), lag("two", "one.x"))
 
 
-def test_a_stand_in_that_depends_on_another_signal_is_resolved_or_refused():
+def test_a_default_that_depends_on_another_signal_is_resolved_or_refused():
     def equations(self, signal):
         x = state("follow.x", "1")
         return Equations(flow={x: signal("follow.in", "1", default=2 * signal("lag.x", "1")) - x})
@@ -174,13 +174,13 @@ def test_a_stand_in_that_depends_on_another_signal_is_resolved_or_refused():
     try:
         run = simulate(compose(lag("lag", "lag.in", default=1.0), part(equations)()), 60.0)
     except SceneError as error:
-        assert "follow.in" in str(error) or "stand-in" in str(error)
+        assert "follow.in" in str(error) or "default" in str(error)
     else:
         assert run.at(60.0)["follow.x"] == pytest.approx(2.0, rel=1e-5)
 
 
 @pytest.mark.parametrize("default", [math.nan, math.inf, "1", True, [1.0]], ids=repr)
-def test_a_stand_in_that_is_no_finite_number_is_refused(default):
+def test_a_default_that_is_no_finite_number_is_refused(default):
     with pytest.raises(SceneError, match=r"lag\.in"):
         compose(lag("lag", "lag.in", default=default))
 

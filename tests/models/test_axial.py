@@ -154,7 +154,7 @@ def test_an_axial_string_that_cannot_be_built_is_refused_by_name(change, word):
         compose(dataclasses.replace(HUNG, **change))
 
 
-def test_two_stand_ins_for_one_weight_on_bit_are_refused():
+def test_two_defaults_for_one_weight_on_bit_are_refused():
     # a torsional rock with a weight of its own under an axial string: what is between bit and rock must say how large the weight is
     with pytest.raises(SceneError, match=r"bit\.weight"):
         compose(wells.JANSEN_2, BitRock(), RIGID)

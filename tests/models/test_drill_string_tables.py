@@ -18,6 +18,7 @@ from models import (
     BitRock,
     Coulomb,
     DrillString,
+    Drop,
     Section,
     Survey,
     TorsionalChain,
@@ -398,7 +399,7 @@ def test_a_string_turned_slowly_needs_its_break_off_torque():
     np.testing.assert_allclose(run.at(500.0)["chain.speed"], 0.1, rtol=1e-4)
     assert run.at(500.0)["top.load"] == pytest.approx(break_off() + 0.1 * sum(well.drag[1:]), rel=1e-4)
     # the bit is the last to move, when the top carries all of it but for the slow waves that each contact sends when it lets go
-    release = next(event.time for event in run.events if event.element == "chain.17")
+    release = next(event.time for event in run.events if event.element == "chain.33")
     assert run.at(release)["top.load"] == pytest.approx(break_off(), rel=0.01)
 
 
@@ -433,17 +434,41 @@ def test_off_bottom_at_60_rpm_the_published_drive_keeps_the_string_in_stick_slip
     # the published behaviour: stick-slip without any bit torque, its period somewhat above the fundamental one of the string under a held top
     plant = compose(wells.AARSNES_SHOR)
     stiff = simulate(plant, 60.0, controller=PI(38e3, 100e3, 60 * RPM))
-    assert 0.15 < measure.stuck_ratio(stiff, "chain.17", 20.0) < 0.45
+    assert 0.15 < measure.stuck_ratio(stiff, "chain.33", 20.0) < 0.45
     assert measure.severity(stiff, after=20.0) > 1.0
     fundamental = 1 / shaft_frequencies(read_sections(TABLES / "aarsnes_shor_sections.csv"), 1, top_inertia=math.inf)[0]
     assert fundamental == pytest.approx(4.43, abs=0.01)
-    assert 1.0 < detail.period(stiff, "chain.17", 60 * RPM, 20.0) / fundamental < 1.2
+    assert 1.0 < detail.period(stiff, "chain.33", 60 * RPM, 20.0) / fundamental < 1.2
     extent = measure.extent(stiff, "top.load", 20.0)
     assert extent.maximum - extent.minimum > 2 * 0.35 * break_off()  # the swing at standstill, and the wave of the drive on top of it
     soft = simulate(plant, 60.0, controller=PI(2e3, 5.54e3, 60 * RPM))
-    assert measure.stuck_ratio(soft, "chain.17", 20.0) == 0.0
+    assert measure.stuck_ratio(soft, "chain.33", 20.0) == 0.0
     fast = simulate(plant, 60.0, controller=PI(38e3, 100e3, 200 * RPM))
-    assert measure.stuck_ratio(fast, "chain.17", 20.0) == 0.0
+    assert measure.stuck_ratio(fast, "chain.33", 20.0) == 0.0
+
+
+def lumped(elements, duration):
+    """A run of the well of Aarsnes and Shor in so many elements under its published drive from rest, and when its bit first moves."""
+    folder = [TABLES / f"aarsnes_shor_{name}.csv" for name in ("sections", "survey")]
+    string = DrillString.from_tables(*folder, top_inertia=2900.0, drag_rate=0.1, friction=Drop(), elements=elements)
+    if elements == len(wells.AARSNES_SHOR.stiffness):
+        assert string == wells.AARSNES_SHOR
+    run = simulate(compose(string), duration, controller=PI(38e3, 100e3, 60 * RPM))
+    return run, next(event.time for event in run.events if event.element == f"chain.{elements}")
+
+
+@pytest.mark.slow
+def test_first_motion_period_and_largest_torque_of_the_inclined_well_change_by_less_than_five_per_cent_with_twice_as_many_elements():
+    found = []
+    for elements in (33, 66):
+        run, first = lumped(elements, 120.0)
+        found.append((first, detail.period(run, f"chain.{elements}", 60 * RPM, 20.0), measure.extent(run, "top.load", 0.0).maximum))
+    np.testing.assert_allclose(*found, rtol=0.05)
+
+
+def test_a_string_that_is_right_up_to_one_hertz_alone_moves_its_bit_too_early():
+    coarse, fine = lumped(17, 4.0)[1], lumped(33, 4.0)[1]
+    assert coarse < 1.2 and fine > 2.5
 
 
 def test_the_string_of_the_ufrj_swings_like_its_published_lumped_model():

@@ -427,6 +427,7 @@ def test_a_step_from_rest_strikes_at_some_gains_and_a_ramp_of_a_minute_at_none()
     assert whirl.row(whirl.driven(0.2, STEP))["peak"] < contact < whirl.row(whirl.driven(0.6, STEP))["peak"]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_inside_stick_slip_every_gain_strikes_and_the_one_that_a_step_calls_good_leaves_the_collar_rolling():
     phases = INSIDE[::2]

@@ -111,6 +111,7 @@ def test_a_gain_and_a_weight_can_be_what_varies(rig):
     assert gain.unit == "N m s/rad" and gain.at == 4000.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("between", "values", "tolerance"),
     [((6000.0, 14_000.0), 5, 10.0), ((9000.0, 13_000.0), 13, None), ((10_550.0, 12_500.0), 4, 50.0), ((9900.0, 12_200.0), 7, None)],
@@ -252,6 +253,7 @@ def test_a_cycle_that_sticks_twice_is_judged_over_whole_cycles():
     assert [each[0].severity for each in (found.smooth, found.sticking)] == pytest.approx([expected] * 2, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_measurement_noise_hides_neither_border():
     """Smooth running is lost where it is without noise; existing stick-slip is judged with the noise, of which 2 % of swing are left when it has ended."""
     plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), SoftTorque(reference=6.0)

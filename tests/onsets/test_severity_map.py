@@ -82,6 +82,7 @@ CARRIED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("well", "law", "between", "values"), CARRIED)
 def test_stick_slip_ends_where_its_cycle_followed_does_whatever_range_is_mapped(well, law, between, values):
     plant = compose(well, BitRock())
@@ -93,6 +94,7 @@ def test_stick_slip_ends_where_its_cycle_followed_does_whatever_range_is_mapped(
     assert found.border("sticking", 97_347.0) == pytest.approx([lost], rel=5e-3)
 
 
+@pytest.mark.slow
 def test_standstill_is_no_stick_slip_and_has_regions_of_its_own():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
     found = severity_map(plant, {"top.torque": (9600.0, 13_000.0), "bit.weight": (97_000.0, 97_694.0)}, shape=(18, 3), halvings=6)

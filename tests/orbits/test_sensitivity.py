@@ -304,7 +304,7 @@ def test_wrong_arguments_are_named():
     with pytest.raises(SceneError, match="varies in time"):
         sensitivity(simulate(plant, 1.0, inputs={"block.force": step(0, 1, 0.5)}), "block.force")
     drilled = simulate(compose(wells.JANSEN_2), 1.0, controller=StiffPI())
-    with pytest.raises(SceneError, match=r"`top\.reference` must be given as a constant in `inputs` .* `pi\.reference`, its stand-in"):
+    with pytest.raises(SceneError, match=r"`top\.reference` must be given as a constant in `inputs` .* `pi\.reference`, its default"):
         sensitivity(drilled, "top.reference")
 
 

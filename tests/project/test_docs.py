@@ -1,6 +1,8 @@
 """The documentation: every example runs, generated pages are up to date, and every page is reachable."""
 
+import dataclasses
 import importlib.util
+import inspect
 import os
 import re
 import shlex
@@ -98,3 +100,52 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_to_a_page():
         assert f"{path.relative_to(DOCS).as_posix()}\n" in navigation + "\n"
         for target in re.findall(r"\]\(([^)#:\s]+\.md)", path.read_text(encoding="utf-8")):
             assert (path.parent / target).is_file(), f"{path.name} links to {target}"
+
+
+PUBLIC = ("toolbox", "toolbox.authoring", "toolbox.measure", "toolbox.plot", "toolbox.inputs", "toolbox.linear", "models", "controllers")
+
+
+def described(text, section):
+    """Names that a NumPy section of a docstring describes."""
+    found = re.search(rf"^{section}\n-+\n(.*?)(?=\n\n\S+\n-+\n|\Z)", text, re.DOTALL | re.MULTILINE)
+    return [] if found is None else [name for line in found[1].splitlines() if line[:1].strip() for name in line.split(", ")]
+
+
+def public_things():
+    """(dotted name, function or class) of everything public that has a docstring, methods included."""
+    import toolbox
+
+    for package in PUBLIC:
+        own = package.rpartition(".")[2]
+        module = getattr(toolbox, own) if own in ("measure", "plot", "inputs", "linear") else importlib.import_module(package)
+        for name in getattr(module, "__all__", None) or [name for name in vars(module) if not name.startswith("_")]:
+            thing = getattr(module, name)
+            if (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.split(".")[0] in ("toolbox", "models", "controllers"):
+                yield f"{package}.{name}", thing
+                members = vars(thing).items() if inspect.isclass(thing) else ()
+                for key, member in members:
+                    function = getattr(member, "__func__", member)
+                    if inspect.isfunction(function) and not key.startswith("_") and function.__doc__:
+                        yield f"{package}.{name}.{key}", function
+
+
+def test_lists_of_parameters_and_attributes_name_those_that_there_are():
+    lists = 0
+    for name, thing in public_things():
+        text = inspect.getdoc(thing) or ""
+        if told := described(text, "Parameters"):
+            lists += 1
+            own = {each for each in inspect.signature(thing).parameters if each not in ("self", "cls")}
+            assert len(told) == len(set(told)) and set(told) <= own, f"{name} describes {sorted(set(told) - own)}, which it does not take"
+            assert own - set(told) <= {"former", "others"}, f"{name} does not describe {sorted(own - set(told))}"
+        if told := described(text, "Attributes"):
+            own = {field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")} if dataclasses.is_dataclass(thing) else set()
+            assert own <= set(told), f"{name} does not describe {sorted(own - set(told))}"
+            assert dataclasses.is_dataclass(thing) is False or all(each in own or hasattr(thing, each) for each in told), name
+    assert lists > 60
+
+
+def test_a_function_of_many_arguments_lists_them():
+    for name, thing in public_things():
+        if inspect.isfunction(thing) and len(set(inspect.signature(thing).parameters) - {"self", "cls"}) > 4:
+            assert described(inspect.getdoc(thing) or "", "Parameters"), f"{name} must list its parameters in a NumPy section"

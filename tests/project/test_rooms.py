@@ -20,7 +20,7 @@ MORE_ARGUMENTS = {
 }  # fmt: skip
 """Functions, as file.name, that take what their users need to say."""
 
-ONE_BY_ONE = {"event_loop.evaluate", "condensing.cost", "condensing.condense", "condensing.wound_up", "condensing.regulated", "rock_filter.__init__"}
+ONE_BY_ONE = {"event_loop.evaluate"}
 """Functions, as file.name, whose arguments still have to be put together."""
 
 
@@ -85,11 +85,17 @@ def functions(root):
                     yield path.relative_to(root), node
 
 
+def lines_without_docstring(node):
+    first = node.body[0]
+    text = first if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) else None
+    return node.end_lineno - node.lineno + 1 - (text.end_lineno - text.lineno + 1 if text else 0)
+
+
 def test_files_and_functions_can_be_read_at_once(root):
     long = {path: text.count("\n") for package in ("toolbox", "models", "controllers") for path in (root / package).rglob("*.py")
             if (text := path.read_text(encoding="utf-8")).count("\n") > LONGEST_FILE}  # fmt: skip
     assert not long
-    large = [f"{path}: {node.name}" for path, node in functions(root) if node.end_lineno - node.lineno + 1 > LONGEST_FUNCTION]
+    large = [f"{path}: {node.name}" for path, node in functions(root) if lines_without_docstring(node) > LONGEST_FUNCTION]
     assert not large
 
 

@@ -253,7 +253,7 @@ MISTAKES = [
     # units and numbers
     (edited("97.347 kN", "97.347 kg"), "`BitRock.weight` must be in N, but `97.347 kg` is in kg"),
     (edited("120 rpm", "2 Hz"), "`reference` must be in rad/s"),
-    (edited("97.347 kN", "97.347 KN"), "unknown unit `KN`: did you mean `N` or `kN`"),
+    (edited("97.347 kN", "97.347 kNN"), "unknown unit `kNN`: did you mean `kN`"),
     (edited("2 min", "2 m"), "`duration` must be in s"),
     (edited("10 kN m", "10 kN"), "`top.torque` must be in N m"),
     (edited('"30 rpm", 1.0', '"30 rpm", 1.0, 2.0'), "must have shape (2,)"),

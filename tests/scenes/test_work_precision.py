@@ -98,6 +98,7 @@ def test_a_setting_that_fails_is_a_line_of_the_table():
     assert "cannot be smoothed" in str(trade)
 
 
+@pytest.mark.slow
 def test_the_command_writes_table_and_figure_of_a_scene(root, tmp_path, capsys):
     scene = root / "studies/scenes/block_on_belt.toml"
     assert main(["tradeoff", str(scene), "--duration", "5", "--out", str(tmp_path / "out")]) == 0

@@ -5,7 +5,7 @@ import pytest
 
 from studies.benchmarks.differential import BUDGET, arguments_of
 from studies.benchmarks.enumerated_modes import Reference
-from studies.benchmarks.rubbing_machines import Machine, Sine, Table, Trial
+from studies.benchmarks.rubbing_machines import Machine, Sine, Table, Trial, given
 from toolbox import compose, simulate
 
 REST = {f"machine.{kind}{i}": 0.0 for kind in "xv" for i in range(3)}
@@ -36,7 +36,7 @@ def test_a_relay_whose_slip_is_only_round_off_is_let_go_once(method):
     assert [event[1:] for event in run.events[:2]] == [("machine.relay0", "stick", "slip-"), ("machine.rub0", "slip-", "slip+")]
 
 
-@pytest.mark.parametrize("method", ["event", "explicit"])
+@pytest.mark.parametrize("method", ["event", "explicit", "stiff"])
 def test_a_body_held_by_two_contacts_takes_no_steps_for_the_round_off_of_their_balance(method):
     """The middle mass is carried along by a contact whose force is the rest of larger ones, 1e-17 N of 1 N: its speed has no scale but their round-off."""
     machine = Machine(
@@ -47,3 +47,28 @@ def test_a_body_held_by_two_contacts_takes_no_steps_for_the_round_off_of_their_b
     run, error = compared(Trial(machine, REST, inputs, duration=5.9), method, 1e-7)
     assert error < 1e-6 and sum(run.steps) < 3_000
     assert run.error < 1e-6  # its second run comes to an end, too
+
+
+PAIR = Machine(
+    mass=(2.67, 1.1), ground=(0.0, 0.0), damping=(0.03, 0.045), tie=(5.98,), static=(1.3,), kinetic=(1.3,), speed=(1.0,), bound=(0.64,), lean=(1.61,),
+    rubs=("1 0 Coulomb one",), relays=("0 ground",),
+)  # fmt: skip
+NEIGHBOUR = Machine(
+    mass=(2.16, 0.54, 0.96), ground=(3.2, 0.14, 2.5), damping=(0.08, 0.27, 0.18), tie=(6.6, 5.2), static=(0.63,), kinetic=(0.63,), speed=(1.0,),
+    bound=(2.26,), lean=(0.89,), rubs=("2 1 Coulomb one",), relays=("1 ground",),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["event", "explicit", "stiff"])
+@pytest.mark.parametrize(
+    ("machine", "inputs"),
+    [
+        (PAIR, {"machine.push0": Sine(0.066, 0.114, 0.413, 0.925), "machine.push1": -0.175}),
+        (NEIGHBOUR, {"machine.push2": Table((1.7, 1.7, 2.9, 2.9), (-0.006, 0.16, 0.16, 0.21))}),
+    ],
+)
+def test_bodies_that_only_round_off_moves_take_long_steps(machine, inputs, method):
+    """Forces stay within the bounds, so nothing moves; round-off goes from the speed of a held body to its place, and on to a free neighbour."""
+    run = simulate(compose(machine), 7.2, method=method, accuracy=1e-8, budget=BUDGET, inputs=given(inputs))
+    assert not run.events and np.abs(run.states).max() < 1e-14
+    assert sum(run.steps) < 1_000

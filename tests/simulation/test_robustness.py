@@ -40,7 +40,7 @@ def test_a_load_that_a_formula_or_a_law_makes_negative_is_an_error_that_says_whe
     assert caught.value.run is not None
 
 
-def test_a_delayed_signal_has_its_stand_in_until_the_first_output_arrives(rig):
+def test_a_delayed_signal_has_its_default_until_the_first_output_arrives(rig):
     def weight(t, y):
         return 5e4
 

@@ -11,6 +11,7 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, wells
 from toolbox import Budget, BudgetError, SceneError, SimulationError, TimeStepping, ZenoError, compose, ramp, simulate, sine, step, time
+from toolbox.authoring import time_left
 from toolbox.modelling.inputs import sweep
 
 pytestmark = pytest.mark.timeout(60)
@@ -387,6 +388,36 @@ def test_a_law_in_python_is_stopped_by_the_clock_too():
     with pytest.raises(BudgetError, match=r"0\.\d+ s and reached") as caught:
         simulate(plant, 1e4, controller=lambda t, y: 9000.0, sample_time=0.01, budget=Budget(seconds=0.1))
     assert caught.value.run.end > 0.0
+
+
+def test_a_law_that_plans_too_long_ends_with_the_seconds_of_its_run():
+    """A sample without end ends where the law asks how much time is left; outside a run there is no end of it."""
+    plant, asked = compose(wells.JANSEN_2, BitRock()), []
+
+    def planned(t, y):
+        while t > 0.05:
+            asked.append(time_left())
+        return 9000.0
+
+    with pytest.raises(BudgetError, match=r"s and reached t = 0\.06 s") as caught:
+        simulate(plant, 10.0, controller=planned, sample_time=0.01, budget=Budget(seconds=0.2))
+    assert caught.value.run.end == 0.06 and len(caught.value.run.laws) == 1
+    assert 0.0 < min(asked) <= max(asked) <= 0.2 and sorted(asked, reverse=True) == asked
+    assert time_left() == math.inf
+
+
+def test_the_budget_of_a_run_holds_for_runs_within_its_laws():
+    plant = compose(wells.JANSEN_2, BitRock())
+
+    def nested(t, y):
+        def endless(t, y):
+            while True:
+                time_left()
+
+        simulate(plant, 1.0, controller=endless, sample_time=0.1)
+
+    with pytest.raises(BudgetError, match=r"of 10 s"):
+        simulate(plant, 10.0, controller=nested, sample_time=0.01, budget=Budget(seconds=0.1))
 
 
 def test_a_run_stopped_by_its_budget_is_as_good_as_far_as_it_goes():

@@ -354,6 +354,7 @@ class Relaxations(Component):
         return Equations(flow={x: -ca.sparsify(ca.SX(ca.DM(matrix))) @ (x - signal("many.goal", "1", default=1.0))})
 
 
+@pytest.mark.slow
 def test_an_elimination_that_would_take_longer_than_the_run_is_not_written():
     # 2/3 40^3 instructions where all states depend on all; the twin without that is stepped by the stiff method
     runs = {mixed: simulate(compose(Relaxations(mixed)), 10.0) for mixed in (True, False)}

@@ -205,3 +205,53 @@ def test_a_run_longer_than_times_can_be_told_apart_is_right_or_says_so(duration)
     else:
         # the block stops inside the band of rest, +-F/k
         assert run.end == duration and abs(run["block.position"][-1]) <= 1.0 and run["block.speed"][-1] == 0.0
+
+
+# ------------------------------------------------------------------------------------------------------------------- bounds that cannot be
+@dataclass(frozen=True)
+class Pushed(Component):
+    """v' = push + force of a relay or of dry friction, whose bounds are inputs."""
+
+    dry: bool = False
+
+    def equations(self, signal):
+        x, v = state("a.x", "m"), state("a.v", "m/s")
+        static, kinetic = signal("a.static", "N", default=1.0), signal("a.kinetic", "N", default=0.5)
+        contact = DryFriction("c", v - 0.2, Coulomb(static=static, kinetic=kinetic)) if self.dry else Relay("c", v, static)
+        return Equations(flow={x: v, v: signal("a.push", "N", default=0.0) - self.dry * x + contact.force}, elements=[contact])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("bound", "when"), [(-1.0, 0.0), (1.0 - 0.5 * time, 2.0), (([0.0, 1.0, 1.0, 2.0], [1.0, 1.0, -1.0, -1.0]), 1.0)])
+def test_a_negative_bound_of_a_relay_is_refused_where_it_happens(bound, when, method):
+    with pytest.raises(SimulationError, match=rf"The bound of `c` must be >= 0, but it .* at t = {when:g} s") as failed:
+        simulate(compose(Pushed()), 6.0, inputs={"a.static": bound}, method=method)
+    assert failed.value.run.end == pytest.approx(when)
+    assert simulate(compose(Pushed()), 6.0, inputs={"a.static": 0.0, "a.push": 0.5}, method=method)["a.v"][-1] == pytest.approx(3.0)  # 0 is a bound
+
+
+def test_a_negative_bound_of_a_relay_ends_a_run_of_a_sweep():
+    found = sweep(compose(Pushed()), {"a.static": [1.0, -1.0, 2.0]}, 1.0, measures={"end": lambda run: run["a.v"][-1]})
+    assert list(found.errors) == [1] and "must be >= 0" in found.errors[1]
+
+
+@pytest.mark.parametrize("inputs", [{"a.kinetic": 2.0}, {"a.kinetic": 0.5 + 0.2 * time}, {"a.static": 1.0 - 0.2 * time}])
+def test_kinetic_friction_above_static_is_refused_where_the_contact_leaves_or_enters_stick(inputs):
+    """The block on the belt first slides at the turn of its cycle; there what holds it is below what rubs."""
+    with pytest.raises(SimulationError, match="The kinetic friction of `c` must be <= its static friction, but it is") as failed:
+        simulate(compose(Pushed(dry=True)), 20.0, inputs=inputs)
+    run = failed.value.run
+    static, kinetic = (ca.DM(ca.substitute(ca.SX(inputs.get(name, declared)), time, run.end)) for name, declared in (("a.static", 1.0), ("a.kinetic", 0.5)))
+    assert kinetic > static
+    assert simulate(compose(Pushed(dry=True)), 20.0).events  # the declared machine runs
+
+
+# ------------------------------------------------------------------------------------------------------------------- switches that only time moves
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5, 1e-8])
+def test_a_switch_that_a_wave_passes_for_an_instant_turns(method, accuracy):
+    """sine above 0.9 for a seventh of its period, while the state it drives moves so evenly that it asks for steps longer than that."""
+    run = simulate(compose(Thermostat()), 20.0, start={"room.x": 1.0}, inputs={"room.u": sine(0.0, 1.1, 0.2)}, method=method, accuracy=accuracy)
+    rise = math.asin(1.0 / 1.1) / (2.0 * math.pi * 0.2)
+    expected = [rise, *(k * 2.5 + rise for k in range(1, 8))]
+    assert [event.time for event in run.events] == pytest.approx(expected, rel=1e-6)

@@ -15,6 +15,7 @@ pytestmark = pytest.mark.timeout(120)
 CASES = [pytest.param(case, id=case.label, marks=[pytest.mark.slow] if k in (2, 4, 6, 7) else []) for k, case in enumerate(study.CASES)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_onset_in_every_range_and_the_map_agree_with_the_cycle_that_is_followed_and_with_a_slow_ramp(case):
     found, mapped, followed, ramped = study.row(case)
@@ -34,6 +35,7 @@ def test_the_independent_simulation_has_the_cycle_of_the_toolbox():
     assert errors[2] < 2e-4 and errors[2] < errors[0]  # of first order in the step: the bit is let go at the end of one
 
 
+@pytest.mark.slow
 def test_a_ramp_at_a_third_of_the_rate_comes_closer_to_the_period_doubling_that_ends_the_cycle():
     case = study.CASES[3]
     lost, away = study.by_follow(case), []

@@ -87,6 +87,7 @@ def test_soft_torque_and_sliding_mode_free_the_published_rig_that_sticks_without
     assert {stuck[label] for label in stuck if label.startswith(("soft", "sliding", "ideal"))} == {0.0}
 
 
+@pytest.mark.slow
 def test_the_working_point_of_the_stiff_drive_is_bistable(answer):
     found = answer("13")
     assert found["Hopf speed"] < 9.948 < found["end of stick-slip"]

@@ -18,6 +18,7 @@ def found():
     return study.disk_table()
 
 
+@pytest.mark.slow
 def test_no_law_of_the_table_is_above_the_limit_of_what_it_measures(found):
     limits = found["limit, top speed"]
     for label in study.LAWS:

@@ -313,6 +313,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path, monkeypatch):
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("zarr")

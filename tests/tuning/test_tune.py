@@ -440,6 +440,7 @@ def pool():
         yield executor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objectives", [farthest, (farthest, nearest)])
 def test_processes_find_the_same_and_write_the_same_journal(tmp_path, objectives, pool):
     box = {"torque": (100.0, 10_000.0)}

@@ -7,11 +7,11 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.calibration.residuals import Loop, Simulated
+from toolbox.calibration.residuals import MeasuredLoop, Simulated
 from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
 
 
-def fitted(misfit: Loop | Simulated, values: np.ndarray) -> Any:
+def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
     """Measured against model: one panel per signal, or the loop of friction over slip, and below each the residuals.
 
     Parameters
@@ -31,7 +31,7 @@ def fitted(misfit: Loop | Simulated, values: np.ndarray) -> Any:
         for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
             unit = misfit.plant.unit(name)
             time, measured = misfit.time[name], misfit.measured[name]
-            if isinstance(misfit, Loop):
+            if isinstance(misfit, MeasuredLoop):
                 element = misfit.plant.elements[misfit.place]
                 x, slides = misfit.slip[misfit.rows], ~misfit.released
                 resting = np.setdiff1d(np.arange(misfit.slip.size), misfit.rows)

@@ -12,22 +12,21 @@ one point of a line of equally good ones. The singular values of J show that, an
 
 from __future__ import annotations
 
-import itertools
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping, whole
 from toolbox.calibration.recording import Recording
-from toolbox.calibration.residuals import Loop, Simulated, residuals
+from toolbox.calibration.residuals import MeasuredLoop, Simulated, residuals
 from toolbox.calibration.resting import resting
-from toolbox.calibration.trust import Residual, residual_of, sampling_error
+from toolbox.calibration.results import Fit
+from toolbox.calibration.trust import residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.files import tables
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start
@@ -45,127 +44,6 @@ MUTE = 1e-9
 
 DRAWS = 10
 """Starts that are drawn for every one that is wanted, because some contradict themselves or cannot be simulated."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Estimates: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
-
-    names, units, values, errors: of the estimates (errors are standard deviations), shapes (k,);  covariance: (k, k);  confidence, factor: of the
-    intervals, estimate +- factor * error;  residuals: one per measured output;  condition: of the scaled Jacobian;  at_bounds: names that ended at
-    a bound, or at another number;  agreeing: how many of `starts` ended at this optimum;  misfit: model and data;  resting: {name: why it cannot go on to its
-    optimum} of those that rest on another number;  mute: names without influence where others rest, which so have no estimate;
-    sampling: about how far each estimate is off because measured inputs are known at their samples only, shape (k,).
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: np.ndarray
-    errors: np.ndarray
-    covariance: np.ndarray
-    confidence: float
-    factor: float
-    residuals: tuple[Residual, ...]
-    condition: float
-    at_bounds: tuple[str, ...]
-    agreeing: int
-    starts: int
-    misfit: Any = field(repr=False)
-    resting: Mapping[str, str] = field(default_factory=dict)
-    mute: tuple[str, ...] = ()
-    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def __getitem__(self, name: str) -> float:
-        """An estimate in SI."""
-        return float(self.values[self._place(name)])
-
-    def _place(self, name: str) -> int:
-        if name not in self.names:
-            raise SceneError(f"There is no estimate `{name}`: {suggest(name, self.names)}")
-        return self.names.index(name)
-
-    def interval(self, name: str) -> tuple[float, float]:
-        """(low, high) of the confidence interval of an estimate."""
-        i = self._place(name)
-        return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation of the estimates, shape (k, k)."""
-        size = np.sqrt(np.diag(self.covariance))
-        known = np.isfinite(size) & (size > 0.0)
-        size[~known] = 1.0
-        return np.where(np.outer(known, known), self.covariance, 0.0) / np.outer(size, size)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """{name: estimate} of those that are parameters of the plant."""
-        known = [name for name in self.names if isinstance(self.misfit, Loop) or self.misfit.kind(name) == "parameters"]
-        return {name: self[name] for name in known}
-
-    @property
-    def plant(self) -> HybridSystem:
-        """The calibrated plant."""
-        return self.misfit.plant.with_parameters(self.parameters)
-
-    @property
-    def white(self) -> bool:
-        """Whether no residual has structure at the level 0.05."""
-        return all(residual.whiteness >= 0.05 for residual in self.residuals)
-
-    def __str__(self) -> str:
-        count = sum(values.size for values in self.misfit.measured.values())
-        how = (
-            f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
-            if isinstance(self.misfit, Loop)
-            else "by simulation"
-        )
-        recording = self.misfit.recording
-        lines = [
-            f"Fit of {len(self.names)} number(s) to {count} measured values over {recording.time[-1]:g} s ({recording.source}), {how}",
-            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
-            "",
-        ]
-        rows = []
-        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            low, high = self.interval(name)
-            part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
-            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
-        widths = [max(len(row[i]) for row in rows) for i in range(5)]
-        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        lines.append("")
-        for left in self.residuals:
-            lines += left.lines()
-        if len(self.names) > 1:
-            i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
-            lines.append(
-                f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
-            )
-        for name in self.at_bounds:
-            where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
-            lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
-        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
-        for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
-            if abs(shift) > self.factor * error:
-                lines.append(
-                    f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
-                    f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
-                )
-        if not self.misfit.exact:
-            lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
-        return "\n".join(lines)
-
-    def save(self, path: str | Path) -> Path:
-        """Write estimates, deviations and intervals as csv in SI units."""
-        estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
-        headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
-        return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
-
-    def plot(self) -> Any:
-        """Measured against model: traces, what is left of them, and the loop of friction; returns the axes."""
-        from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
-
-        return fitted(self.misfit, self.values)
 
 
 def fit(
@@ -187,23 +65,53 @@ def fit(
     confidence: float = 0.95,
     accuracy: float = 1e-8,
 ) -> Fit:
-    """Parameters of a machine, with confidence intervals, from measured signals.
+    """Estimate parameters of a machine, with confidence intervals, from measured signals.
 
-    machine: a plant, or a scene.  data, columns: what was measured, see `toolbox.calibration.recording`. Signals that are inputs of the plant drive it, linear
-    between samples; all others are compared.  free: names of parameters (`bit.friction.static`), constant inputs (`top.torque`) and start values
-    (`bit.speed`, `chain.twist.0`); each begins at its declared value.  bounds: {name: (low, high)}; without, those that the part declares.  controller: a law
-    as in `simulate`, or the label of a controller of the scene; none leaves the plant to its inputs.  inputs, start, parameters: as in `simulate`; those of the
-    scene without. A simulation begins at rest unless `start` says otherwise.
+    Signals that are inputs of the plant drive the simulation, linear between samples; all others are compared with it by nonlinear least squares. A
+    simulation that sticks and slips for many cycles has many poor optima: give a window of a few cycles, and bounds. Source: G. A. F. Seber, C. J. Wild,
+    Nonlinear Regression, Wiley 1989.
 
-    contact: fit the law of this contact to measured force at measured slip directly, without simulation; slip speeds up to `still` (a hundredth of the largest
-    without) count as stick. The slip must be measured well: its own noise is not modelled.
+    Parameters
+    ----------
+    machine
+        A plant, or a scene.
+    data, columns
+        What was measured, and which of its columns are which signals; see `Recording.of`.
+    free
+        Names of what is estimated: parameters (`bit.friction.static`), constant inputs (`top.torque`) and start values (`bit.speed`, `chain.twist.0`). Each
+        search begins at the declared value.
+    bounds
+        Bounds {name: (low, high)}; by default those that the part declares.
+    controller
+        A law as in `simulate`, or the label of a controller of the scene; None leaves the plant to its inputs.
+    contact
+        Fit the friction law of this contact directly to measured force at measured slip, without simulation. The slip must be measured well: its own noise is
+        not modelled.
+    still
+        Slip speeds up to this count as stick (with `contact`); by default a hundredth of the largest.
+    inputs, start, parameters
+        As in `simulate`; by default those of the scene. A simulation begins at rest unless `start` says otherwise.
+    noise
+        Standard deviations {signal: value}; estimated if not given.
+    starts, seed
+        Number of searches, and seed of their starts: the first begins at the declared values, the others between the bounds, or between half and twice the
+        value.
+    confidence
+        Confidence level of the intervals.
+    accuracy
+        Accuracy of the runs, as in `simulate`.
 
-    noise: {signal: standard deviation}; estimated without.  starts: searches, the first from the declared values, the others drawn between the bounds, or
-    between half and twice the value where there are none.  A simulation that sticks and slips for many cycles has many poor optima: give a window of a
-    few cycles and bounds.
+    Returns
+    -------
+    Fit
+        Estimates, intervals and residuals.
 
-    Raises SceneError for unknown names, numbers that the data cannot tell apart or do not depend on (the message names them), and bad data;
-    SimulationError where no start can be simulated. Source: G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley 1989.
+    Raises
+    ------
+    SceneError
+        If a name is unknown, the data are bad, or they cannot tell numbers apart or do not depend on them; the message names these.
+    SimulationError
+        If no start can be simulated.
     """
     inputs, start, parameters = mapping("inputs", inputs), mapping("start", start), mapping("parameters", parameters)
     bounds = mapping("bounds", bounds)
@@ -224,7 +132,7 @@ def fit(
     if contact is not None:
         for name in names:
             plant._parameter(name)
-        misfit = Loop(plant, Recording.of(data, plant, columns), names, contact, given, still)
+        misfit = MeasuredLoop(plant, Recording.of(data, plant, columns), names, contact, given, still)
     else:
         closed = Request(plant, 0.0, controller=law).checked().system  # what drives an input of the plant in closed loop is an output of the loop
         recording = Recording.of(data, closed, columns)
@@ -238,7 +146,7 @@ def fit(
             )
     first, units = zip(*[_declared(misfit, name) for name in names], strict=True)
     lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
-    return _Search(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+    return LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
 
 
 def _machine(
@@ -259,7 +167,7 @@ def _machine(
 def _declared(misfit: Any, name: str) -> tuple[float, str]:
     """(value to begin with, unit) of a free number; raises SceneError for unknown names, vectors and what is measured."""
     plant = misfit.plant
-    kind = "parameters" if isinstance(misfit, Loop) else misfit.kind(name)
+    kind = "parameters" if isinstance(misfit, MeasuredLoop) else misfit.kind(name)
     if kind == "inputs":
         value = misfit.arguments["inputs"][name]
         if not is_finite_number(value):
@@ -293,7 +201,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
                     f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
                 )
             low[i], high[i] = pair
-        elif isinstance(misfit, Loop) or misfit.kind(name) == "parameters":
+        elif isinstance(misfit, MeasuredLoop) or misfit.kind(name) == "parameters":
             declared = misfit.plant._parameter(name).bounds
             lowest = [value for value in (declared["at_least"], declared["above"]) if value is not None]
             low[i] = max(lowest, default=-np.inf)
@@ -304,7 +212,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
 
 
 @dataclass
-class _Search:
+class LeastSquares:
     """Least squares from several starts, and what the Jacobian at the end says."""
 
     misfit: Any
@@ -437,16 +345,28 @@ class _Search:
 
             def slopes(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
                 found = misfit.slopes(q * size, self._size(q * size))
-                return np.concatenate([found[name] / scales[name] for name in misfit.outputs]) * size
+                return np.concatenate([found[name] * (size / scales[name]) for name in misfit.outputs])
 
             whole = misfit is self.misfit
-            found = least_squares(
-                lambda q, misfit=misfit: residuals(misfit, q * size, scales), values / size, slopes, bounds=(self.low / size, self.high / size),
-                x_scale="jac", xtol=1e-10 if whole else 1e-4, ftol=1e-12 if whole else 1e-4, gtol=1e-12, max_nfev=100 if whole else 30,
-            )  # fmt: skip
+            given: dict[str, Any] = {"fun": lambda q, misfit=misfit: residuals(misfit, q * size, scales), "jac": slopes, "x0": values / size}
+            given |= {"x_scale": "jac", "xtol": 1e-10 if whole else 1e-4, "ftol": 1e-12 if whole else 1e-4, "gtol": 1e-12, "max_nfev": 100 if whole else 30}
+            found: Any = self._unbounded(given, size) if whole and isinstance(misfit, MeasuredLoop) else None
+            found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
             values = found.x * size
         found.x = values
         return found
+
+    def _unbounded(self, given: Mapping[str, Any], size: np.ndarray) -> Any:
+        """Where the method of Levenberg and Marquardt ends, which takes a third of the time for long data; None where a bound is or comes near."""
+        from scipy.optimize import least_squares
+
+        edge = 1e-3 * size
+        with contextlib.suppress(SceneError, SimulationError):
+            if np.all(given["x0"] * size > self.low + edge) and np.all(given["x0"] * size < self.high - edge):
+                found = least_squares(**given, method="lm")
+                if found.success and np.all(found.x * size > self.low + edge) and np.all(found.x * size < self.high - edge):
+                    return found
+        return None
 
     def _left(self, values: np.ndarray) -> dict[str, np.ndarray]:
         model = self.misfit.model(values)

@@ -32,7 +32,14 @@ _NAMED = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 class Recording:
     """Signals of a machine at measured times.
 
-    time: increasing, shape (nt,), from 0 [s];  signals: {name in the plant: values in its SI unit, shape (nt,)};  source: where they come from.
+    Attributes
+    ----------
+    time
+        Increasing times [s] from 0, shape (nt,).
+    signals
+        {name in the plant: values in its SI unit, shape (nt,)}.
+    source
+        Where they come from.
     """
 
     time: np.ndarray
@@ -41,14 +48,26 @@ class Recording:
 
     @staticmethod
     def of(data: Any, plant: HybridSystem, columns: Mapping[str, str] | None = None) -> Recording:
-        """The recording in a file (CSV or TOML as `toolbox.files.tables` reads them, MAT up to version 7), a mapping {name: values} or a run.
+        """Read a recording from a file, a mapping {name: values} or a run.
 
-        columns: {signal of the plant, or "time": what it is called in the data}; without, data use the plant's names. Units stand in the headings of
-        a table; in a MAT file, a mapping or a run numbers are SI, unless `columns` says otherwise: {"bit.speed": "rpm_bit [rpm]"}. Times are shifted to begin
-        at 0. Columns that `columns` does not name are not read.
+        Files are CSV or TOML, as `toolbox.files.tables` reads them, or MAT up to version 7. Times are shifted to begin at 0.
 
-        Raises SceneError for files that cannot be read, unknown or missing columns, units that do not fit, numbers that are not finite, times that do not
-        increase, and fewer than three samples.
+        Parameters
+        ----------
+        data
+            Path of the file, the mapping, or the run.
+        plant
+            The plant whose signals are meant, if there is one.
+        columns
+            {signal of the plant, or "time": what it is called in the data}; without it the data use the names of the plant. Units stand in the headings of a
+            table; in a MAT file, a mapping or a run numbers are SI unless `columns` says otherwise: {"bit.speed": "rpm_bit [rpm]"}. Columns that it does not
+            name are not read.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be read, a column is unknown or missing, a unit does not fit, a number is not finite, times do not increase, or there are fewer
+            than three samples.
         """
         if isinstance(data, Recording):
             return data

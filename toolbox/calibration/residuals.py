@@ -2,10 +2,10 @@
 
 Two misfits, one interface (`model`, `slopes`, `measured`, `time`):
 
-    Simulated   the measured inputs drive a simulation; its outputs at the measured times are compared with the measured ones. Slopes are those of
-                `toolbox.sensitivity`, exact through every stick and slip.
-    Loop        the friction law of one contact is compared with measured force at measured slip, sample by sample, without simulation. In stick friction is
-                whatever the machine asks for and says nothing, except at its end: the force at break-away is the static bound.
+    Simulated     the measured inputs drive a simulation; its outputs at the measured times are compared with the measured ones. Slopes are those of
+                  `toolbox.sensitivity`, exact through every stick and slip.
+    MeasuredLoop  the friction law of one contact is compared with measured force at measured slip, sample by sample, without simulation. In stick friction
+                  is whatever the machine asks for and says nothing, except at its end: the force at break-away is the static bound.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class Simulated:
         return {name: np.stack([column[name] for column in columns], axis=1) for name in self.outputs}
 
 
-class Loop:
+class MeasuredLoop:
     """The friction law of one contact against measured force at measured slip.
 
     output: the measured signal that holds the force;  slip: at every sample;  still: slip speed up to which the contact counts as at rest;  rows: indices of
@@ -201,7 +201,7 @@ class Loop:
         self.outputs = [self.output]
         self.time, self.measured = {self.output: recording.time[rows]}, {self.output: values[rows]}
 
-    def horizons(self) -> list[Loop]:
+    def horizons(self) -> list[MeasuredLoop]:
         """The misfit itself: samples of a loop do not know of each other."""
         return [self]
 
@@ -209,7 +209,7 @@ class Loop:
         """None: a loop asks for its inputs at the samples only."""
         return
 
-    def trial(self) -> Loop:
+    def trial(self) -> MeasuredLoop:
         """The misfit of at most about `TRIAL` samples, all break-aways among them: enough to find what is then fitted to all."""
         if self.rows.size <= 2 * TRIAL:
             return self
@@ -248,7 +248,7 @@ class Loop:
         return there[0]
 
     def _inputs(self, given: Mapping[str, Any]) -> ca.SX:
-        """The inputs of the plant: measured ones as symbols, others as given, or their stand-ins."""
+        """The inputs of the plant: measured ones as symbols, others as given, or their defaults."""
         measured = [name for name in self.plant.inputs if name in self.recording.signals]
         self._u_symbol = ca.SX.sym("measured", len(measured))
         self._u = np.array([self.recording.signals[name] for name in measured]).reshape(len(measured), self.recording.time.size)

@@ -14,9 +14,22 @@ from toolbox.errors import SceneError, SimulationError
 
 @dataclass(frozen=True)
 class Residual:
-    """What is left of one signal: rms in its unit, its part of the measured range, and the p-value of whiteness (Ljung and Box 1978).
+    """What the model leaves of one measured signal.
 
-    p below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow. correlation: of neighbours.
+    A p-value below 0.05 says that the residual has structure: the model lacks something, and intervals are too narrow.
+
+    Attributes
+    ----------
+    signal, unit
+        The signal and its unit.
+    rms
+        Root mean square, in that unit.
+    part
+        Its part of the measured range [1].
+    whiteness
+        The p-value of whiteness (Ljung and Box 1978).
+    correlation
+        Correlation of neighbours [1].
     """
 
     signal: str
@@ -53,7 +66,8 @@ def residual_of(signal: str, unit: str, left: np.ndarray, measured: np.ndarray) 
     centred = left - left.mean()
     power = float(centred @ centred)
     lags = max(1, min(20, n // 5))
-    correlations = [float(centred[i:] @ centred[:-i]) / power if power else 0.0 for i in range(1, lags + 1)]
+    # not @, whose threads wait for each other for longer than so short a product takes
+    correlations = [float(np.einsum("i,i->", centred[i:], centred[:-i])) / power if power else 0.0 for i in range(1, lags + 1)]
     portmanteau = n * (n + 2) * sum(r * r / (n - i) for i, r in enumerate(correlations, 1))
     span = float(np.ptp(measured))
     rms = float(np.sqrt(np.mean(left**2)))

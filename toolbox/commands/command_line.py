@@ -30,6 +30,10 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         words = given.words(given)
         if watch is not None:
             watch.words = words
+        for path in given.load:
+            from toolbox.scenes.catalogue import load_parts
+
+            load_parts(path)
         return given.action(given)
     except SceneError as error:
         return complaint(str(error), 2)
@@ -73,6 +77,10 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(commands)
+    for each in commands.choices.values():
+        each.add_argument(
+            "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
+        )
     return parser
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from toolbox.calibration.fit import Fit
+    from toolbox.calibration.results import Fit
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.onsets.report import Onset
     from toolbox.onsets.severity_map import SeverityMap

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, progress
+from toolbox.commands.terminal import common, file_stems, plain, progress
 from toolbox.errors import SimulationError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
 
 REPORT = "simulate.txt"
@@ -30,7 +31,7 @@ def add(commands: Any) -> None:
         "or nothing.",
         epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
     )
-    single.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
+    single.add_argument("--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without")
     single.add_argument("--method", choices=METHODS, default="event", metavar="M", help=f"{', '.join(METHODS)} (event)")
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
@@ -44,7 +45,8 @@ def run(given: argparse.Namespace) -> int:
     from toolbox.simulation.simulate import simulate
 
     scene = Scene.load(given.scene)
-    changes = {name: value for name, value in (("duration", given.duration), ("accuracy", given.accuracy)) if value is not None}
+    duration = None if given.duration is None else parse(given.duration, "s", "--duration")
+    changes: dict[str, Any] = {name: value for name, value in (("duration", duration), ("accuracy", given.accuracy)) if value is not None}
     scene = dataclasses.replace(scene, **changes)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)

@@ -48,7 +48,7 @@ def run(given: argparse.Namespace) -> int:
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
                 reached(i, label)
-                row, run = verdicts.judged(scene, label, stem)
+                row, run = verdicts.verdict_row(scene, label, stem)
                 rows.append(row)
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")

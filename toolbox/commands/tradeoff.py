@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, complaint
+from toolbox.commands.terminal import common, complaint, plain
 from toolbox.files.atomic import whole_folder
+from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
 
@@ -26,7 +27,7 @@ def add(commands: Any) -> None:
         "folder gets the figure and the table (csv): both, or nothing.",
         epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
     )
-    trade.add_argument("--duration", type=float, metavar="S", help="seconds to simulate; those of the scene without")
+    trade.add_argument("--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without")
     trade.set_defaults(action=run)
 
 
@@ -41,7 +42,8 @@ def run(given: argparse.Namespace) -> int:
         scene.case(given.controller)
     with whole_folder(given.out, TRADE_FILES, _earlier_tradeoff) if given.out else nullcontext() as folder:
         try:
-            found = work_precision(scene, given.duration, case=given.controller)
+            duration = None if given.duration is None else parse(given.duration, "s", "--duration")
+            found = work_precision(scene, duration, case=given.controller)
         except SimulationError as error:
             return complaint(str(error), 1)
         if folder is not None:

@@ -17,6 +17,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from weakref import WeakValueDictionary
 
 import casadi as ca
 
@@ -209,7 +210,8 @@ def cache_directory() -> Path:
     return Path(base) / "stickslip"
 
 
-_LOADED: dict[str, Any] = {}
+_LOADED: WeakValueDictionary[str, Any] = WeakValueDictionary()
+_KEPT: dict[str, Any] = {}
 _MACHINE: list[Any] = []
 _LINKER: list[Any] = []
 _NUMBERS = itertools.count()
@@ -224,14 +226,26 @@ def compiled(text: str, names: Sequence[str], instructions: int, large: int = LA
 
     instructions: size of the module, above `large` of which the code generator hurries.
     """
-    with _COMPILING:  # else two threads load the same code, and that of the first is freed while it still runs
-        return _compiled(text, names, instructions > large)
+    with _COMPILING:  # else two threads load the same code
+        key, library = _library(text, names, instructions > large)
+        _KEPT[key] = library
+        return {name: library[name] for name in names}
+
+
+def compiled_for(text: str, names: Sequence[str], instructions: int, passing: bool) -> tuple[dict[str, int], Any]:
+    """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it."""
+    with _COMPILING:
+        key, library = _library(text, names, instructions > LARGE)
+        if not passing:
+            _KEPT[key] = library
+        return {name: library[name] for name in names}, library
 
 
 _COMPILING = threading.Lock()
 
 
-def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
+def _library(text: str, names: Sequence[str], large: bool) -> tuple[str, Any]:
+    """(key, loaded code) of a module."""
     import llvmlite.binding as llvm
 
     if not _MACHINE:
@@ -240,7 +254,8 @@ def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
         _MACHINE.append(llvm.Target.from_default_triple())
     host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
     key = hashlib.sha256(f"{host} {large}\n{text}".encode()).hexdigest()[:32]
-    if key not in _LOADED:
+    found = _LOADED.get(key)
+    if found is None:
         path = cache_directory() / "objects" / f"{key}.o"
         image = _cached(path)
         if image is None:
@@ -253,8 +268,8 @@ def _compiled(text: str, names: Sequence[str], large: bool) -> dict[str, int]:
             library = library.export_symbol(name)
         if not _LINKER:
             _LINKER.append(llvm.create_lljit_compiler(use_jit_link=False))  # one for all: each takes a third of a megabyte
-        _LOADED[key] = library.link(_LINKER[0], f"kernel-{key}-{next(_NUMBERS)}")
-    return {name: _LOADED[key][name] for name in names}
+        found = _LOADED[key] = library.link(_LINKER[0], f"kernel-{key}-{next(_NUMBERS)}")
+    return key, found
 
 
 def _object_code(llvm: Any, text: str, large: bool) -> bytes:
@@ -271,7 +286,10 @@ def _object_code(llvm: Any, text: str, large: bool) -> bytes:
     tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
     tuning.slp_vectorization = False
     builder = llvm.create_pass_builder(machine, tuning)
-    builder.getModulePassManager().run(module, builder)
+    passes = builder.getModulePassManager()
+    passes.run(module, builder)
+    if type(passes)._dispose is llvm.ffi.ObjectRef._dispose:  # llvmlite inherits the one that does nothing, and 0.15 MB a module stay (0.50)
+        llvm.newpassmanagers.NewPassManager._dispose(passes)
     return machine.emit_object(module)
 
 

@@ -15,10 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
-from toolbox.compilation.emitter import Body, compiled, function_text, inline, literal
+from toolbox.compilation.emitter import Body, compiled_for, function_text, inline, literal
 from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
@@ -32,7 +33,8 @@ UNROLLED = 600
 
 @dataclass(frozen=True)
 class Kernel:
-    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step."""
+    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step; the code at the addresses lives as
+    long as `code`."""
 
     states: int
     elements: int
@@ -42,6 +44,7 @@ class Kernel:
     updates: tuple[int, ...]
     instructions: int
     cost: int
+    code: Any
 
 
 def kernel_of(
@@ -53,10 +56,12 @@ def kernel_of(
     pair: Pair | Rosenbrock | Theta,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
+    passing: bool = False,
 ) -> Kernel:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
-    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping.
+    updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping;
+    passing: the code goes with the kernel, else it stays as long as the process.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -110,7 +115,7 @@ def kernel_of(
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
-    found = compiled("\n".join([*texts, *sorted(declared)]), list(bodies), count)
+    found, code = compiled_for("\n".join([*texts, *sorted(declared)]), list(bodies), count, passing)
     return Kernel(
         n,
         len(elements),
@@ -120,6 +125,7 @@ def kernel_of(
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
         cost,
+        code,
     )
 
 

@@ -12,9 +12,21 @@ LONG = 100_000
 
 
 def announced(name: str, *functions: Any) -> bool:
-    """Say that `name` is being compiled, unless this machine has the machine code of all these functions; returns whether it was said.
+    """Say that `name` is being compiled, unless this machine already has the machine code of all these functions.
 
-    functions: made by `toolbox.compilation.numba_cache.cached`. Asked once per process, because one that is loaded is there.
+    It is asked once per process, because machine code that is loaded is there.
+
+    Parameters
+    ----------
+    name
+        What the user reads.
+    functions
+        Functions made by `cached`.
+
+    Returns
+    -------
+    bool
+        Whether it was said.
     """
     fresh = [function for function in functions if function not in _SAID]
     _SAID.update(fresh)

@@ -50,9 +50,14 @@ def called(function: Any) -> Any:
 
 
 def cached(function: Any = None, **options: Any) -> Any:
-    """A function that numba compiles once per machine, and anew when anything changes that it calls or reads.
+    """Compile a function with numba once per machine, and anew when anything changes that it calls or reads.
 
-    options: of `numba.njit`; without them it runs without the interpreter's lock, and a division by zero gives infinity.
+    Parameters
+    ----------
+    function
+        The function; without it a decorator is returned.
+    options
+        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity.
     """
     if function is None:
         return lambda given: cached(given, **options)

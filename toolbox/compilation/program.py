@@ -47,7 +47,7 @@ class Program:
     forced: bool
     groups: np.ndarray
     group_count: int
-    outputs: dict[str, Any]
+    outputs: dict[Any, Any]
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
@@ -121,7 +121,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow),
+        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, _holds_expression(key)),
         excited=np.array(excited, np.int64),
         kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
@@ -129,7 +129,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         loader=np.array(form.loader, np.int64),
         varying=varying,
         bounded=bounded,
-        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static), system.t), system.t)),
+        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), system.t), system.t)),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -143,7 +143,20 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         form=form,
     )
     system.kernels[key] = program
+    if _holds_expression(key):
+        known = [other for other in list(system.kernels) if _holds_expression(other)]
+        for old in known[:-EXPRESSIONS]:
+            system.kernels.pop(old, None)
     return program
+
+
+EXPRESSIONS = 16
+"""Programs of a plant that are kept for inputs given as expressions, the last ones: each takes a tenth of a megabyte."""
+
+
+def _holds_expression(key: Any) -> bool:
+    """Whether a key is that of a program some of whose inputs are expressions."""
+    return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:

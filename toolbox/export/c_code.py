@@ -30,7 +30,7 @@ from toolbox.steady_states.linear import control_name
 class OpenLaw:
     """A law by itself, with numbers in place of its parameters: what it reads, its memory, and what it gives.
 
-    reads: {signal: (symbol, unit, stand-in or None)}, those without stand-in first, in the order in which the law asks, what it drives itself as
+    reads: {signal: (symbol, unit, default or None)}, those without default first, in the order in which the law asks, what it drives itself as
     `<signal>.held`, the value held until the sample;  memory: its states;
     following: their next values (sampled) or rates (continuous);  gives: {signal: (expression, unit)};  period: sample time [s], None where it is continuous.
     """
@@ -107,16 +107,29 @@ def opened(controller: Any, plant: HybridSystem | None, period: float | None) ->
 def to_control(
     controller: Any, plant: HybridSystem | None = None, *, period: float | None = None, outputs: str | Sequence[str] | None = None
 ) -> Any:
-    """A linear law as `control.StateSpace` from what it reads to what it drives, continuous, or sampled with dt = `period` [s].
+    """Return a linear law as `control.StateSpace` from what it reads to what it drives.
 
         z' = A z + B y,  u = C z + D y     or     z_(k+1) = A z_k + B y_k,  u_k = C z_k + D y_k
 
-    plant: what the law is designed on; leave it out for a law with all its numbers. Inputs are the measured signals, then the set-points, outputs what
-    it drives, under the names that `linearise` gives them. A constant part, such as the torque at a working point, is left out: y and u are
-    deviations from it. outputs: other signals that the law gives; of an observer, without it, all estimates that are linear. Close the loop with
-    `control.feedback(plant, law, sign=1)`: a law gives what it drives, with its sign.
+    Inputs are the measured signals and then the set-points, outputs what the law drives, under the names that `linearise` gives them. A constant part, such
+    as the torque at a working point, is left out: y and u are deviations from it. Close the loop with `control.feedback(plant, law, sign=1)`: a law gives
+    what it drives, with its sign.
 
-    Raises SceneError for a law that is not linear, has torque limits, or switches, and names what is to blame.
+    Parameters
+    ----------
+    controller
+        The law.
+    plant
+        What the law is designed on; leave it out for a law with all its numbers.
+    period
+        Sample time [s] of the sampled form (dt of the result); None takes the continuous form.
+    outputs
+        Other signals that the law gives; of an observer, by default all estimates that are linear.
+
+    Raises
+    ------
+    SceneError
+        If the law is not linear, has torque limits, or switches; the message names what is to blame.
     """
     import control
 
@@ -182,18 +195,37 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 
 # --------------------------------------------------------------------------------------------------------------------------------------------- C
 def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> tuple[Path, Path]:
-    """Write a sampled law as C99, NAME.c and NAME.h beside it, and return both paths; `path` names either, without suffix or with that of the other.
+    """Write a sampled law as C99: NAME.c, and NAME.h beside it.
 
         void NAME_start(double *memory);
         int NAME_step(const double *y, double *memory, double *u);     0 for success
 
-    One call per sample: reads what is measured and the set-points in y, writes what is driven to u, in the order, units and with the stand-ins that the
-    header lists; `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first one. The memory
-    belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples are the machine's
-    own. The law is designed on the declared values of `plant`. A law that is no casadi expression may write itself, by a method
-    `export_c(c, h, period)` of what it is designed as: `LinearMPC` does, with a solver in a folder NAME_osqp.
+    `NAME_step` is called once per sample. It reads what is measured and the set-points in y and writes what is driven to u, in the order, units and with the
+    defaults that the header lists. `top.torque.held` is the torque that acts until this sample, 0 where none does: a law takes over from it at its first
+    sample. The memory belongs to the caller, nothing is allocated, nothing is global, and only math.h is needed. Delays, noise and the hold between samples
+    are the machine's own. A law that is no casadi expression may write itself, by a method `export_c(c, h, period)` of what it is designed as: `LinearMPC`
+    does, with a solver in a folder NAME_osqp.
 
-    Raises SceneError for a law that no casadi expression holds or that has no sampled form, a name that is none in C, and a file that cannot be written.
+    Parameters
+    ----------
+    controller
+        The law.
+    plant
+        The plant on whose declared values the law is designed.
+    period
+        Sample time [s].
+    path
+        Either file, without suffix or with that of the other.
+
+    Returns
+    -------
+    tuple of Path
+        The paths of NAME.c and NAME.h.
+
+    Raises
+    ------
+    SceneError
+        If no casadi expression holds the law, it has no sampled form, the name is none in C, or a file cannot be written.
     """
     c, h = c_paths(path)
     declared_c(controller, plant, period, path)
@@ -213,7 +245,7 @@ def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | 
     step = ca.Function(f"{c.stem}_law", [law.y, law.z], [ca.densify(driven), law.following], ["y", "memory"], ["u", "next"])
     if step.has_free():
         raise SceneError(f"{law.title} depends on {', '.join(step.get_free())}, which a law by itself does not know.")
-    reads = [(name, unit, stand_in) for name, (_, unit, stand_in) in law.reads.items()]
+    reads = [(name, unit, default) for name, (_, unit, default) in law.reads.items()]
     return written(
         c, h, Declared(law.title, c.stem, period, reads, law.labels, [(name, law.gives[name][1]) for name in law.drives]), [step]
     )
@@ -221,7 +253,10 @@ def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | 
 
 @dataclass(frozen=True)
 class Declared:
-    """What the header of a law in C lists: (signal, unit, stand-in or None) of what it reads, (signal, unit) of what it drives, (name, unit) of its memory."""
+    """Signals and memory that the header of a law in C lists.
+
+    These are (signal, unit, default or None) of what it reads, (signal, unit) of what it drives, and (name, unit) of its memory.
+    """
 
     title: str
     name: str
@@ -235,7 +270,16 @@ class Declared:
 def written(c: Path, h: Path, declared: Declared, functions: Sequence[ca.Function], step: str | None = None) -> Declared:
     """Write the pair of files of `export_c`: casadi functions, and the C of NAME_step that calls them.
 
-    Without `step` there is one function, (y, memory) -> (u, next memory), and the step is that.
+    Parameters
+    ----------
+    c, h
+        Paths of both files.
+    declared
+        What the header lists.
+    functions
+        The casadi functions.
+    step
+        The C of NAME_step. Without it there is one function, (y, memory) -> (u, next memory), and the step is that.
     """
     texts = (_header(declared), _source(declared, functions, step or _step(declared, functions[0])))
     for path, text in zip((h, c), texts, strict=True):

@@ -20,10 +20,27 @@ from toolbox.modelling.hybrid_system import HybridSystem
 
 
 def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Path:
-    """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this, and return its path.
+    """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this.
 
-    Inputs are what the law measures and its set-points, with their stand-ins as start values, outputs what it drives, and its memory is there to look at;
-    names and units are those of the signals. Raises SceneError as `export_c` does, and where there is no C compiler (`CC`, or `cc`) or it fails.
+    Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be
+    looked at. Names and units are those of the signals.
+
+    Parameters
+    ----------
+    controller, plant, period
+        As in `export_c`.
+    path
+        The file, whose name without suffix is that of the unit.
+
+    Returns
+    -------
+    Path
+        The path of the file.
+
+    Raises
+    ------
+    SceneError
+        As `export_c` does, and if there is no C compiler (`CC`, or `cc`) or it fails.
     """
     import platform
     import subprocess

@@ -161,7 +161,7 @@ def _temporary(path: Path) -> Iterator[Path]:
 
 
 def _released(path: Path) -> None:
-    _restored(path)
+    _put_back(path)
     _removed(path)
     if os.path.lexists(path):
         _removed(path)
@@ -270,7 +270,7 @@ def _moved_in(new: Path, path: Path) -> None:
 
 
 def _placed(shelter: Path, path: Path, earlier: set[str]) -> None:
-    """Put the files of `shelter/new` into a folder in place of `earlier` ones; where that fails, or is cut off by a kill, `_restored` undoes it.
+    """Put the files of `shelter/new` into a folder in place of `earlier` ones; where that fails, or is cut off by a kill, `_put_back` undoes it.
 
     While `shelter/old` is there, the folder counts as not changed, and `shelter/names` says what was to come.
     """
@@ -286,7 +286,7 @@ def _placed(shelter: Path, path: Path, earlier: set[str]) -> None:
     os.rename(old, shelter / "gone")
 
 
-def _restored(shelter: Path) -> None:
+def _put_back(shelter: Path) -> None:
     """Bring back what stands in `shelter/old`, which is there only where the new did not get into place whole."""
     old = shelter / "old"
     if not old.is_dir() and not old.is_symlink():

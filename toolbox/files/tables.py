@@ -32,7 +32,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of a table, {column: number in SI or text}, with what is needed to say where a mistake is."""
+    """Rows of a table, {column: number in SI or text}, which know where they stand, so that an error can name the place."""
 
     path: Path
     rows: tuple[Mapping[str, Any], ...]
@@ -48,10 +48,27 @@ class Table:
 
 
 def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -> Table:
-    """The table in a CSV or TOML file, its numbers in the SI units of the columns; at least one row. others: leave unknown columns out.
+    """Read the table in a CSV or TOML file; its numbers are in the SI units of the columns.
 
-    Raises SceneError where the file cannot be read, is empty, lacks a required column, has one that is not known or twice, and for a unit that is missing
-    or does not fit, a cell that is empty or no finite number, and a row of another length than the headings.
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        The columns that it may have.
+    others
+        Leave unknown columns out instead of refusing them.
+
+    Returns
+    -------
+    Table
+        At least one row.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read or is empty, a required column is missing, a column is unknown or there twice, a unit is missing or does not fit, a cell is
+        empty or no finite number, or a row has another length than the headings.
     """
     path = Path(path)
     text = _text(path)

@@ -7,6 +7,7 @@ habit writes N m for N m/rad, it may be left out.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import reprlib
@@ -24,12 +25,16 @@ USUAL = (
 )  # fmt: skip
 """Units that an error message may suggest."""
 
+HABITS = {"1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "lb": "lbf", "lbs": "lbf", "klb": "klbf", "klbs": "klbf", "t": "t_force", "ft-lb": "lbf ft"}
+"""What drillers write for a speed of rotation, a force or a torque, where that is what is wanted."""
+
 LONGEST = 400
 """Characters that a quantity may have: the longest number that is finite has 309 digits."""
 
 _QUANTITY = re.compile(r"\s*([+-]?(?:[0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?)(?![0-9.])(.*)", re.DOTALL)
 _UNIT = re.compile(r"[A-Za-zµμ°%_0-9\s*/^().·²³⁻¹-]*")
 _SPELLINGS = [
+    (r"\b(?:tonnes?|t)[- ]force\b", "force_metric_ton"),
     (r"[·]", "*"),
     (r"²", "**2"),
     (r"³", "**3"),
@@ -41,13 +46,29 @@ _SPELLINGS = [
 ]
 
 
-def parse(value: Any, unit: str, name: str = "value") -> float:
-    """The number of a quantity in `unit`: a number passes unchanged, a string such as "97.3 kN" is converted.
+def parse(value: Any, unit: str, name: str = "value", instead: str | None = None) -> float:
+    """Return the number of a quantity in a unit: a number passes unchanged, a text such as "97.3 kN" is converted.
 
-    unit: as declared by a part, e.g. "N m s/rad";  name: of the argument, for error messages. Raises SceneError where the value is no finite
-    number, has no unit, an unknown unit or one that does not fit.
+    Parameters
+    ----------
+    value
+        A finite real number, or text of a number and its unit.
+    unit
+        The unit of the result, as a part declares it, for example "N m s/rad".
+    name
+        What error messages call the argument.
+    instead
+        Another unit that text may be in, whose number then stands for one in `unit`.
+
+    Raises
+    ------
+    SceneError
+        Where the value is no finite number, has no unit, an unknown unit, or one that does not fit.
     """
     if isinstance(value, str):
+        if instead is not None:
+            with contextlib.suppress(SceneError):
+                return _converted(value, instead, name)
         return _converted(value, unit, name)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {_shown(value)}.")
@@ -58,6 +79,15 @@ def parse(value: Any, unit: str, name: str = "value") -> float:
     if not math.isfinite(number):
         raise SceneError(f"Argument `{name}` must be finite, but it is {_shown(value)}.")
     return number
+
+
+def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
+    """What is given, one value or a row of them, with every text in it as its number in a unit; all else is left to whoever checks it."""
+    if isinstance(value, str):
+        return parse(value, unit, name, instead)
+    if isinstance(value, (tuple, list)) and any(isinstance(entry, str) for entry in value):
+        return type(value)(parse(entry, unit, f"{name}.{i}", instead) for i, entry in enumerate(value))
+    return value
 
 
 def _shown(value: Any) -> str:
@@ -88,7 +118,7 @@ def _converted(text: str, unit: str, name: str) -> float:
     except _UnknownUnit:
         raise SceneError(f"Argument `{name}` must be a plain number: its part declares the unknown unit `{unit}`.") from None
     try:
-        (factor, offset), roots = _roots(given or "1")
+        (factor, offset), roots = _roots(_meant(given or "1", wanted))
     except _UnknownUnit as unknown:
         fitting = [word for word in USUAL if _fit(_roots(word)[1], wanted)]
         raise SceneError(
@@ -104,6 +134,25 @@ def _converted(text: str, unit: str, name: str) -> float:
     if not math.isfinite(result):
         raise SceneError(f"Argument `{name}` must be finite, but it is `{text}`.")
     return result
+
+
+def _meant(given: str, wanted: dict[str, Decimal]) -> str:
+    """The unit that habit means by a spelling: 1/min of a speed of rotation, lb of a force, and letters of the wrong case where only one unit fits."""
+    habit = HABITS.get(given.replace(" ", ""))
+    if habit is not None and _fit(_roots(habit)[1], wanted):
+        return habit
+    with contextlib.suppress(_UnknownUnit):
+        _roots(given)
+        return given
+    alike = [word for word in (*USUAL, *HABITS.values()) if word.lower() == given.lower() and _fit(_roots(word)[1], wanted)]
+    return given if len(set(alike)) != 1 or _prefix_doubtful(alike[0], wanted) else alike[0]
+
+
+def _prefix_doubtful(word: str, wanted: dict[str, Decimal]) -> bool:
+    """Whether the first letter of a unit in the other case is another unit of the same quantity: MN and mN."""
+    with contextlib.suppress(_UnknownUnit):
+        return _fit(_roots(word[0].swapcase() + word[1:])[1], wanted)
+    return False
 
 
 def _fit(given: dict[str, Decimal], wanted: dict[str, Decimal]) -> bool:

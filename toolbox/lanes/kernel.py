@@ -45,15 +45,15 @@ class Block:
 
 
 def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: int = 0, late: tuple[bool, ...] = ()) -> Block:
-    """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program's structure.
+    """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program.
 
     signals: measured in so many windows, and with them the bounds of friction that vary in time, which takes the dense output of DOP853 unless laws are
     sampled;  late: which of these have a delay.
     """
-    key = ("lanes", id(program), width, signals, windows, late)
-    found = program.system.kernels.get(key)
+    key = ("lanes", width, signals, windows, late)
+    found = program.outputs.get(key)
     if found is None:
-        found = program.system.kernels[key] = _compiled(program, width, signals, windows, late)
+        found = program.outputs[key] = _compiled(program, width, signals, windows, late)
     return found
 
 

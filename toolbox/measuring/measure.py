@@ -1,44 +1,53 @@
-"""Numbers read off a run: stick intervals, cycles, severity, settling, overshoot, and the audit of its energy.
+"""Numbers measured on a run: stick intervals, cycles, severity, settling, overshoot, and the energy audit.
 
-Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak
-and the mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is read as
-`toolbox.measuring.measures`
-reads it, with the derivatives of the signal; means are integrals of these quintics, the step of an extremum or a crossing is found on them, and its
-value is that of `run.at`.
+Why not from the recorded nodes: a step of order eight is long, a quarter of a second on a drill string, so the largest node value misses the peak and the
+mean of the nodes weighs fast phases too much; on JANSEN_2 in stick-slip the severity is then wrong by 4 %. Here every step is read as
+`toolbox.measuring.measures` reads it, with the derivatives of the signal: means are integrals of these quintics, the step of an extremum or a crossing is
+found on them, and its value is that of `run.at`.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.measuring.energy import EnergyAudit as EnergyAudit
+from toolbox.measuring.energy import energy_audit as energy_audit
+from toolbox.measuring.energy import gauss, nodes_at
 from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
 from toolbox.modelling.elements import UnilateralContact
-from toolbox.simulation.samples import Samples, check_run, output_function, scalar, window
+from toolbox.simulation.samples import Samples, scalar, window
 from toolbox.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
 
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)
-POINTS, WEIGHTS = 0.5 * (POINTS + 1.0), 0.5 * WEIGHTS
-CHUNK = 4096
-"""Steps sampled together, so that the audit of a very long run needs no more memory than that of a short one."""
-
 
 # ------------------------------------------------------------------------------------------------------------------------- intervals of stick
 def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[tuple[float, float]]:
-    """(begin, end) [s] of every stay in stick, cut to the window from `after` to `until` [s] (the end of the run).
+    """Return (begin, end) [s] of every stay in stick, cut to the window.
 
-    Begin and end are located events, not nodes. Raises SceneError for an unknown element or a window outside the run.
+    Begin and end are located events, not nodes.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    element
+        Name of the contact.
+    after, until
+        Window [s]; by default the whole run.
+
+    Raises
+    ------
+    SceneError
+        If the element is unknown, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     found: list[tuple[float, float]] = []
@@ -54,7 +63,10 @@ def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: fl
 
 
 def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> float:
-    """Part of the window that an element spends in stick, 0 to 1. Raises SceneError as `stick_intervals` does."""
+    """Measure the part of the window that an element spends in stick, from 0 to 1.
+
+    Takes what `stick_intervals` takes, and raises SceneError as it does.
+    """
     begin, end = window(run, after, until)
     return sum(last - first for first, last in stick_intervals(run, element, begin, end)) / (end - begin)
 
@@ -74,9 +86,28 @@ class StickSlipPeriod:
 
 
 def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[StickSlipPeriod]:
-    """Every whole cycle of stick-slip of an element between `after` and `until` [s] (the end of the run), from release to release.
+    """Find every whole cycle of stick-slip of an element, from release to release.
 
-    A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip. Raises SceneError as `stick_intervals` does.
+    A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    element
+        Name of the contact.
+    after, until
+        Window [s]; by default the whole run.
+
+    Returns
+    -------
+    list of StickSlipPeriod
+        Start of each cycle, and how long it slips and sticks [s].
+
+    Raises
+    ------
+    SceneError
+        If the element is unknown, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     stays = stick_intervals(run, element, begin, end)
@@ -87,13 +118,24 @@ def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | Non
     ]
 
 
-
-
 def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None = None) -> Extent:
-    """Extrema and time mean of a scalar signal between `after` and `until` [s] (the end of the run), as accurate as the run.
+    """Measure the extrema and the time mean of a scalar signal, as accurately as the run.
 
-    The mean is the Gauss-Legendre integral over every step divided by the length of the window; at a jump both sides count as values.
-    Raises SceneError for an unknown or vector signal and for a window outside the run.
+    The mean is the Gauss-Legendre integral over every step, divided by the length of the window; at a jump both sides count as values.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal.
+    after, until
+        Window [s]; by default the whole run.
+
+    Raises
+    ------
+    SceneError
+        If the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     steps = _steps(run, signal, begin, end)
@@ -109,9 +151,25 @@ def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None
 
 
 def mean_square(run: Trajectory, signal: str, target: float = 0.0, *, after: float = 0.0, until: float | None = None) -> float:
-    """Time mean of (signal - target)^2 between `after` and `until` [s] (the end of the run), in the unit of the signal squared.
+    """Measure the time mean of (signal - target)^2, in the unit of the signal squared.
 
-    The Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`. Raises SceneError as `extent` does.
+    It is the Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal.
+    target
+        The target, in the unit of the signal.
+    after, until
+        Window [s]; by default the whole run.
+
+    Raises
+    ------
+    SceneError
+        If the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     if not is_finite_number(target):
@@ -128,17 +186,38 @@ def severity(
     until: float | None = None,
     reference: float | None = None,
 ) -> float:
-    """Severity of stick-slip [1]: how far a speed swings, in parts of its mean or of a set-point.
+    """Measure the severity of stick-slip [1]: how far a speed swings, as a part of its mean or of a set-point.
 
         "half-range"   (max - min) / (2 mean)          1 where the bit just stops; the usual field index, and the default
         "range"        (max - min) / mean
         "peak"         max / mean - 1                   overspeed alone
-        "reference"    (max - min) / (2 reference)      against the set-point `reference`, in the unit of the signal
+        "reference"    (max - min) / (2 reference)      against the set-point `reference`
 
-    For time instead of speed see `stuck_ratio`. Extrema and time mean are those of `extent` over `after` to `until` [s]: choose
-    `after` beyond the transient and a window of many periods. The sign of the divisor is ignored; a swing about zero is infinitely severe,
-    a signal that stays exactly 0 has no severity: nan. Raises SceneError for an unknown definition or signal, and for a missing
-    or needless reference.
+    Extrema and time mean are those of `extent`: choose `after` beyond the transient, and a window of many periods. The sign of the divisor is ignored. For
+    time instead of speed see `stuck_ratio`.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal, usually a speed.
+    after, until
+        Window [s]; by default the whole run.
+    definition
+        One of the four definitions above.
+    reference
+        The set-point, in the unit of the signal; for "reference" only.
+
+    Returns
+    -------
+    float
+        The severity; inf for a swing about zero, nan for a signal that stays exactly 0.
+
+    Raises
+    ------
+    SceneError
+        If the definition or the signal is unknown, or the reference is missing or not needed.
     """
     if not isinstance(definition, str) or definition not in SEVERITIES:
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
@@ -148,10 +227,6 @@ def severity(
     elif reference is not None:
         raise SceneError(f'Argument `reference` must come with definition "reference", but the definition is "{definition}".')
     return severity_of(extent(run, signal, after, until), definition, reference)
-
-
-
-
 
 
 # ------------------------------------------------------------------------------------------------------------------------ step-response measures
@@ -165,10 +240,34 @@ def settling(
     until: float | None = None,
     size: float | None = None,
 ) -> float:
-    """Seconds from `after` until a signal stays within |y - target| <= band * size for the rest of the window; inf if it never does.
+    """Measure how long a signal takes to stay within |y - target| <= band * size for the rest of the window.
 
-    size: the change that counts as whole, in the unit of the signal; |target| without. 0.0 where it never leaves the band. The last
-    crossing is located to round-off in time. Raises SceneError for a target of 0 without size, a band outside (0, 1), an unknown or vector signal.
+    The last crossing is located to round-off in time.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal.
+    target
+        The target, in the unit of the signal.
+    band
+        Half-width of the band, as a part of `size`.
+    after, until
+        Window [s]; by default the whole run.
+    size
+        The change that counts as 1, in the unit of the signal; by default |target|.
+
+    Returns
+    -------
+    float
+        Seconds from `after` on: 0.0 if the signal never leaves the band, inf if it never comes to stay in it.
+
+    Raises
+    ------
+    SceneError
+        If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
     """
     begin, end = window(run, after, until)
     size = _size(target, size)
@@ -196,9 +295,30 @@ def settling(
 
 
 def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float = 0.0) -> float:
-    """Time [s] at which a signal that is above `speed` first falls to it, from `after` on; inf if it never does, `after` where it is there already.
+    """Find the time [s] at which a signal that is above `speed` first falls to it.
 
-    Located to round-off in time. Raises SceneError for a speed that is not finite, an unknown or vector signal and a window outside the run.
+    The time is located to round-off.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal.
+    speed
+        The value that counts as standing, in the unit of the signal.
+    after
+        Time from which on the signal is looked at [s].
+
+    Returns
+    -------
+    float
+        The time; inf if the signal never falls so far, `after` if it is there already.
+
+    Raises
+    ------
+    SceneError
+        If the speed is not finite, the signal is unknown or a vector, or the window lies outside the run.
     """
     from scipy.optimize import brentq
 
@@ -225,9 +345,32 @@ def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float
 def overshoot(
     run: Trajectory, signal: str, target: float, *, after: float = 0.0, until: float | None = None, size: float | None = None
 ) -> float:
-    """Largest excursion beyond the target, seen from where the signal is at `after`, in parts of `size` (|target| without); 0.0 for none.
+    """Measure the largest excursion of a signal beyond its target, as a part of `size`.
 
-    Raises SceneError for a target of 0 without size, an unknown or vector signal, and a window outside the run.
+    "Beyond" is seen from where the signal is at `after`.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signal
+        Name of a scalar signal.
+    target
+        The target, in the unit of the signal.
+    after, until
+        Window [s]; by default the whole run.
+    size
+        The change that counts as 1; by default |target|.
+
+    Returns
+    -------
+    float
+        The overshoot [1]; 0.0 if there is none.
+
+    Raises
+    ------
+    SceneError
+        If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     size = _size(target, size)
@@ -266,9 +409,23 @@ class Contact:
 
 
 def contact(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> Contact:
-    """Impacts, closed time, largest force and speed of approach of a `UnilateralContact` between `after` and `until` [s] (the end of the run).
+    """Measure impacts, closed time, largest force and largest speed of approach of a `UnilateralContact`.
 
-    An impact is a closing, or a bounce of a rigid contact. Raises SceneError for another element or a window outside the run.
+    An impact is a closing, or a bounce of a rigid contact.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    element
+        Name of the unilateral contact.
+    after, until
+        Window [s]; by default the whole run.
+
+    Raises
+    ------
+    SceneError
+        If the element is no unilateral contact, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     found = next((e for e in run.program.system.elements if e.name == element), None)
@@ -278,114 +435,12 @@ def contact(run: Trajectory, element: str, after: float = 0.0, until: float | No
     times = np.array([e.time for e in run.events if e.element == element and e.before == "open" and begin <= e.time <= end])
     nodes = run.nodes
     before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
-    approach = _rows(nodes, before).computed(f"{element}.rate", found.rate) if times.size else np.zeros(1)
+    approach = nodes_at(nodes, before).computed(f"{element}.rate", found.rate) if times.size else np.zeros(1)
     closed = run.time_in(element, "closed", begin, end)
     return Contact(times.size, closed, extent(run, f"{element}.force", begin, end).maximum if closed else 0.0, float(approach.max()))
 
 
 # -------------------------------------------------------------------------------------------------------------------------------------- energy
-@dataclass(frozen=True)
-class EnergyAudit:
-    """Where the energy of a run went: end - start of what is stored must equal supplies - losses. All in J; print it for the table.
-
-    stored: {part: (at the start, at the end)};  losses, supplies: {term: integral of its power over the run};  impacts: what unilateral contacts
-    took at the instants at which they opened, closed or bounced;  turnover: the largest amount that one term moved, both directions counted, or
-    that one part stores at the start or the end.
-    """
-
-    duration: float
-    stored: dict[str, tuple[float, float]]
-    losses: dict[str, float]
-    supplies: dict[str, float]
-    impacts: float
-    turnover: float
-
-    @property
-    def residual(self) -> float:
-        """Supplies - losses - impacts - growth of the stored energy [J]; 0 for a model whose energy is declared as its flow has it."""
-        growth = math.fsum(end - start for start, end in self.stored.values())
-        return math.fsum([*self.supplies.values(), *(-value for value in self.losses.values()), -self.impacts, -growth])
-
-    @property
-    def relative(self) -> float:
-        """|residual| / turnover [1]; 0.0 where nothing moves."""
-        return abs(self.residual) / self.turnover if self.turnover > 0 else 0.0
-
-    def __str__(self) -> str:
-        rows = [(f"stored in {name}", end - start, f"{start:.6g} -> {end:.6g}") for name, (start, end) in self.stored.items()]
-        rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
-        rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
-        rows += [("impacts", 0.0 - self.impacts, "")] if self.impacts else []
-        width = max([len(name) for name, _, _ in rows] + [len("residual")])
-        lines = [f"Energy over {self.duration:g} s [J]"]
-        lines += [f"  {name:<{width}} {value:>15.8g}  {note}".rstrip() for name, value, note in rows]
-        lines.append(f"  {'residual':<{width}} {self.residual:>15.3g}  {self.relative:.1e} of {self.turnover:.6g} turned over")
-        return "\n".join(lines)
-
-
-def energy_audit(run: Trajectory) -> EnergyAudit:
-    """Integrate every declared loss and supply over a run and compare with the energy stored.
-
-    Energies and powers are the expressions that the parts declare beside their flow, so a residual above the accuracy of the run shows a model
-    whose physics and equations disagree, or a part that exchanges power without saying so. Integrals are Gauss-Legendre with 8 points on every
-    step (order 16, so that the quadrature adds nothing to the error of the run), with the modes and held signals of that step.
-    """
-    check_run(run)
-    nodes = run.nodes
-    system = nodes.program.system
-    terms = [*system.losses.values(), *system.supplies.values()]
-    power = output_function(nodes.program, "audit of power", ca.vertcat(*terms)) if terms else None
-    energy = output_function(nodes.program, "audit of energy", ca.vertcat(*system.stored.values())) if system.stored else None
-    total, moved = np.zeros(len(terms)), np.zeros(len(terms))
-    begin, end = window(run, 0.0, None) if nodes.time[-1] > 0 else (0.0, 0.0)
-    if power is not None:
-        for weights, samples in gauss(run, begin, end):
-            values = _evaluated(power, samples)
-            total += values @ weights
-            moved += np.abs(values) @ weights
-    ends = np.zeros(nodes.time.size, bool)
-    ends[[0, -1]] = True
-    stored = _evaluated(energy, _rows(nodes, ends)) if energy is not None else np.zeros((0, 2))
-    first = len(system.losses)
-    return EnergyAudit(
-        duration=end - begin,
-        stored={name: (float(row[0]), float(row[-1])) for name, row in zip(system.stored, stored, strict=True)},
-        losses=dict(zip(system.losses, total[:first].tolist(), strict=True)),
-        supplies=dict(zip(system.supplies, total[first:].tolist(), strict=True)),
-        impacts=_taken_by_impacts(run, energy) if energy is not None else 0.0,
-        turnover=float(max(np.max(moved, initial=0.0), np.max(np.abs(stored), initial=0.0))),
-    )
-
-
-def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
-    """Fall of the stored energy at the instants at which unilateral contacts switched [J]."""
-    contacts = {e.name for e in run.program.system.elements if isinstance(e, UnilateralContact)}
-    times = np.unique([event.time for event in run.events if event.element in contacts])
-    if not times.size:
-        return 0.0
-    nodes = run.nodes
-    first, last = np.searchsorted(nodes.time, times, side="left"), np.searchsorted(nodes.time, times, side="right") - 1
-    fall = _evaluated(energy, _rows(nodes, first)) - _evaluated(energy, _rows(nodes, last))
-    return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
-
-
-
-
-
-
-def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
-    nodes = run.nodes.time
-    return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
-
-
-def gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
-    """(weights [s], signals) at the Gauss points of every step between begin and end, in portions."""
-    borders = _borders(run, begin, end)
-    for first in range(0, borders.size - 1, CHUNK):
-        piece = borders[first : first + CHUNK + 1]
-        width = np.diff(piece)
-        times = piece[:-1, None] + width[:, None] * POINTS
-        yield (width[:, None] * WEIGHTS).ravel(), run.nodes.at(times.ravel())
 
 
 def _steps(run: Trajectory, signal: str, begin: float, end: float) -> Steps:
@@ -409,16 +464,3 @@ def _value_in(run: Trajectory, signal: str, steps: Steps, i: int, t: float) -> f
     states = nodes.states[row + 1 : row + 2] if t == nodes.time[row + 1] else nodes.at(np.array([t])).states
     sides = Samples(nodes.program, np.array([t]), states, nodes.mode[row : row + 1], nodes.held[row : row + 1], nodes.parameters, False)
     return float(scalar(sides, signal)[0])
-
-
-def _rows(nodes: Trajectory, chosen: np.ndarray) -> Samples:
-    """The signals at some of the nodes, each with the modes and held signals recorded there."""
-    return Samples(nodes.program, nodes.time[chosen], nodes.states[chosen], nodes.mode[chosen], nodes.held[chosen], nodes.parameters, False)
-
-
-
-
-def _evaluated(function: ca.Function, samples: Samples) -> np.ndarray:
-    """A function of `output_function` at all samples, shape (rows of the function, nt)."""
-    constants = samples._constants
-    return np.array(function(samples.time[None, :], samples.states.T, constants, samples.held.T, samples.mode.T.astype(float)))

@@ -13,7 +13,7 @@ Why not the nodes alone: see `toolbox.measure`, with which these numbers agree t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.measuring.quintics import _compiled, _tolerance
 from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.simulation.samples import window
+from toolbox.simulation.trajectory import Trajectory
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- what is measured
@@ -75,6 +77,30 @@ class Measure:
             raise SceneError(f"There is no element `{self.of}`: {suggest(self.of, elements)}")
         if self.kind != "events" and self.mode not in elements[self.of].legend.values():
             raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, elements[self.of].legend.values())}")
+
+    def of_run(self, run: Trajectory) -> float:
+        """The number of a trajectory that is there, by `toolbox.measure`."""
+        from toolbox.measuring import measure
+
+        span = (self.after, self.until)
+        if self.kind == "final":
+            return float(run.at(run.end)[self.of])
+        if self.kind in ("minimum", "maximum", "mean"):
+            return getattr(measure.extent(run, self.of, *span), self.kind)
+        if self.kind == "severity":
+            return measure.severity(run, self.of, self.after, self.definition, until=self.until, reference=self.reference)
+        begin, end = window(run, *span)
+        if self.kind == "events":
+            return sum(event.element == self.of and begin <= event.time <= end for event in run.events)
+        spent = run.time_in(self.of, self.mode, begin, end)
+        if self.kind in ("time", "ratio"):
+            return spent if self.kind == "time" else spent / (end - begin)
+        stays: list[tuple[float, float]] = []
+        for first, last, mode in run.intervals(self.of):
+            first, last = max(first, begin), min(last, end)
+            if mode == self.mode and first < last:
+                stays = [*stays[:-1], (stays[-1][0], last)] if stays and stays[-1][1] == first else [*stays, (first, last)]
+        return len(stays) if self.kind == "stays" else stays[-1][1] if stays else math.nan
 
 
 _OF_SIGNALS = ("minimum", "maximum", "mean", "severity", "final")
@@ -135,6 +161,21 @@ def last_stay(element: str, mode: str = "stick", after: float = 0.0, until: floa
 def events(element: str, after: float = 0.0, until: float | None = None) -> Measure:
     """Number of switches of an element in the window."""
     return Measure("events", element, after, until)
+
+
+STANDARD: Mapping[str, Callable[[str, str, float], Measure]] = {
+    "severity": lambda signal, element, after: severity(signal, after),
+    "minimum": lambda signal, element, after: minimum(signal, after),
+    "maximum": lambda signal, element, after: maximum(signal, after),
+    "mean": lambda signal, element, after: mean(signal, after),
+    "final": lambda signal, element, after: final(signal),
+    "stuck": lambda signal, element, after: time_in(element, "stick", after),
+    "stuck_ratio": lambda signal, element, after: stuck_ratio(element, after),
+    "sticks": lambda signal, element, after: stays(element, "stick", after),
+    "last_stick": lambda signal, element, after: last_stay(element),
+    "events": lambda signal, element, after: events(element),
+}
+"""Measures by name, of the judged signal and element from the judged time on; `last_stick` and `events` of the whole run."""
 
 
 # --------------------------------------------------------------------------------------------------------------------------- where they are read

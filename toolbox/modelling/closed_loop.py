@@ -12,7 +12,7 @@ from toolbox.errors import SceneError
 from toolbox.modelling.components import Component, checked, numbers_of, structure_of
 from toolbox.modelling.composition import assembled
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.laws import Controller, Sampled, callable_law, designed, held
+from toolbox.modelling.laws import Controller, Sampled, as_held_part, callable_law, designed
 
 
 def closed_loop(
@@ -36,13 +36,21 @@ def closed_loop(
             sampled = Sampled(given, sample_time) if sample_time is not None else None
         law = given.law if isinstance(given, Sampled) else given
         if sampled is not None:
+            sampled = sampled.measured_by(declared.signal_unit)
             sampled.check()
         if isinstance(law, Controller):
             law = designed(law, declared)
         if isinstance(law, Controller):
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
-            parts.append(law if sampled is None else held(sampled, law))
+            if sampled is not None and law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
+                raise SceneError(f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s.")
+            parts.append(law if sampled is None else as_held_part(sampled, law))
+        elif type(law).__module__.partition(".")[0] == "control":
+            raise SceneError(
+                "Argument `controller` must be a law, but it is a system of python-control: give "
+                "`from_control(system, measures=..., drives=..., reference=...)`."
+            )
         elif callable(law) and not isinstance(law, type):
             if sampled is None:
                 raise SceneError("A callable controller must come with `sample_time`, but there is none.")

@@ -14,14 +14,23 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, FrictionLaw, State, rows_as_tuples
+from toolbox.modelling.elements import Element, FrictionLaw, State, fields_in_si
 
 
 @dataclass
 class Update:
-    """What a sampled law does at a sample: memory {state: next value}, outputs {signal name: (value to be held, unit)}.
+    """What a sampled law does at a sample.
 
-    external: the values come from a Python callable instead.  noise: {name of a measured signal: symbol of its standard normal noise}.
+    Attributes
+    ----------
+    memory
+        {state of the law: its next value}.
+    outputs
+        {signal name: (value to be held, unit)}.
+    external
+        Whether the values come from a Python callable instead.
+    noise
+        {name of a measured signal: symbol of its standard normal noise}.
     """
 
     memory: Mapping[State, Any]
@@ -32,11 +41,24 @@ class Update:
 
 @dataclass
 class Equations:
-    """What a part adds to a plant.
+    """What a part adds to a plant; the method `equations` of a `Component` returns it.
 
-    flow: {state: its time derivative};  gives: {signal name: (expression, unit)};  elements: the set-valued elements whose forces the flow
-    uses;  stored: energy [J];  losses, supplies: {name: power [W]}, dissipated and put in. Energy and power are written from the
-    physics, not from the flow: the audit compares the two. States are given as signals by themselves.
+    Energy and power are written from the physics, not from the flow, so that the energy audit can compare the two. States are given as signals automatically.
+
+    Attributes
+    ----------
+    flow
+        {state: its time derivative}.
+    gives
+        {signal name: (expression, unit)}.
+    elements
+        The set-valued elements whose forces the flow uses.
+    stored
+        Stored energy [J].
+    losses, supplies
+        {name: power [W]} that is dissipated, and that is put in.
+    update
+        What a sampled law does at its samples; None for every other part.
     """
 
     flow: Mapping[State, Any] = dataclasses.field(default_factory=dict)
@@ -49,7 +71,7 @@ class Equations:
 
 
 Signal = Callable[..., ca.SX]
-"""`signal(name, unit, default=...)`: a signal the part needs, with the stand-in it takes where nobody gives it."""
+"""`signal(name, unit, default=...)`: a signal the part needs, with the default it takes where nobody gives it."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +85,7 @@ class Component:
     name: str | None = dataclasses.field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        rows_as_tuples(self)
+        fields_in_si(self)
 
     def equations(self, signal: Signal) -> Equations:
         """The equations of the part; numeric fields of `self` are casadi symbols here."""
@@ -152,7 +174,10 @@ def checked(part: Any) -> None:
 
 
 def check_fields(part: Any) -> None:
-    """Raise SceneError unless the numbers of a part that stands alone are of their kind and within their bounds, and `check` finds them sound."""
+    """Check the numbers of a part that stands alone.
+
+    Raises SceneError unless they are of their kind and within their bounds, and the method `check` of the part accepts them.
+    """
     structure_of(part)
     for field in fields_of(type(part)):
         value = getattr(part, field.name)

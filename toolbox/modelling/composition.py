@@ -38,11 +38,23 @@ from toolbox.modelling.switching import check_rates
 
 
 def compose(*components: Component) -> HybridSystem:
-    """The plant that has exactly these parts.
+    """Compose a plant that has exactly these parts, connected by the names of their signals; one that no part gives becomes an input with its default.
 
-    Signals are connected by name; a signal that no part gives becomes an input with its stand-in. Raises SceneError for an empty
-    plant, wrong types, parameters out of bounds, two parts of one name, different units under one name, a missing signal without
-    stand-in, an algebraic loop, a NaN in the equations, and elements whose force does not act on their slip.
+    Parameters
+    ----------
+    components
+        The parts, in any order.
+
+    Returns
+    -------
+    HybridSystem
+        The plant, for `simulate`, `linearise` and the others.
+
+    Raises
+    ------
+    SceneError
+        If there is no part, a type is wrong, a parameter is out of bounds, two parts have one name, one name has different units, a signal without default is
+        missing, there is an algebraic loop, an equation holds a NaN, or the force of an element does not act on its slip.
     """
     if not components:
         raise SceneError("A plant needs at least one part, but `compose` got none.")
@@ -102,12 +114,12 @@ class _Composer:
     def __init__(self, components: Sequence[Component]):
         self.components = components
         self.placeholders: dict[str, tuple[ca.SX, str]] = {}
-        self.stand_ins: dict[str, Any] = {}
+        self.defaults: dict[str, Any] = {}
         self.disputed: set[str] = set()
         self.aliases: list[tuple[ca.SX, ca.SX]] = []
         self.parameters: dict[str, Parameter] = {}
         self.symbols: list[ca.SX] = []
-        self.defaults: list[float] = []
+        self.values: list[float] = []
         self.states: dict[str, tuple[int, int | None, str]] = {}
         self.x: list[ca.SX] = []
         self.flow: list[ca.SX] = []
@@ -258,11 +270,11 @@ class _Composer:
         metadata = slot.spec.metadata
         self.parameters[path] = Parameter(path, unit, metadata.get("meaning", ""), slot.size, self._n_parameters, metadata)
         self.symbols.append(slot.symbol)
-        self.defaults.extend([math.nan] * slot.symbol.numel())
+        self.values.extend([math.nan] * slot.symbol.numel())
 
     @property
     def _n_parameters(self) -> int:
-        return len(self.defaults)
+        return len(self.values)
 
     def _give(self, name: str, expression: ca.SX, unit: str) -> None:
         if name in self.given:
@@ -272,15 +284,15 @@ class _Composer:
     def _need(self, name: str, unit: str, default: Any, placeholder: ca.SX, title: str) -> None:
         if name not in self.placeholders:
             self.placeholders[name] = (placeholder, unit)
-            self.stand_ins[name] = default
+            self.defaults[name] = default
             return
         first, known_unit = self.placeholders[name]
         if known_unit != unit:
             raise SceneError(f"Signal `{name}` is needed in {known_unit} and, by {title}, in {unit}: units must agree.")
         self.aliases.append((placeholder, first))
-        if self.stand_ins[name] is None:
-            self.stand_ins[name] = default
-        elif default is not None and not ca.is_equal(ca.SX(default), ca.SX(self.stand_ins[name]), 10):
+        if self.defaults[name] is None:
+            self.defaults[name] = default
+        elif default is not None and not ca.is_equal(ca.SX(default), ca.SX(self.defaults[name]), 10):
             self.disputed.add(name)
 
     def _connected(self) -> HybridSystem:
@@ -294,26 +306,26 @@ class _Composer:
                 if self.given[name][1] != unit:
                     raise SceneError(f"Signal `{name}` is given in {self.given[name][1]} but needed in {unit}: units must agree.")
                 continue
-            default = self.stand_ins[name]
+            default = self.defaults[name]
             if name in self.disputed:
-                raise SceneError(f"Two parts have different stand-ins for the signal `{name}`: let one of them, or an input, give it.")
+                raise SceneError(f"Two parts have different defaults for the signal `{name}`: let one of them, or an input, give it.")
             if default is None:
-                raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no stand-in: {suggest(name, self.given)}")
+                raise SceneError(f"Nobody gives the signal `{name}` [{unit}], and it has no default: {suggest(name, self.given)}")
             if isinstance(default, ca.SX):
                 expression = default
                 if not all(ca.depends_on(ca.vertcat(*self.symbols), s) for s in ca.symvar(default)):
-                    raise SceneError(f"The stand-in of `{name}` must be a number or an expression of parameters, but it is {default}.")
+                    raise SceneError(f"The default of `{name}` must be a number or an expression of parameters, but it is {default}.")
             elif not is_finite_number(default):
-                raise SceneError(f"The stand-in of `{name}` must be a finite number in {unit}, but it is {default!r}.")
+                raise SceneError(f"The default of `{name}` must be a finite number in {unit}, but it is {default!r}.")
             else:
                 if name in self.parameters:
                     raise SceneError(
-                        f"The stand-in of `{name}` and the parameter `{name}` are different things: use the parameter as stand-in."
+                        f"The default of `{name}` and the parameter `{name}` are different things: use the parameter as default."
                     )
                 expression = ca.SX.sym(name)
-                self.parameters[name] = Parameter(name, unit, "stand-in of a signal", None, self._n_parameters, {})
+                self.parameters[name] = Parameter(name, unit, "default of a signal", None, self._n_parameters, {})
                 self.symbols.append(expression)
-                self.defaults.append(float(default))
+                self.values.append(float(default))
             inputs[name] = Input(name, placeholder, unit, expression)
 
         links = {name: self.placeholders[name][0] for name in self.placeholders if name in self.given}
@@ -364,7 +376,7 @@ class _Composer:
             for i, (z, noise, (update, first, names, places)) in enumerate(zip(memories, noises, self.updates, strict=True))
         )
         system.routes = self.routes
-        system.values = np.array(self.defaults, float)
+        system.values = np.array(self.values, float)
         system.kernels = {}
         system.parts = ()
         known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
@@ -476,7 +488,7 @@ def _check_gain(system: HybridSystem) -> None:
         )
 
 
-def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
+def _composed_again(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
     """A plant from the parts and values as which it travels."""
     system = assembled(parts)
     system.values = values
@@ -484,4 +496,4 @@ def _restored(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:
 
 
 # here and not in the class, which does not know how it is composed
-copyreg.pickle(HybridSystem, lambda system: (_restored, (system.parts, system.values)))
+copyreg.pickle(HybridSystem, lambda system: (_composed_again, (system.parts, system.values)))

@@ -8,7 +8,7 @@ Here a contact carries one integer mode, and force alone decides when it leaves 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -34,9 +35,18 @@ class State(ca.SX):
 
 
 def state(name: str, unit: str, size: int | None = None) -> State:
-    """A state `part.quantity` in the given unit: a scalar, or a column of `size` entries.
+    """Declare a state `part.quantity`: a scalar, or a column of `size` entries.
 
     The name of a vector state refers to an array of shape (nt, size) in a result.
+
+    Parameters
+    ----------
+    name
+        `part.quantity`, such as "block.speed".
+    unit
+        Its unit.
+    size
+        Number of entries of a vector; None for a scalar.
     """
     return State(name, unit, size)
 
@@ -50,39 +60,62 @@ def quantity(
     above: float | None = None,
     at_most: float | None = None,
 ) -> Any:
-    """A numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
+    """Declare a numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
 
-    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. `None` means that the quantity is
-    absent, which is structure. The bounds `at_least`, `above` and `at_most` hold for every entry and are checked on numbers when a
-    plant is composed and when a run overrides them.
+    Who makes the part may also give text with a unit, such as "2 t": it is converted when the part is made, and the field reads as a float in SI.
+    A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. None means that the quantity is absent, which
+    is structure. The bounds hold for every entry; they are checked on numbers when a plant is composed and when a run overrides them.
+
+    Parameters
+    ----------
+    default
+        The declared value; without it the field must be given.
+    unit
+        The unit.
+    meaning
+        What the number is, and its source.
+    at_least, above, at_most
+        Bounds: >=, > and <=.
     """
     metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most}
     return dataclasses.field(default=default, metadata=metadata)
 
 
-def rows_as_tuples(part: Any) -> None:
-    """Turn lists and arrays in the tuple fields of a part or law into tuples: parts are compared and kept."""
+def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
+    """Turn what is typed into the fields of a part into what they hold: text with a unit into its number in SI, lists and arrays into tuples.
+
+    instead: {declared unit: another unit that text may be in}. Raises SceneError for text that is no quantity of the field.
+    """
     for field in dataclasses.fields(part):
-        value = getattr(part, field.name)
+        given = value = getattr(part, field.name)
         if isinstance(value, (list, np.ndarray)) and str(field.type).startswith("tuple"):
-            object.__setattr__(part, field.name, tuple(value.tolist() if isinstance(value, np.ndarray) else value))
+            value = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
+        unit = field.metadata.get("unit")
+        if unit is not None:
+            value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
+        if value is not given:
+            object.__setattr__(part, field.name, value)
+
+
+TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
+"""Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
 
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """Coefficient of dry friction per unit of load, as a function of the slip speed.
+    """A friction law: the coefficient of dry friction per unit of load, as a function of the slip speed.
 
-    A law is a frozen dataclass whose numeric fields are declared with `quantity`. It must be smooth for positive slip speeds, except at the
-    speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
+    Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for
+    positive slip speeds, except at the speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
     """
 
     def __post_init__(self) -> None:
-        rows_as_tuples(self)
+        fields_in_si(self, TURNED)
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
-        """Kinetic friction per unit of load at slip speed `speed` >= 0.
+        """Kinetic friction per unit of load at the slip speed `speed` >= 0.
 
-        beyond: one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
+        `beyond` holds one number per break, 0 below it and 1 beyond it; a law without breaks takes none.
         """
         raise NotImplementedError
 
@@ -141,13 +174,13 @@ class Element:
 
 
 class DryFriction(Element):
-    """Dry friction with slip speed `slip`, a law, and a normal load (default 1, for laws that are forces themselves).
+    """Dry friction with slip speed `slip`, a friction law, and a normal load (default 1, for laws that are forces themselves).
 
         stick:  slip = 0 and |force| <= static = load * law.breakaway()
         slip:   force = -sgn(slip) * load * law.sliding(|slip|)
 
-    `slip` may depend on states, parameters and time, not on a sampled input. Negative loads are the caller's error: give a load that is >= 0, such
-    as the `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
+    `slip` may depend on states, parameters and time, not on a sampled input. A negative load is an error of the caller: give a load that is >= 0, such as the
+    `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
     """
 
     def __init__(

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import checked_range
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -38,8 +40,12 @@ class FreeParameter:
         if not self.is_input:
             return float(plant.parameter(self.name))
         if self.name in inputs:
-            return float(inputs[self.name])
+            return float(in_si(inputs[self.name], self.unit, self.name))
         return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(self.name)])
+
+    def between(self, given: Any) -> tuple[float, float]:
+        """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
+        return checked_range(in_si(given, self.unit, "between"))
 
     def arguments(self, value: float, inputs: Mapping[str, float]) -> dict[str, Any]:
         """`inputs` and `parameters` of `equilibrium` with the free parameter at a value."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching, switching
@@ -29,6 +30,10 @@ class Parameter:
     offset: int
     bounds: Mapping[str, float | None]
 
+    def typed(self, value: Any) -> Any:
+        """What is typed for it with text that has a unit as numbers; raises SceneError for text that is no quantity of its unit."""
+        return in_si(value, self.unit, self.name)
+
     def check(self, values: Any) -> None:
         """Raise SceneError unless every value is finite and within the declared bounds."""
         for value in values if isinstance(values, (tuple, list, np.ndarray)) else (values,):
@@ -40,7 +45,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Input:
-    """A signal that nobody gives: its symbol, unit, and stand-in as an expression of the parameters."""
+    """A signal that nobody gives: its symbol, unit, and default as an expression of the parameters."""
 
     name: str
     symbol: ca.SX
@@ -70,12 +75,34 @@ class SampledUpdate:
 class HybridSystem:
     """A composed plant in normal form. `compose` makes it; `simulate`, `linearise` and the others read it.
 
-    t, x, u, p, F, m: casadi symbols (time, states, inputs, parameters, forces, modes);  flow: x' as an expression of them;
-    states: {name: (first row of x, size or None for a scalar, unit)};  signals: {name: (expression, unit)};  inputs: {name: Input};
-    parameters: {name: Parameter};  elements: the set-valued elements;  values: declared parameter values, shape (n_p,);
-    owners: {state or element: index of the part that has it};  held: symbols of the signals held by sampled laws;  updates: those laws;
-    routes: {signal that control laws name: what they find in its place};
-    kernels: what is computed or compiled once per structure.
+    Attributes
+    ----------
+    t, x, u, p, F, m
+        Casadi symbols: time, states, inputs, parameters, forces and modes.
+    flow
+        x' as an expression of them.
+    states
+        {name: (first row of x, size or None for a scalar, unit)}.
+    signals
+        {name: (expression, unit)}.
+    inputs
+        {name: Input}.
+    parameters
+        {name: Parameter}.
+    elements
+        The set-valued elements.
+    values
+        Declared parameter values, shape (n_p,).
+    owners
+        {state or element: index of the part that has it}.
+    held
+        Symbols of the signals that sampled laws hold.
+    updates
+        Those laws.
+    routes
+        {signal that control laws name: what they find in its place}.
+    kernels
+        What is computed or compiled once per structure.
     """
 
     parts: tuple[Component, ...]
@@ -132,7 +159,7 @@ class HybridSystem:
 
     @property
     def input_defaults(self) -> ca.Function:
-        """casadi Function p -> stand-ins of the inputs."""
+        """casadi Function p -> defaults of the inputs."""
         made = self.kernels.get("input_defaults")
         if made is None:
             defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
@@ -228,6 +255,7 @@ class HybridSystem:
             entry = self._parameter(name)
             if isinstance(value, np.ndarray) and not value.ndim:
                 value = value.item()
+            value = entry.typed(value)
             entry.check(value)
             if entry.size is None:
                 if np.ndim(value):
@@ -244,10 +272,10 @@ class HybridSystem:
         return changed
 
     def varying(self, names: Sequence[str]) -> HybridSystem:
-        """The same plant with scalar parameters as inputs of the same names, so that a run may change them in time: rock that gets harder on the way.
+        """Return the same plant with scalar parameters as inputs of the same names, so that a run may change them in time.
 
-        Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends on: changing a spring or an inertia
-        in time does work that no part accounts for.
+        Use it for rock that gets harder on the way. Raises SceneError for an unknown name, for a tuple, and for a parameter that the stored energy depends
+        on: changing a spring or an inertia in time does work that no part accounts for.
         """
         if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
             raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")

@@ -1,11 +1,13 @@
-"""Inputs in time: tables and named shapes.
+"""Inputs in time: tables and named shapes. Every number may be text with a unit: `ramp("35 rpm", "60 rpm", "60 s", "80 s")`.
 
 All shapes but one are names of `toolbox`, too: the swept sine is `toolbox.inputs.sweep`, because `toolbox.sweep` varies the numbers of a machine.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +16,17 @@ import numpy as np
 
 from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import parse
+
+UNITS: dict[str, dict[str, str]] = {
+    "step": {"before": "", "after": "", "at": "s"},
+    "ramp": {"start": "", "end": "", "begin": "s", "finish": "s"},
+    "sine": {"mean": "", "amplitude": "", "frequency": "Hz", "phase": "rad"},
+    "square": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
+    "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
+    "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
+}
+"""Units of the numbers of each shape; empty for the unit of the signal."""
 
 
 @dataclass(frozen=True)
@@ -64,44 +77,96 @@ class Shape:
         return self.coefficients[0] - abs(self.coefficients[1]), self.coefficients[0] + abs(self.coefficients[1])
 
 
+@dataclass(frozen=True)
+class Typed:
+    """A shape whose values were typed with units, such as `ramp("35 rpm", "60 rpm", "60 s", "80 s")`; it is made where the signal that it drives is known."""
+
+    shape: Callable[..., Any]
+    numbers: Mapping[str, Any]
+
+    def made(self, name: str, unit: str) -> Table | Shape:
+        """The shape as input of a signal in its unit; raises SceneError for a value that does not fit."""
+        units = UNITS[self.shape.__name__]
+        made: Table | Shape = self.shape(**{key: parse(value, units[key] or unit, f"{name}.{key}") for key, value in self.numbers.items()})
+        return made
+
+
+def _typed(shape: Callable[..., Any]) -> Callable[..., Any]:
+    """A shape that takes text with units, too."""
+    signature, units = inspect.signature(shape), UNITS[shape.__name__]
+
+    @functools.wraps(shape)
+    def made(*given: Any, **named: Any) -> Any:
+        if not any(isinstance(value, str) for value in (*given, *named.values())):
+            return shape(*given, **named)
+        numbers = signature.bind(*given, **named).arguments
+        if any(isinstance(value, str) and not units[key] for key, value in numbers.items()):
+            return Typed(shape, numbers)
+        return shape(**{key: parse(value, units[key] or "1", key) if isinstance(value, str) else value for key, value in numbers.items()})
+
+    return made
+
+
 _FORMULAS: dict[str, Callable[[ca.SX, ca.SX], ca.SX]] = {
     "sine": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * c[2] * t + c[3]),
     "sweep": lambda t, c: c[0] + c[1] * ca.sin(2 * ca.pi * (c[2] + (c[3] - c[2]) * t / (2 * c[4])) * t),
 }
 
 
+@_typed
 def step(before: float, after: float, at: float) -> Table:
-    """A jump from `before` to `after` at time `at` [s]."""
+    """A jump from `before` to `after` at the time `at` [s]."""
     return Table.of("step", (at, at), (before, after))
 
 
+@_typed
 def ramp(start: float, end: float, begin: float, finish: float) -> Table:
-    """Linear from `start` at time `begin` to `end` at time `finish` [s], constant outside."""
+    """A ramp from `start` at the time `begin` to `end` at the time `finish` [s], constant outside."""
     return Table.of("ramp", (begin, finish), (start, end))
 
 
+@_typed
 def sine(mean: float, amplitude: float, frequency: float, phase: float = 0.0) -> Shape:
-    """mean + amplitude sin(2 pi frequency t + phase); frequency in Hz, phase in rad."""
+    """A sine: mean + amplitude sin(2 pi frequency t + phase), with the frequency in Hz and the phase in rad."""
     return Shape("sine", _checked("sine", mean, amplitude, frequency, phase))
 
 
+@_typed
 def sweep(mean: float, amplitude: float, start: float, end: float, duration: float) -> Shape:
-    """A sine around `mean` whose frequency grows linearly from `start` to `end` [Hz] over `duration` [s], and goes on growing."""
+    """A swept sine around `mean`, whose frequency grows linearly, and goes on growing.
+
+    Parameters
+    ----------
+    mean, amplitude
+        Mean and amplitude, in the unit of the input.
+    start, end
+        Frequency at time 0 and after `duration` [Hz].
+    duration
+        Time from the one to the other [s].
+    """
     if not is_finite_number(duration) or duration <= 0:
         raise SceneError(f"Argument `duration` of a sweep must be > 0 s, but it is {duration!r}.")
     return Shape("sweep", _checked("sweep", mean, amplitude, start, end, duration))
 
 
+@_typed
 def square(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """mean + amplitude in the first half of every period, mean - amplitude in the second; frequency in Hz, constant after the time `until` [s]."""
+    """A square wave: mean + amplitude in the first half of every period and mean - amplitude in the second.
+
+    The frequency is in Hz; the input is constant after the time `until` [s].
+    """
     half = _half_periods("square", mean, amplitude, frequency, until)
     times = np.repeat(half, 2)[1:-1]
     sides = np.where(np.arange(half.size - 1) % 2 == 0, 1.0, -1.0)
     return Table.of("square", times, mean + amplitude * np.repeat(sides, 2))
 
 
+@_typed
 def triangle(mean: float, amplitude: float, frequency: float, until: float) -> Table:
-    """From mean up to mean + amplitude, down to mean - amplitude and back in every period; frequency in Hz, constant after the time `until` [s]."""
+    """A triangle wave: in every period from mean up to mean + amplitude, down to mean - amplitude and back.
+
+    The frequency is in Hz; the input is constant after the time `until` [s].
+    """
     half = _half_periods("triangle", mean, amplitude, frequency, until)
     peaks = 0.5 * (half[1:] + half[:-1])
     sides = np.where(np.arange(peaks.size) % 2 == 0, 1.0, -1.0)

@@ -21,6 +21,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -30,13 +31,15 @@ from toolbox.modelling.hybrid_system import HybridSystem
 class Controller(Component):
     """A control law: subclass it as a frozen dataclass and write `continuous`, `sampled` or both.
 
-    measures, drives: names of the signals it reads and gives;  its numeric fields are casadi symbols inside both methods, so that
-    another gain never recompiles. `design(plant)` is called once on the plant's declared values and returns the law to be used: a
-    Controller, or for laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
+    `measures` and `drives` are the names of the signals that the law reads and gives. Its numeric fields are casadi symbols inside both methods, so that
+    another gain never recompiles. `design(plant)` is called once on the declared values of the plant and returns the law to be used: a `Controller`, or for
+    laws that no casadi expression holds a callable (t, y) -> u (see `Sampled`).
     """
 
     measures: ClassVar[tuple[str, ...]] = ()
     drives: ClassVar[tuple[str, ...]] = ()
+    dt: ClassVar[float | None] = None
+    """The only sample time [s] at which the law may run; None for any."""
 
     def design(self, plant: HybridSystem) -> Any:
         """The law with gains filled in from the plant; by default itself."""
@@ -104,16 +107,30 @@ class Sensors(Component):
 
 @dataclass(frozen=True)
 class Sampled:
-    """A law with a period, delay and sensors of its own: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
+    """A law with its own sample time, delay and sensors: `controller=[Sampled(outer, 0.1), Sampled(inner, 0.01, delay=0.003)]`.
 
-    law: a Controller, or any callable (t, y) -> u, y in the order of what it measures, u a number or a sequence in the order of what it drives: signals that
-    `measures` and `drives` name here, or attributes of the callable, else `top.speed` and `top.torque`; with an attribute `stand_ins`
-    {signal: (value, unit)} these follow in y, as inputs that take that value where nobody gives them, such as `top.reference`.  period, delay in s. A
-    callable object is copied for every run, so that each starts from the state it was given in; a plain function is called as it is and should keep no
-    state.  noise: {measured signal: standard deviation of
-    white noise};  resolution: {measured signal: step of its encoder}, in units of the signals, noise first;  seed: of the noise, an integer >= 0.
-    Laws with one seed see the same noise on the same signal at samples of the same number. All laws that sample at one instant read what was held
-    before it, in whatever order they are listed: the set-point of an outer law reaches an inner one that samples with it a sample later.
+    All laws that sample at one instant read what was held before it, in whatever order they are listed: the set-point of an outer law reaches an inner one
+    that samples with it one sample later. Period, delay, noise and resolution may be text with a unit: `Sampled(law, "10 ms", delay="30 ms")`.
+
+    Parameters
+    ----------
+    law
+        A `Controller`, or any callable (t, y) -> u. y is in the order of what it measures, u a number or a sequence in the order of what it drives. With an
+        attribute `defaults` {signal: (value, unit)} these signals follow in y, as inputs that take that value where nobody gives them, such as
+        `top.reference`. A callable object is copied for every run, so that each run starts from the state it was given in; a plain function is called as it
+        is and should keep no state.
+    period
+        Sample time [s], > 0.
+    delay
+        Time from a sample until its outputs take effect [s], >= 0; it may exceed the period.
+    noise
+        {measured signal: standard deviation of white noise}, in the unit of the signal.
+    resolution
+        {measured signal: step of its encoder}, in the unit of the signal; noise is added before the encoder.
+    seed
+        Seed of the noise, an integer >= 0. Laws with one seed see the same noise on the same signal at samples of the same number.
+    measures, drives
+        What a callable reads and gives; by default its own attributes of these names, else `top.speed` and `top.torque`.
     """
 
     law: Controller | Callable[[float, Any], Any]
@@ -124,6 +141,19 @@ class Sampled:
     seed: int = 0
     measures: str | Sequence[str] | None = None
     drives: str | Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        for word in ("period", "delay"):
+            object.__setattr__(self, word, in_si(getattr(self, word), "s", word))
+
+    def measured_by(self, unit: Callable[[str], str]) -> Sampled:
+        """The same with noise and resolution as numbers; unit: that of a signal."""
+        sensors: dict[str, Any] = {}
+        for word in ("noise", "resolution"):
+            given = getattr(self, word)
+            if isinstance(given, Mapping) and any(isinstance(value, str) for value in given.values()):
+                sensors[word] = {name: in_si(value, unit(name), f"{word}.{name}") for name, value in given.items()}
+        return dataclasses.replace(self, **sensors) if sensors else self
 
     def check(self) -> None:
         """Raise SceneError unless period > 0, delay >= 0, noise >= 0, resolution > 0, seed is an integer >= 0, and only a callable is told its signals."""
@@ -183,7 +213,7 @@ class Held(Component):
 class External(Component):
     """The signals that a Python callable drives, as held signals without an update.
 
-    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a stand-in last;  stand_ins:
+    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a default last;  defaults:
     their values, and wanted: their units.
     """
 
@@ -192,18 +222,18 @@ class External(Component):
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
-    stand_ins: tuple[float, ...] | None = quantity(None, "1", "stand-ins of the last signals that it measures")
+    defaults: tuple[float, ...] | None = quantity(None, "1", "defaults of the last signals that it measures")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
-        if self.stand_ins is not None:
-            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.stand_ins, strict=True):
+        if self.defaults is not None:
+            for name, unit, value in zip(self.measures[-len(self.wanted) :], self.wanted, self.defaults, strict=True):
                 signal(name, unit, default=value)
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
 
 
-def held(sampled: Sampled, law: Controller) -> Held:
+def as_held_part(sampled: Sampled, law: Controller) -> Held:
     """The part that stands for a sampled law; raises SceneError for sensors of signals that it does not measure."""
     asked: list[str] = []
 
@@ -245,7 +275,9 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         if name not in plant.inputs:
             raise SceneError(f"The controller drives `{name}`, which is no input of the plant: {_told(name, plant.inputs, sampled, plant)}")
     units = tuple(plant.inputs[name].unit for name in drives)
-    more: dict[str, tuple[float, str]] = dict(getattr(law, "stand_ins", {}))
+    if hasattr(law, "stand_ins"):
+        raise SceneError("The attribute `stand_ins` of a callable controller is named `defaults` now: {signal: (value, unit)}.")
+    more: dict[str, tuple[float, str]] = dict(getattr(law, "defaults", {}))
     places = measures + tuple(plant.routes.get(name, name) for name in more)
     return External(
         asked=asked + tuple(more),
@@ -253,7 +285,7 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         drives=drives,
         units=units,
         wanted=tuple(unit for _, unit in more.values()),
-        stand_ins=tuple(float(value) for value, _ in more.values()) or None,
+        defaults=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
     )
 
@@ -268,11 +300,19 @@ def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem
 
 @dataclass(frozen=True)
 class Takeover(Controller):
-    """One sampled law until a time, another from then on: a drive that is switched on in the middle of a run.
+    """One sampled law until a time and another from then on: a drive that is switched on in the middle of a run.
 
-    before, after: laws that drive the same signals;  at: time of the takeover [s]. The memory of `after` stays at its start values until
-    then, that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded throughout. Sampled only. Raises
-    SceneError where the two drive different signals.
+    The memory of `after` stays at its start values until then; that of `before`, recorded as `before.<name>`, stops. What only one of them gives is recorded
+    throughout. There is no continuous form. Raises SceneError where the two drive different signals.
+
+    Parameters
+    ----------
+    before, after
+        Laws that drive the same signals.
+    at
+        Time of the takeover [s].
+    name
+        Name of the part.
     """
 
     before: Controller = field(default_factory=Controller)

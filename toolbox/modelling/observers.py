@@ -36,10 +36,10 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class Observer(Controller):
-    """An observer: `sampled` and `continuous` as of a law, whose outputs are estimates under the names of the signals they stand for.
+    """An observer: like a law it has `sampled` and `continuous`, whose outputs are estimates under the names of the signals they estimate.
 
-    measures: what it reads;  estimates: what it gives. Estimates must depend on measurements and states only, not on the command of the same
-    instant. For use inside `Observed`.
+    `measures` names what it reads and `estimates` what it gives. Estimates must depend on measurements and states only, not on the command of the same
+    instant. It is used inside `Observed`.
     """
 
     estimates: ClassVar[tuple[str, ...]] = ()
@@ -61,8 +61,18 @@ MOST_LATE = 1000
 class Observed(Controller):
     """A law on the estimates of an observer; the estimates are recorded as `estimate.<signal>`.
 
-    late: number of samples by which a command reaches the plant later, as the observer knows it (delay / period); sampled only. `design`
-    designs both. Raises SceneError where units of estimates and signals differ or an estimate depends on the command.
+    `design` designs both. Raises SceneError where units of estimates and signals differ, or an estimate depends on the command.
+
+    Parameters
+    ----------
+    law
+        The law, which reads estimates where the observer has them.
+    observer
+        The observer.
+    name
+        Name of the part.
+    late
+        Number of samples by which a command reaches the plant later, as the observer knows it (delay / period); for sampled laws only.
     """
 
     law: Controller = field(default_factory=Controller)
@@ -122,7 +132,7 @@ class EstimatedLaw:
     def __init__(self, law: Controller, estimator: Estimator, measures: tuple[str, ...]):
         self.estimator, self.drives = estimator, law.drives
         self.known = tuple(estimator.estimate(np.zeros(len(measures))))
-        self.stand_ins: dict[str, tuple[float, str]] = {}
+        self.defaults: dict[str, tuple[float, str]] = {}
         asked: dict[str, ca.SX] = {}
         more: list[str] = []
 
@@ -130,7 +140,7 @@ class EstimatedLaw:
             if name not in asked:
                 asked[name] = ca.SX.sym(name)
                 if name not in self.known and default is not None:
-                    self.stand_ins[name] = (float(default), unit)
+                    self.defaults[name] = (float(default), unit)
                 elif name not in self.known:
                     more.append(name)
             return asked[name]
@@ -154,7 +164,7 @@ class EstimatedLaw:
                 f"Argument `sample_time` must be {self.estimator.period:g} s, the `period` of the observer, but a sample came at {t:g} s."
             )
         found = self.estimator.estimate(y[: self.own])
-        given = dict(zip((*self.measures, *self.stand_ins), y, strict=True)) | dict(found)
+        given = dict(zip((*self.measures, *self.defaults), y, strict=True)) | dict(found)
         memory, output = self.step(self.memory, [given[name] for name in self.asked])
         self.memory, command = np.array(memory).ravel(), float(output)
         self.estimator.predict(command)

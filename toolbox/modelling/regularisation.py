@@ -55,19 +55,32 @@ class SmoothSystem(HybridSystem):
         return smoothed(self.sharp.with_parameters(values), self.widths, matched=self.matched)
 
     def __reduce__(self) -> Any:
-        return _restored, (self.sharp, self.widths, self.matched)
+        return _smoothed_again, (self.sharp, self.widths, self.matched)
 
 
-def _restored(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
+def _smoothed_again(sharp: HybridSystem, widths: dict[str, float], matched: bool) -> SmoothSystem:
     return smoothed(sharp, widths, matched=matched)
 
 
 def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched: bool = True) -> SmoothSystem:
-    """The plant with smooth friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
+    """Return the plant with regularised friction of the given width, for `simulate`, `linearise` or, through `to_casadi`, any other integrator.
 
-    width: one for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.  matched: whether the
-    peak of the law is the static bound. Switches of elastic contacts and of laws with breaks stay. Its parameters `<element>.smoothing_width` and
-    `<element>.smoothing_peak` hold w and b. Raises SceneError for a width that is not > 0, and for a rigid unilateral contact.
+    Switches of elastic contacts and of laws with breaks stay. The parameters `<element>.smoothing_width` and `<element>.smoothing_peak` of the result hold
+    the width w and the peak b.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    width
+        Width for all contacts and relays [unit of their slip], or {element: width}, which leaves the others set-valued.
+    matched
+        Whether the peak of the regularised law is the static bound.
+
+    Raises
+    ------
+    SceneError
+        If a width is not > 0, or the plant has a rigid unilateral contact.
     """
     if isinstance(checked_plant(plant), SmoothSystem):
         raise SceneError(f"Argument `plant` must be a plant made by `compose`, but it is a {type(plant).__name__}.")
@@ -173,7 +186,15 @@ Regularisation = Callable[[Element], ca.SX]
 
 
 def regularised(width: float, matched: bool = True) -> Regularisation:
-    """Smooth friction of the given width [unit of the slip], with the peak of the set-valued law, or with the lower one that tanh leaves."""
+    """Describe smooth friction of a given width, for `Rollout`.
+
+    Parameters
+    ----------
+    width
+        Slip speed within which the force rises [unit of the slip].
+    matched
+        Whether its peak is that of the set-valued law; else the lower one that tanh leaves.
+    """
 
     def force(element: Element) -> ca.SX:
         law = element.law

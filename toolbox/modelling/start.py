@@ -10,6 +10,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -35,7 +36,7 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
         if name in system.signals:
             raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
         raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
-    array = finite_array(value)
+    array = finite_array(in_si(value, system.unit(name), name))
     if array is None:
         raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")
     if array.ndim and array.shape != x[target].shape:

@@ -27,7 +27,16 @@ def _code(element: Element, word: str) -> float:
 class Equilibrium:
     """A steady state of a plant: `rest["bit.speed"]` reads a signal, `print(rest)` shows all.
 
-    plant: the plant with the parameters it was found for;  states: x, shape (n,);  inputs: u, shape (n_u,);  modes: {element: mode}.
+    Attributes
+    ----------
+    plant
+        The plant with the parameters that the state was found for.
+    states
+        States x, shape (n,).
+    inputs
+        Inputs u, shape (n_u,).
+    modes
+        {element: mode}.
     """
 
     plant: HybridSystem

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -22,67 +23,52 @@ def border(
     mesh = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     where = np.asarray(decide(mesh.reshape(-1, 2)), bool).reshape(mesh.shape[:2])
     edges = edges_of(axes, where, np.ones(where.shape, bool))
-    return where, edges.segments(edges.halved(lambda points, _: np.asarray(decide(points), bool), halvings))
+    return where, edges.segments(edges.halved(lambda points: np.asarray(decide(points), bool), halvings))
 
 
 @dataclass(frozen=True)
 class Edges:
-    """Edges of a grid across which a verdict changes: ends with the one and the other verdict, shape (k, 2); owner: which border each belongs to.
+    """Edges of a grid across which a verdict changes: ends with the one and the other verdict, both of shape (k, 2).
 
-    cells: for every cell of the grid that a border passes, the pairs of its edges (rows) that belong together.
+    cells: for every cell of the grid that a border passes, the pairs of its edges (rows) that belong together, in order along each line.
     """
 
     low: np.ndarray
     high: np.ndarray
-    owner: np.ndarray
     cells: np.ndarray
 
-    @staticmethod
-    def joined(several: list[Edges]) -> Edges:
-        owner = np.concatenate([np.full(len(each.low), k) for k, each in enumerate(several)])
-        return Edges(np.concatenate([e.low for e in several]), np.concatenate([e.high for e in several]), owner, np.empty((0, 2), int))
-
-    def halved(self, decide: Callable[[np.ndarray, np.ndarray], np.ndarray], times: int) -> np.ndarray:
-        """Where the verdict changes on every edge, all edges at once; decide: (points, owners) -> whether the verdict is that of `high`."""
+    def halved(self, decide: Callable[[np.ndarray], np.ndarray], times: int) -> np.ndarray:
+        """Where the verdict changes on every edge, all edges at once; decide: points -> whether the verdict is that of `high`."""
         low, high = self.low.copy(), self.high.copy()
         for _ in range(times if len(low) else 0):
             middle = 0.5 * (low + high)
-            there = decide(middle, self.owner)
+            there = decide(middle)
             high[there], low[~there] = middle[there], middle[~there]
         return 0.5 * (low + high)
 
     def segments(self, places: np.ndarray) -> np.ndarray:
-        """Straight pieces of the border, shape (k, 2, 2), through its places on the edges of each cell."""
+        """Straight pieces of the border, shape (k, 2, 2), through its places on the edges of each cell, in order along each line."""
         return places[self.cells] if len(self.cells) else np.empty((0, 2, 2))
 
 
 def edges_of(axes: tuple[np.ndarray, ...], where: np.ndarray, known: np.ndarray) -> Edges:
-    """The edges between neighbours of which one is in `where` and the other not, both known."""
-    x, y = axes
-    number: dict[tuple[str, int, int], int] = {}
-    low: list[tuple[float, float]] = []
-    high: list[tuple[float, float]] = []
-    for kind, di, dj in (("x", 1, 0), ("y", 0, 1)):
-        for i in range(x.size - di):
-            for j in range(y.size - dj):
-                a, b = (i, j), (i + di, j + dj)
-                if where[a] != where[b] and known[a] and known[b]:
-                    number[kind, i, j] = len(low)
-                    ends = [(x[a[0]], y[a[1]]), (x[b[0]], y[b[1]])]
-                    low.append(ends[int(where[a])])
-                    high.append(ends[int(where[b])])
-    cells = []
-    for i in range(x.size - 1):
-        for j in range(y.size - 1):
-            around = [number.get(key) for key in (("x", i, j), ("y", i + 1, j), ("x", i, j + 1), ("y", i, j))]
-            crossed = [edge for edge in around if edge is not None]
-            if len(crossed) == 2:
-                cells.append(crossed)
-            elif len(crossed) == 4:  # a saddle: two pieces around two opposite corners
-                cells += [[around[0], around[1]], [around[2], around[3]]]  # type: ignore[list-item]
-    return Edges(
-        np.array(low, float).reshape(-1, 2),
-        np.array(high, float).reshape(-1, 2),
-        np.zeros(len(low), int),
-        np.array(cells, int).reshape(-1, 2),
-    )
+    """The edges between neighbours of which one is in `where` and the other not, both known.
+
+    In a cell with two opposite corners in the region, the border goes around each of them: the region does not pass through its middle.
+    """
+    from contourpy import contour_generator
+
+    # a contour at half height between 0 and 1 passes through the middle of every edge on the border, and so names the edge
+    heights = np.ma.masked_array(where.astype(float), ~known)
+    lines = cast("list[np.ndarray]", contour_generator(z=heights, corner_mask=True).lines(0.5))
+    if not lines:
+        return Edges(np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), int))
+    middles = np.concatenate([np.stack([line[:-1, ::-1], line[1:, ::-1]], axis=1) for line in lines])  # (segment, end, (row, column))
+    on_edge = (middles % 1.0 == 0.0).any(axis=2).all(axis=1)  # beside an unknown corner a contour cuts across the cell
+    middles = middles[on_edge]
+    along = middles[..., 0] % 1.0 == 0.0  # False for an edge between rows: those come first
+    edges, cells = np.unique(np.column_stack([along.ravel(), middles.reshape(-1, 2)]), axis=0, return_inverse=True)
+    begin, end = (side(edges[:, 1:]).astype(int) for side in (np.floor, np.ceil))
+    outside = np.where(where[tuple(begin.T)][:, None], end, begin)
+    places = np.stack([axes[k][np.stack([outside, begin + end - outside])[..., k]] for k in range(2)], axis=-1)
+    return Edges(places[0], places[1], cells.reshape(-1, 2))

@@ -187,7 +187,7 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
             )
             for name, (label, look) in looks.items():
                 segments = found.borders[name] / [scales[0][0], scales[1][0]]
-                ax.add_collection(LineCollection(list(chained(segments)), label=label, zorder=3, **look))
+                ax.add_collection(LineCollection(lines_of(segments), label=label, zorder=3, **look))
             ax.set_title(title, loc="left", fontsize=9.0)
             ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
             ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
@@ -208,26 +208,7 @@ def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
     return (1e3, f"k{unit}") if large else (1.0, unit)
 
 
-def chained(segments: np.ndarray) -> list[np.ndarray]:
-    """Segments joined end to end into lines, so that dashes run through."""
-    ends: dict[tuple[float, float], list[int]] = {}
-    keys = [[tuple(end) for end in segment] for segment in segments.tolist()]
-    for k, pair in enumerate(keys):
-        for end in pair:
-            ends.setdefault(end, []).append(k)
-    free, lines = set(range(len(keys))), []
-    order = sorted(free, key=lambda k: min(len(ends[end]) for end in keys[k]))  # open lines begin at an end of theirs
-    for k in order:
-        if k not in free:
-            continue
-        free.discard(k)
-        a, b = keys[k]
-        line = [a, b] if len(ends[a]) <= len(ends[b]) else [b, a]
-        while True:
-            following = next((other for other in ends[line[-1]] if other in free), None)
-            if following is None:
-                break
-            free.discard(following)
-            line.append(keys[following][1] if keys[following][0] == line[-1] else keys[following][0])
-        lines.append(np.array(line))
-    return lines
+def lines_of(segments: np.ndarray) -> list[np.ndarray]:
+    """The lines that segments in order make, shape (points, 2) each, so that dashes run through."""
+    starts = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
+    return [np.vstack([line[:1, 0], line[:, 1]]) for line in np.split(segments, starts)] if len(segments) else []

@@ -19,7 +19,7 @@ from toolbox.measuring import measure
 from toolbox.onsets.borders import Edges
 from toolbox.onsets.inside import FINEST, outward
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop
-from toolbox.onsets.search import held_of, whole
+from toolbox.onsets.search import sampled_state, whole
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
@@ -63,7 +63,7 @@ class Front:
     runs: int = 0
 
     # -------------------------------------------------------------------------------------------------------------------------------------- one run
-    def _judged(self, run: Trajectory) -> Point:
+    def _judged_point(self, run: Trajectory) -> Point:
         """The verdict on the last part of a run, as long as what the map judges."""
         loop = self.loop
         length = loop.run.duration - loop.after
@@ -77,12 +77,12 @@ class Front:
         verdict = (STUCK if ratio > 1 - 1e-9 else STICK_SLIP) if lasts else SWING if late > max(floor, 0.95 * early) else SMOOTH
         rounds = np.diff([a for a, _ in sticks])
         cycle = float(np.median(rounds)) if len(rounds) else length / 10
-        return Point(measure.severity(run, loop.signal, after), ratio, verdict, run.states[-1], held_of(run), cycle)
+        return Point(measure.severity(run, loop.signal, after), ratio, verdict, run.states[-1], sampled_state(run), cycle)
 
     def _carried(self, run: Run, duration: float) -> Point | None:
         self.runs += 1
         try:
-            return self._judged(carry_out(run_of(run, max(duration, self.loop.run.duration))))
+            return self._judged_point(carry_out(run_of(run, max(duration, self.loop.run.duration))))
         except SimulationError:
             return None
 
@@ -101,7 +101,7 @@ class Front:
                 trajectory = carry_out(run)
             except SimulationError:
                 return None
-            here = Point(0.0, 0.0, NONE, trajectory.states[-1], held_of(trajectory), point.cycle)
+            here = Point(0.0, 0.0, NONE, trajectory.states[-1], sampled_state(trajectory), point.cycle)
         return self._carried(self._at(end, here), longer * self.loop.run.duration)
 
     # ------------------------------------------------------------------------------------------------------------------------------------ all points

@@ -237,7 +237,7 @@ class MapLoop:
                 lost = np.where(~stopped & (self.growth(points) > 0), SLOWED, lost)
         return Task(self.run, numbers, measures, *self._begins(x, u, values, lost)), variations, broken
 
-    def judged(
+    def verdicts(
         self, points: np.ndarray, stopped: np.ndarray, executor: Any, path: Path | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[int, str]]:
         """(severity, part of the time in stick, verdict) of a run from every point, and failures; stopped: on which branch each is.

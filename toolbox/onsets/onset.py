@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import checked_range, is_finite_number
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -60,28 +61,65 @@ def onset(
     perturbation: float = 1e-3,
     accuracy: float | None = None,
 ) -> Onset:
-    """Where smooth running, stick-slip and standstill begin and end over one parameter or input, with the Hopf points and the margin at a working point.
+    """Find where smooth running, stick-slip and standstill begin and end over one parameter or input.
 
-    machine: a plant, or a scene whose controller is named by `controller` (its first one without).  parameter, between: what is varied and its range
-    in SI; any input, any parameter of the plant or the law.  controller, sample_time, parameters: as in `simulate`; a sampled law also needs its
-    continuous form, for the steady state.  inputs: numbers.  mode: of the steady state, as in `equilibrium`.  guess: {state: value} near
-    the steady state at the working point, where none is found without, as under a drive with limits.  element, signal: the contact and
-    the speed to judge; without, those of the scene, or the first contact and its speed.  values: how many values both branches are simulated at.
-    tolerance: of the borders; a thousandth of the range without.  at: the working point; the declared value without.  duration: of a run [s];
-    without, 100 periods of the least damped motion.  perturbation: of smooth running, in parts of the steady slip.
+    Use it to learn from which set-point on, or up to which weight on bit, a machine runs smoothly, and how far its working point is from that border. The
+    Hopf points of steady running and the margin at the working point come with the borders.
 
-    A law keeps its design on the declared plant while a parameter of the plant varies. Stick-slip means at least three stick phases longer
-    than can be resolved in the second half of a run that keep coming until its end; standstill one that never ends. Neither the range asked nor one start
-    decides: stick-slip is looked for beyond both edges, too, and its cycle followed to where it stops being stable; of a sampled law, which has no
-    cycle, and where none is found, the borders are those of runs led from inside in small steps. Raises SceneError for unknown names, a range that is none,
-    inputs that vary in time, and laws without a continuous form.
+    Stick-slip means at least three stick phases, longer than can be resolved, in the second half of a run, which keep coming until its end. Standstill is a
+    stick phase that never ends. Neither the range asked for nor one start decides: stick-slip is looked for beyond both edges, too, and its limit cycle is
+    followed to where it stops being stable. A sampled law has no such cycle: there, and where no cycle is found, the borders are those of runs that are led
+    from inside stick-slip in small steps. A law keeps its design on the declared plant while a parameter of the plant varies.
+
+    Parameters
+    ----------
+    machine
+        A plant, or a scene.
+    parameter
+        What is varied: any input, or any parameter of the plant or of the law.
+    between
+        Range (low, high) of the parameter, in SI.
+    controller, sample_time, parameters
+        As in `simulate`; of a scene, `controller` is the label of a case (the first one by default). A sampled law also needs its continuous form, for the
+        steady state.
+    inputs
+        Constant inputs {signal: number}.
+    mode
+        Modes of the steady state, as in `equilibrium`.
+    guess
+        Values {state: value} near the steady state at the working point. It is needed where none is found without it, as under a drive with limits.
+    element, signal
+        The contact and the speed to judge; by default those of the scene, or the first contact and its speed.
+    values
+        Number of values at which both branches are simulated.
+    tolerance
+        Tolerance of the borders in the unit of the parameter; by default a thousandth of the range.
+    at
+        The working point; by default the declared value.
+    duration
+        Length of a run [s]; by default 100 periods of the least damped motion.
+    perturbation
+        Disturbance of smooth running, as a part of the steady slip.
+    accuracy
+        Accuracy of the runs, as in `simulate`.
+
+    Returns
+    -------
+    Onset
+        The borders `loss`, `end`, `stall` and the others, with the Hopf points and margins; `print` and `plot` it.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, the range is none, an input varies in time, or a law has no continuous form.
     """
     asked = _asked(machine, controller, sample_time, inputs, parameters, element, signal, accuracy)
-    low, high = checked_range(between)
-    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     plant, law, given = asked.plant, asked.law, asked.inputs
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
     free = FreeParameter.of(closed, parameter)
+    low, high = free.between(between)
+    at, duration = in_si(at, free.unit, "at"), in_si(duration, "s", "duration")
+    _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     input_values(closed, given or {})
     contact = judged_contact(closed, asked.element)
     speed = asked.signal or judged_speed(closed, contact)

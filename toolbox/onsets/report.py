@@ -63,13 +63,40 @@ class Border:
 
 @dataclass(frozen=True)
 class Onset:
-    """Both branches of a machine over one parameter: `print(onset)` for the report, `onset.plot()` for the picture.
+    """What a machine does over one parameter, on both of its branches: `print(onset)` for the report, `onset.plot()` for the picture.
 
-    values: of the parameter, shape (n,), in `unit`;  smooth, sticking: verdicts from the disturbed steady state, and from inside stick-slip or standstill;
-    hopf: Hopf points of the linear system, exact;  losses: borders of smooth running, by simulation;  ends: borders of existing stick-slip beyond which the
-    machine keeps turning;  stalls: those beyond which it stands for good;  breakaways: borders of standstill;  cycling, standing: whether stick-slip lasts,
-    and whether standstill does, at each value;  at: the working point;  period: of the least damped motion [s];  duration: of a run [s];  runs: how many;
-    notes: what was not done, or not confirmed.
+    Attributes
+    ----------
+    title
+        What was looked at.
+    parameter, unit
+        Name and unit of the parameter.
+    element, signal
+        The contact and the speed that were judged.
+    values
+        Values of the parameter, shape (n,).
+    smooth, sticking
+        Verdicts at each value, from the disturbed steady state, and from inside stick-slip or standstill.
+    hopf
+        Hopf points of the linear system, exact.
+    losses
+        Borders of smooth running, by simulation.
+    ends, stalls
+        Borders of existing stick-slip: those beyond which the machine keeps turning, and those beyond which it stands for good.
+    breakaways
+        Borders of standstill.
+    cycling, standing
+        Whether stick-slip lasts, and whether standstill lasts, at each value.
+    at
+        The working point.
+    period
+        Period of the least damped motion [s].
+    duration, accuracy, perturbation
+        Length of a run [s], its accuracy, and the disturbance of smooth running.
+    runs
+        Number of runs.
+    notes
+        What was not done, or not confirmed.
     """
 
     title: str
@@ -144,7 +171,7 @@ class Onset:
         return bands
 
     def regimes(self, value: float) -> tuple[str, ...]:
-        """Which of "smooth", "stick-slip" and "standstill" last at a value of the parameter, once begun. Raises SceneError outside of the range."""
+        """Return which of "smooth", "stick-slip" and "standstill" last at a value of the parameter, once begun. Raises SceneError outside of the range."""
         near = self._near(value)
         lasting = {
             "smooth": self._side(self.losses, value, self.smooth[near].verdict == "smooth"),
@@ -172,10 +199,14 @@ class Onset:
         return (value > nearest.value) == (nearest.safe == "above")
 
     def verdict(self, value: float) -> str:
-        """What the machine does at a value of the parameter within the range.
+        """Return what the machine does at a value of the parameter within the range.
 
-        "free": smooth whatever was before;  "bistable": smooth until disturbed, then stick-slip;  "smooth or stuck": smooth until it is stopped for good;
-        "stick-slip" and "stuck": what the least disturbance of smooth running leads to, or what is left without any;  "swing": it grows without stick.
+        - "free": smooth whatever was before.
+        - "bistable": smooth until disturbed, then stick-slip.
+        - "smooth or stuck": smooth until it is stopped for good.
+        - "stick-slip" and "stuck": what the least disturbance of smooth running leads to, or what remains without any smooth running.
+        - "swing": the disturbance grows without stick.
+
         Raises SceneError outside of the range.
         """
         lasting, near = self.regimes(value), self._near(value)
@@ -258,7 +289,7 @@ class Onset:
         return "nowhere in the range: stick-slip lasts in all of it" if self.cycling.all() else "no stick-slip was found in the range"
 
     def plot(self, ax: Any = None) -> Any:
-        """Severity over the parameter, both branches and the borders; see `toolbox.onsets.figures.onset_diagram`."""
+        """Draw the severity over the parameter, both branches and the borders; see `toolbox.onsets.figures.onset_diagram`."""
         from toolbox.onsets.figures import onset_diagram
 
         return onset_diagram(self, ax=ax)

@@ -71,13 +71,13 @@ class OnsetSearch:
                 run = self.base.again(duration=duration, longest_step=duration / 256, **changes)
             except SimulationError:
                 return Judged("failed"), None
-            judged = self.judged(run, value)
+            judged = self.judged_run(run, value)
             if judged.verdict != "unclear":
                 break
             duration *= 4  # a cycle so slow that too few stick phases fit: look at it for longer
         else:
             judged = dataclasses.replace(judged, verdict="stuck")
-        return judged, End(state_values(run.program.system, run.states[-1]), held_of(run))
+        return judged, End(state_values(run.program.system, run.states[-1]), sampled_state(run))
 
     def plain(self, value: float, begin: End, duration: float) -> Trajectory | None:
         """A run that is only to settle, at an accuracy at which its cycle can be told; None where it fails."""
@@ -104,10 +104,10 @@ class OnsetSearch:
                 run = self.base.again(duration=whole(self.base, 2.3 * self.period), longest_step=self.period / 256, **changes)
             except SimulationError:
                 return begin
-            begin = End(state_values(run.program.system, run.states[-1]), held_of(run))
+            begin = End(state_values(run.program.system, run.states[-1]), sampled_state(run))
         return begin
 
-    def judged(self, run: Trajectory, value: float) -> Judged:
+    def judged_run(self, run: Trajectory, value: float) -> Judged:
         """The verdict on the second half of a run."""
         from toolbox.measuring import measure
 
@@ -238,7 +238,7 @@ def whole(run: Run, duration: float) -> float:
     return max(round(duration / slowest), 1) * slowest if slowest else duration
 
 
-def held_of(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+def sampled_state(run: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
     """What sampled laws remember at the end of a run, and the signals that they hold; None without any."""
     if not run.program.system.updates or run.memory is None:
         return None

@@ -40,7 +40,17 @@ LINEAR_HALVINGS = 40
 
 @dataclass(frozen=True)
 class MapSide:
-    """One branch of a map, arrays of the shape of the map: severity of the judged signal, part of the time in stick, verdict (a key of `VERDICTS`)."""
+    """One branch of a map; every array has the shape of the map.
+
+    Attributes
+    ----------
+    severity
+        Severity of the judged signal [1].
+    stuck_ratio
+        Part of the judged time in stick [1].
+    verdict
+        What the machine does, as a number of `toolbox.onsets.map_loop` (`SMOOTH`, `SWING`, `STICK_SLIP`, `STUCK`, or `NONE` for a run that failed).
+    """
 
     severity: np.ndarray
     stuck_ratio: np.ndarray
@@ -49,11 +59,33 @@ class MapSide:
 
 @dataclass(frozen=True)
 class SeverityMap:
-    """A map over two numbers: `print(found)`, `found.plot()`, `found.smooth.severity`.
+    """A map of stick-slip over two numbers, as `severity_map` returns it: `print(found)`, `found.plot()`, `found.smooth.severity`.
 
-    names, units, axes: what is varied, along the rows and columns of all arrays;  smooth, sticking: both branches;  growth: largest real part of the poles of
-    steady running [1/s], nan without one;  borders: {"linear", "smooth", "sticking": segments, shape (k, 2, 2): segment, end, (first, second number)};
-    resolution: of the simulated borders, in parts of a cell;  errors: {(branch, i, j): why a run failed};  runs, seconds: what it took.
+    Attributes
+    ----------
+    title
+        What was mapped.
+    names, units, axes
+        What is varied, along the rows and the columns of all arrays.
+    element, signal
+        The contact and the speed that were judged.
+    smooth, sticking
+        The two branches (`MapSide`): from smooth running, and from inside stick-slip.
+    growth
+        Largest real part of the poles of steady running [1/s]; nan where there is no steady running.
+    borders
+        Segments of the borders "linear", "smooth" and "sticking", each of shape (k, 2, 2): segment, end, (first, second number). Segments follow one another
+        along each line.
+    duration, after, accuracy
+        Length of a run, the time from which on it is judged [s], and its accuracy.
+    resolution
+        Resolution of the simulated borders, in parts of a cell.
+    errors
+        Why a run failed: {(branch, i, j): message}.
+    runs, seconds
+        Number of runs and time that they took [s].
+    notes
+        What the reader of the map should know.
     """
 
     title: str
@@ -77,7 +109,7 @@ class SeverityMap:
 
     @property
     def regions(self) -> dict[str, np.ndarray]:
-        """{"free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck", "none": where, a boolean array}: what the machine does on both branches."""
+        """What the machine does on both branches, as boolean arrays under "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none"."""
         sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
         sticks = sticks | (self.smooth.verdict == STICK_SLIP)
@@ -131,9 +163,19 @@ class SeverityMap:
     __repr__ = __str__
 
     def border(self, name: str, along: float) -> np.ndarray:
-        """Where a border crosses a value of the second number: values of the first one, in increasing order.
+        """Return where a border crosses a value of the second number: values of the first one, in increasing order.
 
-        name: "linear", "smooth" or "sticking". Raises SceneError for another name.
+        Parameters
+        ----------
+        name
+            "linear", "smooth" or "sticking".
+        along
+            The value of the second number.
+
+        Raises
+        ------
+        SceneError
+            If there is no border of that name.
         """
         if name not in self.borders:
             raise SceneError(f"There is no border `{name}`: {suggest(name, self.borders)}")
@@ -144,7 +186,7 @@ class SeverityMap:
         return np.unique(x[crossing])
 
     def plot(self, axes: Any = None) -> Any:
-        """Both branches side by side with all borders; see `toolbox.onsets.figures.severity_panels`."""
+        """Draw both branches side by side with all borders; see `toolbox.onsets.figures.severity_panels`."""
         from toolbox.onsets.figures import severity_panels
 
         return severity_panels(self, axes)
@@ -183,7 +225,7 @@ class SeverityMap:
 
     @staticmethod
     def load(path: str | Path) -> SeverityMap:
-        """What `save` wrote. Raises SceneError for anything else."""
+        """Read a map that `save` wrote. Raises SceneError for any other file."""
         what = "a severity map written by `SeverityMap.save`"
         with understood(Path(path), what):
             data = arrays(Path(path), what)
@@ -219,17 +261,45 @@ def severity_map(
     executor: concurrent.futures.Executor | None = None,
     out: str | Path | None = None,
 ) -> SeverityMap:
-    """Severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip, with the linear and both simulated borders.
+    """Map the severity of stick-slip over two inputs or parameters, from smooth running and from inside stick-slip.
 
-    machine: a plant, or a scene whose controller is named by `controller` (its first one without).  over: {name: (low, high)}, two of them; the first gives
-    the rows of all arrays.  shape: of the grid.  duration, after: of a run, and from when on it is judged [s]; those of the scene, or 120 s and half of it.
-    controller, sample_time, inputs, parameters: as in `simulate`, inputs as numbers; a sampled law also needs its continuous form, for the
-    steady state.  mode, guess: of the steady state in the middle of the map, as in `onset`.  element, signal: the contact and the speed to judge.
-    halvings: how often an edge across a border is halved.  executor, out: as in `sweep`; an interrupted map goes on where it was.
+    The map shows both branches of the machine, the border of linear stability and both simulated borders. Stick-slip means stick phases that come back until
+    the last quarter of the judged time. A cycle that takes longer than the run to die counts as alive: compare with a longer `duration` near the end of
+    stick-slip.
 
-    Stick-slip means stick phases that come back until the last quarter of the judged time. A cycle that takes longer than the run to die counts as
-    alive: compare with a longer `duration` near the end of stick-slip. Raises SceneError for unknown names and ranges that are none, and where there is no
-    steady running in the middle of the map.
+    Parameters
+    ----------
+    machine
+        A plant, or a scene.
+    over
+        The two ranges {name: (low, high)} in SI; the first name gives the rows of all arrays.
+    shape
+        Number of points of the grid along both axes.
+    duration, after
+        Length of a run, and the time from which on it is judged [s]; by default those of the scene, or 120 s and half of it.
+    controller, sample_time, inputs, parameters
+        As in `simulate`, with numbers as inputs; of a scene, `controller` is the label of a case (the first one by default). A sampled law also needs its
+        continuous form, for the steady state.
+    mode, guess
+        Modes of the steady state in the middle of the map and values near it, as in `onset`.
+    element, signal
+        The contact and the speed to judge.
+    accuracy
+        Accuracy of the runs, as in `simulate`.
+    halvings
+        How often an edge of the grid across a border is halved, from 0 to 20.
+    executor, out
+        As in `sweep`; a map that was interrupted continues where it was.
+
+    Returns
+    -------
+    SeverityMap
+        Severity and verdict on both branches, and the borders.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, a range is none, or there is no steady running in the middle of the map.
     """
     began = clock.perf_counter()
     asked = MapRequest(machine, over, duration, after, controller, sample_time, inputs, parameters, mode, guess, element, signal, accuracy)
@@ -244,17 +314,17 @@ def severity_map(
     count = 0
     failures: dict[int, str] = {}
 
-    def judged(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def verdicts_of(points: np.ndarray, stopped: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         nonlocal count, failures
         path = None if out is None else Path(out) / f"stage_{next(stages):02d}.zarr"
-        severity, ratio, verdict, failures = loop.judged(points, stopped, executor, path)
+        severity, ratio, verdict, failures = loop.verdicts(points, stopped, executor, path)
         count += len(points)
         return severity, ratio, verdict
 
     if out is not None:
         folder_of(Path(out))
     both = np.repeat([False, True], len(points))
-    columns = judged(np.vstack([points, points]), both)
+    columns = verdicts_of(np.vstack([points, points]), both)
     first = failures
     growth = loop.growth(points)
     front = Front(loop, points, shape)
@@ -271,14 +341,14 @@ def severity_map(
     bad = [branches[0].verdict != SMOOTH, branches[1].verdict == STICK_SLIP]
     edges = [edges_of(axes, where, branch.verdict != NONE) for where, branch in zip(bad, branches, strict=True)]
 
-    def lost(points: np.ndarray, _: np.ndarray) -> np.ndarray:
+    def lost(points: np.ndarray) -> np.ndarray:
         """Whether smooth running is lost."""
-        return loop.growth(points) > 0 if not loop.sampled else judged(points, np.zeros(len(points), bool))[2] != SMOOTH
+        return loop.growth(points) > 0 if not loop.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
     places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
     borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
-    borders = {"linear": linear.segments(linear.halved(lambda points, _: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
+    borders = {"linear": linear.segments(linear.halved(lambda points: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}
     found = SeverityMap(
         title=loop.title, names=loop.names, units=loop.units, axes=axes, element=loop.element, signal=loop.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
         growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings,

@@ -13,7 +13,10 @@ from toolbox.orbits.orbit import Cycle
 
 @dataclass(frozen=True)
 class Bifurcation:
-    """A point at which the kind of a cycle changes: kind, value of the parameter, the cycle there (where switches change, the last one before it)."""
+    """A point of a branch at which the kind of the cycle changes: its kind, the value of the parameter, and the cycle there.
+
+    Where switches change, the cycle is the last one before the change.
+    """
 
     kind: str
     value: float
@@ -25,9 +28,20 @@ class Bifurcation:
 
 @dataclass
 class Branch:
-    """Cycles along a parameter: `branch.values`, `branch.periods`, `branch.stable`, `branch.bifurcations`, `branch.plot("bit.speed")`.
+    """Limit cycles along a parameter: `branch.values`, `branch.periods`, `branch.stable`, `branch.bifurcations`, `branch.plot("bit.speed")`.
 
-    parameter: its name;  unit: its unit;  values: shape (points,);  cycles: one per point;  ended: why the branch ends.
+    Attributes
+    ----------
+    parameter, unit
+        Name and unit of the parameter.
+    values
+        Its values, shape (points,).
+    cycles
+        One `Cycle` per value.
+    bifurcations
+        The points at which the kind of the cycle changes.
+    ended
+        Why the branch ends.
     """
 
     parameter: str
@@ -52,7 +66,7 @@ class Branch:
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
     def plot(self, signal: str, ax: Any = None) -> Any:
-        """The bifurcation diagram: largest and smallest value of a signal, solid where stable and dashed where not, with its bifurcations marked."""
+        """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked."""
         import matplotlib.pyplot as plt
 
         from toolbox.simulation.style import LINES

@@ -13,7 +13,8 @@ Brent's method to 1e-9:
     Hopf               the cycle shrinks to a steady state, where the branch ends
 
 Where switches change, the point is bisected if the branch goes on; at a corner, and where the branch just ends, it is extrapolated from the rates
-at which the last two cycles meet the event; either way to about 1e-7 of the span.
+at which the last two cycles meet the event; either way to about 1e-7 of the span. A Hopf point is solved by Newton's method from there, on the steady
+state and its pair of poles.
 At a grazing point the monodromy matrix jumps and the branch may turn on the spot (a nonsmooth fold), where no tangent points along it; there the branch is
 taken up on the other side along the tangent of the cycles with other switches, which runs started nearby show.
 """
@@ -26,11 +27,12 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import is_finite_number, number, whole
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, SimulationError
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.orbit import Cycle, signature_of
 from toolbox.orbits.sensitivity import unit_of
+from toolbox.steady_states.hopf import hopf_points
 
 
 def follow(
@@ -42,13 +44,37 @@ def follow(
     step: float = 0.02,
     towards: float | None = None,
 ) -> Branch:
-    """The branch of cycles through `cycle` as a parameter, a constant input or a number of a sine changes, to the first end of `span` or for so many points.
+    """Follow the branch of limit cycles through `cycle` while a parameter changes, by pseudo-arclength continuation.
 
-    span: (low, high) for the parameter;  step: largest step of arclength, in parts of the span and of the size of the states;  towards: the end of the span to
-    start towards, by default the farther one. The frequency of a sine takes the period with it; one written into a part does not. A branch ends early at a
-    Hopf point and where no further cycle is found; `ended` says why.
+    Use it to find where stick-slip is born and where it dies: folds, period doublings and grazings are located on the way. The parameter is one of the plant
+    or of a law, a constant input, or a number of a sine. The frequency of a sine takes the period with it; a frequency that is written into a part does not.
+    The branch ends at the first end of `span` that it reaches, after `points` cycles, at a Hopf point, or where no further cycle is found; `ended` of the
+    result says which.
 
-    Raises SceneError for wrong arguments.
+    Parameters
+    ----------
+    cycle
+        A cycle of the branch, as `limit_cycle` returns it.
+    parameter
+        Name of what changes.
+    span
+        Range (low, high) of the parameter.
+    points
+        Largest number of cycles.
+    step
+        Largest step of the arclength, in parts of the span and of the size of the states.
+    towards
+        The end of the span to start towards; by default the farther one.
+
+    Returns
+    -------
+    Branch
+        The cycles, their stability, and the bifurcations between them.
+
+    Raises
+    ------
+    SceneError
+        If an argument is wrong.
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
@@ -76,7 +102,7 @@ def follow(
                 continue
             rest = _at_rest(branch, walk.kept)
             if rest is not None:
-                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
                 branch.ended = "the cycle shrinks to a steady state"
                 break
             here = branch.cycles[-1].signature
@@ -96,7 +122,7 @@ def follow(
             turned, left = 0, None
             rest = walk.vanishing(point, size)
             if rest is not None:
-                branch.bifurcations.append(Bifurcation("Hopf", rest, branch.cycles[-1]))
+                branch.bifurcations.append(Bifurcation("Hopf", _solved(branch, rest), branch.cycles[-1]))
                 branch.ended = "the cycle shrinks to a steady state"
                 break
             branch.bifurcations += walk.changes(walk.here, point, size)
@@ -120,3 +146,16 @@ def _at_rest(branch: Branch, kept: np.ndarray) -> float | None:
         return None
     a, b = branch.values[-2:]
     return float(b + (b - a) * size[-1] / (size[-2] - size[-1]))
+
+
+def _solved(branch: Branch, near: float) -> float:
+    """The parameter of the Hopf point next to the one to which a branch was extrapolated; that one where the steady state has none so near."""
+    cycle = branch.cycles[-1]
+    run = cycle.run.run
+    away = 2.0 * abs(near - branch.values[-1]) + 1e-6 * abs(near)
+    middle = {name: np.mean(cycle.run[name], axis=0) for name in run.system.states}
+    try:
+        found = hopf_points(run.system, branch.parameter, (near - away, near + away), inputs=run.inputs, guess=middle, values=5)
+    except (SceneError, SimulationError):
+        return near
+    return min((point.value for point in found), key=lambda value: abs(value - near), default=near)

@@ -42,15 +42,37 @@ def limit_cycle(
     sample_time: float | None = None,
     accuracy: float = 1e-11,
 ) -> Cycle:
-    """The periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
+    """Find the periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
 
-    plant: a plant, simulated for `settle` seconds at first with the other arguments, as in `simulate`; or a trajectory that has settled, such as
-    `scene.run(label)`.  period: of a driven machine, that of its forcing or a multiple [s], by default that of its sines; of a free one, a guess, which
-    together with `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law
-    it is that of the reference or load that alternates, a whole multiple of the sample time.
-    accuracy: of the runs inside.
+    Parameters
+    ----------
+    plant
+        A plant, which is first simulated for `settle` seconds with the other arguments, as in `simulate`; or a trajectory that has settled, such as
+        `scene.run(label)`.
+    settle
+        Length of the first run of a plant [s].
+    period
+        Of a driven machine, the period of its forcing or a multiple of it [s]; by default that of its sines. Of a free machine, a guess, which together with
+        `start` needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law, the period of
+        the reference or load that alternates, a whole multiple of the sample time.
+    start, inputs, parameters, controller, sample_time
+        As in `simulate`.
+    accuracy
+        Accuracy of the runs inside.
 
-    Raises CycleError where none is found, GrazingError where the cycle touches a switching surface, and SceneError for wrong arguments.
+    Returns
+    -------
+    Cycle
+        One period of the motion with its Floquet multipliers.
+
+    Raises
+    ------
+    CycleError
+        If no periodic motion is found.
+    GrazingError
+        If the cycle touches a switching surface.
+    SceneError
+        If an argument is wrong.
     """
     if isinstance(plant, Trajectory):
         if settle is not None or start or inputs or parameters or controller is not None or sample_time is not None:

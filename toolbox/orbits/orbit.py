@@ -31,10 +31,25 @@ class CycleError(SimulationError):
 class Cycle:
     """A periodic motion: `cycle.period`, `cycle.multipliers`, `cycle.stable`, `cycle.amplitude("bit.speed")`, `print(cycle)`, `cycle.plot()`.
 
-    run: one period of it, from 0 to `period` [s];  monodromy: dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, and
-    behind them the memory of sampled laws and the held signals that they read;
-    multipliers: its eigenvalues, the largest first; for a free cycle without the one that is 1, which belongs to the phase;  forced: whether time
-    enters the equations;  step: the last Newton step, relative;  iterations: how many it took;  period_error: the last change of the period [s].
+    Attributes
+    ----------
+    run, period
+        One period of the motion, and its length [s].
+    monodromy
+        Monodromy matrix dx(T)/dx(0) of what returns, shape (n, n), in the order of `returning`: rows of x, then the memory of sampled laws and the held
+        signals that they read.
+    returning
+        Indices of what returns, in the order of the rows and columns of `monodromy`.
+    multipliers
+        Its eigenvalues (Floquet multipliers), the largest first; of a free cycle without the one that is 1, which belongs to the phase.
+    forced
+        Whether time enters the equations.
+    step
+        The last Newton step, relative.
+    iterations
+        Number of Newton steps.
+    period_error
+        The last change of the period [s].
     """
 
     run: Trajectory
@@ -54,7 +69,7 @@ class Cycle:
 
     @property
     def memory(self) -> np.ndarray:
-        """What the sampled laws remember at time 0 of the cycle, one law after the other."""
+        """Memory of the sampled laws at time 0 of the cycle, one law after the other."""
         return begun(self.run.run, self.run.program.system)[0]
 
     @property

@@ -217,8 +217,8 @@ def sample_times(run: Any) -> list[int]:
     return places
 
 
-def stand_in_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.ndarray:
-    """Derivatives of the signals held before the first sample, which are stand-ins where outputs are late, with respect to parameters: (held, columns)."""
+def default_slopes(run: Any, program: Program, columns: tuple[int, ...]) -> np.ndarray:
+    """Derivatives of the signals held before the first sample, which are defaults where outputs are late, with respect to parameters: (held, columns)."""
     system, plant = program.system, run.plant
     slopes = np.zeros((system.held.numel(), len(columns)))
     if run.resume is not None:

@@ -31,8 +31,16 @@ COEFFICIENTS = {"sine": ("mean", "amplitude", "frequency", "phase")}
 class Sensitivity:
     """Derivatives of a run: `d["bit.speed"]` (nt, k), `d.end("bit.speed")` (k,), `d.event_times` (events, k), `d.time_in("bit", "stick")` (k,).
 
-    run: the trajectory;  to: the k names, in the order of the last axis;  time: times of the derivatives, those of the run [s]. Derivatives are at fixed
-    time: between an event and its image in a neighbouring run the two differ by a jump, which is in `event_times`.
+    Derivatives are taken at a fixed time. Between an event and its image in a neighbouring run the two runs differ by a jump, which is in `event_times`.
+
+    Attributes
+    ----------
+    run
+        The trajectory.
+    to
+        The k names, in the order of the last axis.
+    time
+        Times of the derivatives [s], those of the run.
     """
 
     def __init__(self, run: Trajectory, to: tuple[str, ...], order: np.ndarray, columns: tuple[int, ...], tangent: Any):
@@ -100,9 +108,10 @@ class Sensitivity:
         return total
 
     def peak(self, name: str, after: float = 0.0) -> np.ndarray:
-        """Derivatives of the largest value of a scalar signal after a time [s], shape (k,): those at the peak, whose own shift counts for nothing.
+        """Return the derivatives of the largest value of a scalar signal after a time [s], shape (k,).
 
-        Raises SceneError where the largest value stands at the ends, where it is no peak.
+        They are those at the time of the peak, whose own shift has no effect. Raises SceneError where the largest value stands at an end of the window, where
+        it is no peak.
         """
         from scipy.optimize import brentq
 
@@ -123,7 +132,7 @@ class Sensitivity:
 
     def mean_square(self, name: str, target: float = 0.0, after: float = 0.0) -> np.ndarray:
         """Derivatives of `measure.mean_square(run, name, target, after=after)`, shape (k,); a jump of the signal at an event counts with the event's time."""
-        from toolbox.measuring.measure import gauss
+        from toolbox.measuring.energy import gauss
         from toolbox.simulation.samples import window
 
         nodes = self.run.nodes
@@ -141,9 +150,16 @@ class Sensitivity:
         return total / (end - begin)
 
     def settling(self, name: str, target: float, band: float = 0.02, *, after: float = 0.0, size: float | None = None) -> np.ndarray:
-        """Derivatives of `measure.settling` with the same arguments, -(dy/dp) / y' at the last crossing of the band, shape (k,).
+        """Return the derivatives of `measure.settling`, shape (k,): -(dy/dp) / y' at the last crossing of the band.
 
-        Raises SceneError where the signal does not come to stay in the band during the run, which has no derivative.
+        Raises SceneError where the signal does not come to stay in the band during the run, so that there is no derivative.
+
+        Parameters
+        ----------
+        name
+            Name of a scalar signal.
+        target, band, after, size
+            As in `measure.settling`.
         """
         from toolbox.measuring.measure import settling
 
@@ -172,13 +188,30 @@ class Sensitivity:
 
 
 def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
-    """Derivatives of a run with respect to the names in `to`, through every stick, slip, impact and switch.
+    """Differentiate a run with respect to the names in `to`, through every stick, slip, impact and switch.
 
-    to: parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`), constant inputs
-    (`top.torque`), numbers of a sine (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`), start values of states and of what a sampled law
-    remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state). A name given as an input is that input.
+    The derivatives are exact: variational equations with a saltation matrix at every event, not differences of runs.
 
-    Raises SceneError for unknown names, sample times, laws in Python and measurements with encoder steps, and GrazingError where the run has no derivative.
+    Parameters
+    ----------
+    run
+        The trajectory.
+    to
+        Parameters of the plant or of a controller, continuous or sampled (`block.mass`, `chain.stiffness.0`, `pi.proportional`); constant inputs
+        (`top.torque`); numbers of a sine (`block.load.amplitude`, `.mean`, `.frequency`, `.phase`); start values of states and of what a sampled law
+        remembers (`chain.speed.1`, `pi.angle`, or `bit.speed`, a signal that is a state). A name that was given as an input means that input.
+
+    Returns
+    -------
+    Sensitivity
+        Derivatives of signals, event times and measures.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown or is a sample time, or if a law is written in Python or a measurement has encoder steps.
+    GrazingError
+        If the run has no derivative.
     """
     if not isinstance(run, Trajectory):
         raise SceneError(f"Argument `run` must be a trajectory made by `simulate`, but it is {run!r}.")
@@ -226,9 +259,9 @@ def parameter_column(run: Trajectory, name: str) -> int | None:
         entry = system._parameter(name)
     except SceneError:
         if name in system.inputs:
-            stand_in = system.inputs[name].default
-            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(stand_in, system.p[entry.offset])]
-            other = f", or name `{owners[0]}`, its stand-in" if owners else ""
+            default = system.inputs[name].default
+            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(default, system.p[entry.offset])]
+            other = f", or name `{owners[0]}`, its default" if owners else ""
             raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
         if system.has_signal(name):
             return None

@@ -26,7 +26,7 @@ from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
-from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, stand_in_slopes
+from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
 
@@ -223,7 +223,7 @@ class VariationalEquations:
                 remembered[:, :own] = memory
             if held_first is not None:
                 tangent[self.plant :, :own] = held_first
-            tangent[self.plant :, own:] = stand_in_slopes(nodes.run, self.program, self.columns)
+            tangent[self.plant :, own:] = default_slopes(nodes.run, self.program, self.columns)
             sampled = SampledTangent(self.laws, nodes, remembered, own)
             sampled.checked_holds(self.guards, state, modes)
             acts = list(sampled.due)
@@ -426,9 +426,9 @@ def _drifting(of_field: ca.SX, of_guards: ca.SX) -> np.ndarray:
 def variational_equations(program: Program, columns: tuple[int, ...]) -> VariationalEquations:
     """The compiled derivatives of a program; kept with it."""
     key = ("variational", columns)
-    found = program.outputs.get(key)  # type: ignore[call-overload]
+    found = program.outputs.get(key)
     if found is None:
-        found = program.outputs[key] = VariationalEquations(program, columns)  # type: ignore[index]
+        found = program.outputs[key] = VariationalEquations(program, columns)
     return found
 
 

@@ -33,11 +33,23 @@ from toolbox.modelling.switching import switching
 
 
 class Rollout:
-    """Compiled prediction of a plant: `advance` gives states and derivatives, `states` alone is cheaper.
+    """Compiled prediction of a plant: `advance` gives states and derivatives; `states` alone is cheaper.
 
-    plant: whose contacts are `DryFriction`;  drives: names of the inputs that vary, the others stay at their stand-ins;  interval [s];
-    steps: Runge-Kutta steps per interval;  regularisation: None for exact modes. `scale` (one factor per contact) multiplies the load of each contact.
-    Modes are 0 (stick), 1, -1. Raises SceneError for a plant with other elements, or one that depends on time.
+    Modes are 0 (stick), 1 and -1. `scale` (one factor per contact, a view that may be written) multiplies the load of each contact. Raises SceneError for a
+    plant with other elements, or one that depends on time.
+
+    Parameters
+    ----------
+    plant
+        A plant whose contacts are `DryFriction`.
+    drives
+        Names of the inputs that vary; the others stay at their defaults.
+    interval
+        Length of an interval with constant inputs [s].
+    steps
+        Number of Runge-Kutta steps per interval.
+    regularisation
+        What `regularised` returns; None for exact modes.
     """
 
     def __init__(
@@ -74,7 +86,7 @@ class Rollout:
 
     def __reduce__(self) -> Any:
         """A rollout travels as its arguments and factors."""
-        return _restored, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
+        return _rollout_again, (self.plant, self.drives, self.interval, self.steps, self.regularisation, self.scale.copy())
 
     def __deepcopy__(self, memo: Any) -> Rollout:
         twin = copy.copy(self)
@@ -105,9 +117,16 @@ class Rollout:
     def advance(
         self, state: np.ndarray, inputs: np.ndarray, interval: float | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """States (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
+        """Return states (N+1, n), derivatives dx_(k+1)/dx_k (N, n, n) and dx_(k+1)/du_k (N, n, n_u), and modes (N+1, contacts).
 
-        inputs: shape (N, n_u), in the order of `drives`;  interval: another length [s] than that of the rollout, in as many steps.
+        Parameters
+        ----------
+        state
+            States at the beginning, shape (n,).
+        inputs
+            Inputs of each interval, shape (N, n_u), in the order of `drives`.
+        interval
+            Another length of the intervals [s] than that of the rollout, in as many steps.
         """
         count = inputs.shape[0]
         X, M = np.empty((count + 1, self.n)), np.zeros((count + 1, self.contacts))
@@ -184,7 +203,7 @@ def _declared_law(plant: HybridSystem, element: Element) -> Any:
     raise SceneError(f"`{element.name}` cannot be regularised: no part of the plant holds its law as `friction`.")
 
 
-def _restored(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
+def _rollout_again(plant: Any, drives: Any, interval: float, steps: int, regularisation: Any, scale: np.ndarray) -> Rollout:
     """A rollout from what `Rollout.__reduce__` gives."""
     made = Rollout(plant, drives, interval, steps, regularisation)
     made.scale[:] = scale

@@ -27,8 +27,14 @@ from toolbox.steady_states.running import running
 class Absorber:
     """The best absorber and how far down it reaches: `print(found)` shows it.
 
-    - speed: lowest stable set-point, in the unit of the signal; nan where there is none in the range, the low end where all of it is stable;
-    - damping c, stiffness k_f and inertia: of the absorber at that set-point, inertia that of the drive included.
+    Attributes
+    ----------
+    signal, unit
+        The speed and its unit.
+    speed
+        Lowest stable set-point; nan where there is none in the range, the low end where all of it is stable.
+    damping, stiffness, inertia
+        Of the absorber at that set-point; the inertia of the drive is included.
     """
 
     signal: str
@@ -55,14 +61,30 @@ def absorber_limit(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Absorber:
-    """The lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
+    """Find the lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
 
-    - between: (low, high), where it is looked for; stability is taken to be lost once on the way down;
-    - signal, drives: the speed and the force that acts on it;
-    - own_inertia: whether the inertia of the drive stays as it is, and only spring and damper are tuned;
-    - inputs, parameters: as in `running`.
+    Parameters
+    ----------
+    plant
+        The plant.
+    between
+        Range (low, high) in which the set-point is looked for; stability is taken to be lost once on the way down.
+    signal, drives
+        The speed, and the force that acts on it.
+    own_inertia
+        Whether the inertia of the drive stays as it is, and only spring and damper are tuned.
+    inputs, parameters
+        As in `running`.
 
-    Returns an `Absorber`. Raises SceneError where there is no steady running or the force does not act on that speed.
+    Returns
+    -------
+    Absorber
+        The lowest stable set-point and the absorber there; `print` shows them.
+
+    Raises
+    ------
+    SceneError
+        If there is no steady running, or the force does not act on that speed.
     """
     low, high = checked_range(between)
 

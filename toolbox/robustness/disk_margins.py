@@ -32,14 +32,22 @@ POINTS = 800
 
 @dataclass(frozen=True)
 class LoopMargins:
-    """Margins of one command with all others closed; 0 (and an infinite sensitivity) where the loop is unstable, nan where there is none to speak of.
+    """Margins of one command with all others closed; 0 (and an infinite sensitivity) where the loop is unstable, nan where there is no linear loop.
 
-    - command: its name;
-    - disk_margin [1], at the frequency `disk_frequency` [rad/s];
-    - peak_sensitivity [1], at `peak_frequency` [rad/s];
-    - lowest_gain, highest_gain: factors of the command between which, from 1, the loop stays stable, 0 and infinity where there is no bound;
-    - phase_margin [rad], in the worse direction;
-    - delay_margin [s]: additional delay at which the loop becomes unstable.
+    Attributes
+    ----------
+    command
+        Its name.
+    disk_margin, disk_frequency
+        Disk margin alpha [1], and the frequency at which it is reached [rad/s].
+    peak_sensitivity, peak_frequency
+        Peak sensitivity M_s [1] and its frequency [rad/s].
+    lowest_gain, highest_gain
+        Factors of the command between which, from 1, the loop stays stable; 0 and infinity where there is no bound.
+    phase_margin
+        Phase margin in the worse direction [rad].
+    delay_margin
+        Additional delay at which the loop becomes unstable [s].
     """
 
     command: str
@@ -181,9 +189,14 @@ def _delay(delayed: Callable[[float], LinearLoop], guess: float) -> float:
 class JointMargins:
     """Margins of all commands together.
 
-    - disk_margin [1], at `disk_frequency` [rad/s]: every command has a factor of its own in the disk;
-    - unstructured_margin [1]: the factors may also mix the commands, so that it is the smaller one;
-    - peak_sensitivity [1]: largest singular value of S.
+    Attributes
+    ----------
+    disk_margin, disk_frequency
+        Disk margin [1] where every command has a factor of its own in the disk, and its frequency [rad/s].
+    unstructured_margin
+        Disk margin [1] where the factors may also mix the commands, so that it is the smaller one.
+    peak_sensitivity
+        Largest singular value of the sensitivity S [1].
     """
 
     disk_margin: float

@@ -30,7 +30,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
-from toolbox.robustness.loop import held_step
+from toolbox.robustness.loop import zero_order_hold
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
 
@@ -42,12 +42,22 @@ ON_THE_BORDER = 1e-9
 class PerformanceLimit:
     """What no linear law can surpass at a working point: `print(found)` shows it.
 
-    - disk_margin: the largest there can be, alpha [1], at most 2; 0 where no law stabilises the plant;
-    - peak_sensitivity: the smallest there can be, M_s [1], at least 1;
-    - poles: unstable poles of the plant, as rates in 1/s, complex;
-    - zeros: its zeros in the unstable region, as rates in 1/s, complex; those of samples beyond the sampling rate have large imaginary parts;
-    - samples: how many samples a command is late at what is measured: the multiplicity of the zero at infinity; 0 for continuous laws;
-    - period, delay [s]: as given;  signals: the working point.
+    Attributes
+    ----------
+    disk_margin
+        The largest disk margin alpha there can be [1], at most 2; 0 where no law stabilises the plant.
+    peak_sensitivity
+        The smallest peak sensitivity M_s there can be [1], at least 1.
+    poles
+        Unstable poles of the plant, as rates in 1/s, complex.
+    zeros
+        Its zeros in the unstable region, as rates in 1/s, complex; those of samples beyond the sampling rate have large imaginary parts.
+    samples
+        Number of samples by which a command reaches what is measured late: the multiplicity of the zero at infinity; 0 for continuous laws.
+    period, delay
+        Sample time and delay as given [s].
+    signals
+        The working point.
     """
 
     disk_margin: float
@@ -81,14 +91,34 @@ def performance_limit(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> PerformanceLimit:
-    """The best disk margin and peak sensitivity that any linear law can have at a set-point, on what it measures and as late as it is.
+    """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
 
-    - at: {signal: value} that says where the plant runs steadily, such as {"top.speed": 3.0};
-    - measures: what laws may read;  drives: the one input that they drive; a part such as a drive with lags stands between, as it does in runs;
-    - period: sample time [s], None for continuous laws;  delay: of the commands [s], of sampled laws only;
-    - inputs, parameters: as in `running`.
+    Parameters
+    ----------
+    plant
+        The plant.
+    at
+        Where the plant runs steadily, {signal: value}, such as {"top.speed": 3.0}.
+    measures
+        What laws may read.
+    drives
+        The one input that they drive; a part such as a drive with lags stands between, as it does in runs.
+    period
+        Sample time [s]; None for continuous laws.
+    delay
+        Delay of the commands [s], for sampled laws only.
+    inputs, parameters
+        As in `running`.
 
-    Returns a `PerformanceLimit`. Raises SceneError where there is no steady running, for more than one driven input, and for a delay without a period.
+    Returns
+    -------
+    PerformanceLimit
+        The limits at the working point; `print` shows them.
+
+    Raises
+    ------
+    SceneError
+        If there is no steady running, more than one input is driven, or a delay is given without a period.
     """
     checked_plant(plant)
     if not isinstance(drives, str):
@@ -131,8 +161,8 @@ def sampled_plant(
     A sample reads what was held before it, so that a direct part D is late by a sample, too.
     """
     n, k = A.shape[0], B.shape[1]
-    step, whole = held_step(A, B, period)
-    now = held_step(A, B, period - fraction)[1]
+    step, whole = zero_order_hold(A, B, period)
+    now = zero_order_hold(A, B, period - fraction)[1]
     if fraction == 0.0 and not D.any():
         return step, whole, C, D
     wide = np.zeros((n + k, n + k))

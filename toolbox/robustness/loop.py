@@ -73,8 +73,14 @@ class LinearLoop:
         )
 
 
-def held_step(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """exp(A period), and what an input held over the period adds: the integral of exp(A s) B over it."""
+def zero_order_hold(A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Discretise x' = A x + B u for an input that is held over the period.
+
+    Returns
+    -------
+    tuple of arrays
+        exp(A period), and the integral of exp(A s) B over the period.
+    """
     from scipy.linalg import expm
 
     n, k = B.shape

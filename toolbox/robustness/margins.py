@@ -14,7 +14,7 @@ from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
 from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
-from toolbox.robustness.steady_loop import law_list, smooth_start, stand_ins, steady_loop
+from toolbox.robustness.steady_loop import input_defaults, law_list, smooth_start, steady_loop
 from toolbox.simulation.request import Request
 
 
@@ -22,14 +22,24 @@ from toolbox.simulation.request import Request
 class Margins:
     """Margins of a closed loop at steady running: `print(found)` shows all, `found.plot()` draws the Nyquist curve and the sensitivity.
 
-    - title: the laws and how they run;
-    - stable: whether the linear loop is stable; False where there is none;
-    - loops: `LoopMargins` of every command, with the others closed;
-    - joint: `JointMargins` of several commands together; None for one;
-    - signals: {name: value} of commands and scalar states at the working point;
-    - reason: why there is no linear loop; empty where there is one;
-    - measured: margins found by simulation; None where they were not asked for;
-    - loop: the linear loop, for other tools.
+    Attributes
+    ----------
+    title
+        The laws and how they run.
+    stable
+        Whether the linear loop is stable; False where there is none.
+    loops
+        `LoopMargins` of every command, with the others closed.
+    joint
+        `JointMargins` of several commands together; None for one.
+    signals, units
+        {name: value} of commands and scalar states at the working point, and their units.
+    reason
+        Why there is no linear loop; empty where there is one.
+    measured
+        Margins found by simulation; None where they were not asked for.
+    loop
+        The linear loop, for other tools.
     """
 
     title: str
@@ -130,21 +140,37 @@ def margins(
     inertia: str | None = None,
     duration: float = 60.0,
 ) -> Margins:
-    """Disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running, with sampling, hold and delay as they are.
+    """Compute disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running.
 
-    The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is broken at every input that a law drives
-    (`toolbox.robustness.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder steps of `Sampled` are left out.
+    Sampling, hold and delay count as they are. The plant is linearised where the closed loop runs steadily, a sampled law by its update, and the loop is
+    broken at every input that a law drives (`toolbox.robustness.steady_loop`; what each margin means: `toolbox.robustness.disk_margins`). Noise and encoder
+    steps of `Sampled` are left out.
 
-    - plant, controller, sample_time, parameters: as in `simulate`; a law is designed on the declared plant;
-    - inputs: {signal: number}, such as another weight on bit or set-point;
-    - start: {state: value} near steady running, for laws about which nothing else tells where that is;
-    - measured: whether gain, delay and inertia at which the machine fails are also found by simulation (a few seconds); without, where there is
-      no linear loop: relays, ideal sliding modes, a limit that is active, laws in Python;
-    - inertia: name of the inertia that is varied then, such as "chain.inertia.0";
-    - duration: of each of these runs [s].
+    Parameters
+    ----------
+    plant, controller, sample_time, parameters
+        As in `simulate`; a law is designed on the declared plant.
+    inputs
+        Constant inputs {signal: number}, such as another weight on bit or set-point.
+    start
+        Values {state: value} near steady running, for laws about which nothing else tells where that is.
+    measured
+        Whether the gain, delay and inertia at which the machine fails are also found by simulation (a few seconds). By default only where there is no linear
+        loop: relays, ideal sliding modes, a limit that is active, laws in Python.
+    inertia
+        Name of the inertia that is varied then, such as "chain.inertia.0".
+    duration
+        Length of each of these runs [s].
 
-    Returns `Margins`. Raises SceneError for arguments as `simulate` does, for laws of different periods, and where measured margins are needed but no
-    steady running is known: give `start`.
+    Returns
+    -------
+    Margins
+        The margins of every command alone and of all together.
+
+    Raises
+    ------
+    SceneError
+        If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `start`.
     """
     checked_plant(plant)
     if not is_finite_number(duration) or not duration > 0:
@@ -178,7 +204,7 @@ def margins(
     held: Mapping[str, float] = {}
     begin = mapping("start", start)
     if found is not None:
-        begin, held = dict(found.start), stand_ins(plant, found.signals)
+        begin, held = dict(found.start), input_defaults(plant, found.signals)
     elif not begin:
         begin, held = smooth_start(plant, laws, *given)
     changed = {**held, **given[1]}

@@ -83,7 +83,7 @@ class AmplifiedCallable:
 
     def __init__(self, law: Callable[..., Any], factor: float):
         self.law, self.factor = law, factor
-        for name in ("measures", "drives", "stand_ins"):
+        for name in ("measures", "drives", "defaults"):
             if hasattr(law, name):
                 setattr(self, name, getattr(law, name))
 

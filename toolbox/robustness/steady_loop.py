@@ -25,7 +25,7 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.modelling.start import place_starts
 from toolbox.modelling.steady_point import Equilibrium, mode_numbers
-from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, held_step
+from toolbox.robustness.loop import LinearLoop, NoDerivative, acts, checked_smooth, zero_order_hold
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Budget
 from toolbox.simulation.simulate import simulate
@@ -238,10 +238,10 @@ class SampledPoint:
         a, b = np.zeros((size, size)), np.zeros((size, h))  # b: of the newest entry of each line
         drift, force = slope[:n, :n], slope[:n, n : n + h]
         now, late_part = np.zeros((n, h)), np.zeros((n, h))
-        a[:n, :n], whole_part = held_step(drift, force, period)
+        a[:n, :n], whole_part = zero_order_hold(drift, force, period)
         for fraction in {fraction for _, fraction in lags}:
             columns = [j for j in range(h) if lags[j][1] == fraction]
-            now[:, columns] = held_step(drift, force[:, columns], period - fraction)[1]
+            now[:, columns] = zero_order_hold(drift, force[:, columns], period - fraction)[1]
         late_part[:] = whole_part - now
         for j in range(h):
             line = slice(first[j], first[j + 1])
@@ -410,13 +410,13 @@ def law_list(plant: HybridSystem, controller: Any, sample_time: float | None) ->
 def smooth_start(
     plant: HybridSystem, laws: Sequence[Any], inputs: Mapping[str, float], parameters: Mapping[str, Any] | None = None
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Start values of a run near smooth running, and the stand-ins of its commands, which late laws leave there until their first output arrives.
+    """Start values of a run near smooth running, and the defaults of its commands, which late laws leave there until their first output arrives.
 
     With the memory of the laws where their loop is linear, of the plant alone where it is not. Raises SceneError where no steady running is known.
     """
     with contextlib.suppress(NoDerivative, SceneError):
         found = steady_loop(plant, list(laws), inputs=inputs, parameters=parameters)
-        return dict(found.start), stand_ins(plant, found.signals)
+        return dict(found.start), input_defaults(plant, found.signals)
     system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=list(laws)).checked().system
     points = smooth_points(plant, system, laws, inputs, parameters or {}, {})
     if not points:
@@ -424,9 +424,9 @@ def smooth_start(
             "No steady running of this loop is known to begin from: give the states of the plant there, as `start` or `starts`."
         )
     commands = {name: points[0][name] for name in plant.inputs if name not in system.inputs}
-    return {name: points[0][name] for name in plant.states}, stand_ins(plant, commands)
+    return {name: points[0][name] for name in plant.states}, input_defaults(plant, commands)
 
 
-def stand_ins(plant: HybridSystem, values: Mapping[str, float]) -> dict[str, float]:
-    """Those of some values that are stand-ins of inputs, which are parameters of the plant."""
+def input_defaults(plant: HybridSystem, values: Mapping[str, float]) -> dict[str, float]:
+    """Those of some values that are defaults of inputs, which are parameters of the plant."""
     return {name: float(value) for name, value in values.items() if name in plant.inputs and name in plant.parameters}

@@ -34,13 +34,24 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run: which error, start and seed, and what came of it in the judged window.
+    """One run, and what came of it in the judged window.
 
-    - error: in words, "declared" where there is none;  start: index of the start;  seed: of the noise;
-    - stuck: part of the window that the contact sticks [1];  mean_error: of the speed, as a part of its target [1];
-    - ripple: half the range of the command by its mean, the largest of any command [1];
-    - failure: why the run could not be finished, empty where it could;
-    - excess: the largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
+    Attributes
+    ----------
+    error
+        The model error in words; "declared" where there is none.
+    start, seed
+        Index of the start, and seed of the noise.
+    stuck
+        Part of the window that the contact sticks [1].
+    mean_error
+        Error of the mean speed, as a part of its target [1].
+    ripple
+        Half the range of the command by its mean, the largest of any command [1].
+    failure
+        Why the run could not be finished; empty where it could.
+    excess
+        The largest of these by what is allowed, infinite for a run that sticks or fails; at most 1 is a success.
     """
 
     error: str
@@ -55,7 +66,17 @@ class Outcome:
 
 @dataclass(frozen=True)
 class WorstCase:
-    """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all."""
+    """Outcomes of a law over model errors, starts and seeds: `print(found)` shows the worst of each error, `found.worst` the worst of all.
+
+    Attributes
+    ----------
+    title
+        The laws and how they run.
+    outcomes
+        One `Outcome` per run.
+    seconds
+        Time that the runs took [s].
+    """
 
     title: str
     outcomes: tuple[Outcome, ...]
@@ -110,13 +131,26 @@ class WorstCase:
 
 
 def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) -> list[dict[str, Any]]:
-    """States of the plant at equal parts of the last whole stick-slip cycle of a run, from release to release, as starts of other runs.
+    """Return states of the plant at equal parts of the last whole stick-slip cycle of a run, as starts of other runs.
 
-    - run: one that sticks and slips to its end, such as that of a stiff drive;
-    - count: number of phases, the first of which is the release;
-    - element: the contact; the first one without.
+    Parameters
+    ----------
+    run
+        A run that sticks and slips to its end, such as that of a stiff drive.
+    count
+        Number of phases, the first of which is the release.
+    element
+        The contact; by default the first one.
 
-    Returns `count` mappings {state: value}. Raises SceneError for a run without two releases, or for a count below 1.
+    Returns
+    -------
+    list of {state: value}
+        `count` mappings, from release to release.
+
+    Raises
+    ------
+    SceneError
+        If the run has less than two releases, or the count is below 1.
     """
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise SceneError(f"Argument `count` must be an integer >= 1, but it is {count!r}.")
@@ -150,20 +184,41 @@ def worst_case(
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> WorstCase:
-    """Run a closed loop with every model error, from every start, with every seed of its noise, and judge the end of each run.
+    """Run a closed loop with every model error, from every start and with every seed of its noise, and judge the end of each run.
 
     A run succeeds where, from `after` on, the contact never sticks, the mean speed is within `mean_within` of its target, and no command swings by more than
     `ripple_within` of its mean to either side.
 
-    - plant, controller, sample_time, inputs: as in `simulate`; a law is designed on the declared plant, and errors change the plant only;
-    - duration: of a run [s];  after: from when on it is judged [s], the last 30 % without;
-    - errors: {parameter or input: factor, or several}, each tried alone; "delay" is that of the sampled laws;
-    - corners: mappings {parameter or input: factor}, each of which is tried with all its errors at once;
-    - starts: {state: value} each, from `cycle_phases` for instance; smooth running without;
-    - seeds: of the noise of `Sampled`, which are used where it has any;
-    - target: of the mean speed of the judged contact; the set-point of the law without.
+    Parameters
+    ----------
+    plant, controller, sample_time, inputs
+        As in `simulate`; a law is designed on the declared plant, and errors change the plant only.
+    duration
+        Length of a run [s].
+    errors
+        {parameter or input: factor, or several}, each tried alone; "delay" is that of the sampled laws.
+    corners
+        Mappings {parameter or input: factor}, each of which is tried with all its errors at once.
+    starts
+        Start values {state: value} of each run, for instance from `cycle_phases`; by default smooth running.
+    seeds
+        Seeds of the noise of `Sampled`, used where it has any.
+    after
+        Time from which on a run is judged [s]; by default its last 30 %.
+    target
+        Target of the mean speed of the judged contact; by default the set-point of the law.
+    mean_within, ripple_within
+        Allowed error of the mean speed and ripple of a command, as parts of their means [1].
 
-    Returns a `WorstCase`. Raises SceneError for unknown names and for numbers that are none.
+    Returns
+    -------
+    WorstCase
+        The outcome of every run.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, or a number is none.
     """
     checked_plant(plant)
     if not is_finite_number(duration) or not duration > 0:

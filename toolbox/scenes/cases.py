@@ -35,9 +35,20 @@ class Waveform:
 
 @dataclass(frozen=True)
 class Case:
-    """One controller of a scene: law None leaves the plant to its inputs; sample_time None makes the law continuous; delay in s.
+    """One controller of a scene.
 
-    noise, resolution: {measured signal: standard deviation, step} of a sampled law, and the seed of the noise, as in `Sampled`.
+    Attributes
+    ----------
+    label
+        Its name in tables and pictures.
+    law
+        The law; None leaves the plant to its inputs.
+    sample_time, delay
+        Sample time and delay [s]; without a sample time the law is continuous.
+    inputs
+        Inputs of this case, which win over those of the scene.
+    noise, resolution, seed
+        {measured signal: standard deviation}, {measured signal: step} and seed of the noise of a sampled law, as in `Sampled`.
     """
 
     label: str

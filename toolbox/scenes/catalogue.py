@@ -8,10 +8,13 @@ modules of the registered package, and through public names only: a scene file i
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -73,6 +76,55 @@ def part(name: str, kind: str | None = None) -> Any:
     raise SceneError(f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken}")
 
 
+def load_parts(path: str | Path) -> list[str]:
+    """Offer the public parts, laws and friction laws of a Python file to scenes, which RUNS the file. A scene by itself never runs code.
+
+    Parameters
+    ----------
+    path
+        The file. Its name is that of the module, and its folder joins `sys.path`, so that worker processes find it, too.
+
+    Returns
+    -------
+    list of str
+        The names that scenes may use now.
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read or run, one whose name is no word or that of another module, and one that offers nothing.
+    """
+    file = Path(path).resolve()
+    name = file.stem
+    if file.suffix != ".py" or not name.isidentifier():
+        raise SceneError(f"Argument `--load` must be a Python file such as `my_drive.py`, but it is `{path}`.")
+    if not file.is_file():
+        raise SceneError(f"Argument `--load` must be a file, but there is no `{path}`.")
+    if name not in _LOADED:
+        known = importlib.util.find_spec(name)
+        if known is not None and Path(known.origin or "").resolve() != file:
+            raise SceneError(f"Argument `--load` must not have the name of another module, but `{name}` is one: rename `{path}`.")
+        spec = importlib.util.spec_from_file_location(name, file)
+        assert spec is not None and spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        sys.path.insert(0, str(file.parent))
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # whatever the file raises
+            sys.path.remove(str(file.parent))
+            del sys.modules[name]
+            raise SceneError(f"The file `{path}` cannot be loaded: {type(error).__name__}: {error}") from error
+        _LOADED[name] = module
+        _entries.cache_clear()
+    found = [entry.name for entry in _entries() if entry.source == name]
+    if not found:
+        raise SceneError(f"The file `{path}` offers nothing: it must hold a Controller, a Component or a FrictionLaw as a frozen dataclass.")
+    return found
+
+
+_LOADED: dict[str, ModuleType] = {}
+
+
 def parts(kind: str | None = None) -> list[Entry]:
     """All catalogue entries, or those of one kind, each under its shortest name, in order of kind and name."""
     shortest: dict[int, Entry] = {}
@@ -126,7 +178,7 @@ def _packages() -> tuple[dict[str, ModuleType], dict[str, str]]:
 def _entries() -> list[Entry]:
     return [
         Entry(name, kind, item, source)
-        for source, module in _packages()[0].items()
+        for source, module in {**_packages()[0], **_LOADED}.items()
         for name, kind, item in _walk(module, "", module.__name__, ())
     ]
 

@@ -42,10 +42,32 @@ if TYPE_CHECKING:
 class Scene:
     """A plant, the controllers to be compared on it, and what to look at; everything in SI.
 
-    parts: of the plant;  cases: one per controller, labels differ;  reference: set-point of `signal`, None for none;  start, inputs, parameters:
-    as in `simulate`, for all cases (the inputs of a case win);  element: whose sticking is judged, from `after` [s] on; None where nothing sticks;  signal:
-    whose severity, settling and overshoot;  effort: the input whose peak is reported;  standstill: for a stop, the value of `signal` at which it counts
-    as standing: what is judged then ends there, and a last stick into standstill is none.
+    Attributes
+    ----------
+    title
+        Title of the scene.
+    parts
+        Parts of the plant.
+    cases
+        One `Case` per controller; their labels differ.
+    duration
+        Length of the runs [s].
+    element
+        The contact whose sticking is judged; None where nothing sticks.
+    signal
+        The signal whose severity, settling and overshoot are judged.
+    effort
+        The input whose peak is reported.
+    after
+        Time from which on a run is judged [s].
+    reference
+        Set-point of `signal`; None for none.
+    accuracy
+        Accuracy of the runs.
+    start, inputs, parameters
+        As in `simulate`, for all cases; the inputs of a case win.
+    standstill
+        For a stop, the value of `signal` at which it counts as standing. What is judged then ends there, and a last stick into standstill does not count.
     """
 
     title: str
@@ -77,11 +99,37 @@ class Scene:
         reference: float | None = None,
         **others: Any,
     ) -> Scene:
-        """The checked scene of a plant under each of the `controllers` {label: law}, or under none, judged as a scene file is that does not say how.
+        """Make the checked scene of a plant under each of the `controllers` {label: law}, or under none.
 
-        element: without, the first contact, if any;  signal: `<element>.speed` where the plant has it, else its slip; needed without contact;
-        effort: `top.torque`, else the first input;  after: half of the duration;  reference: that of the laws, where all have one and the same;
-        others: accuracy, standstill, start, inputs, parameters. Raises SceneError as `check` does.
+        What is not said is judged as a scene file is that does not say it.
+
+        Parameters
+        ----------
+        plant
+            The plant.
+        duration
+            Length of the runs [s].
+        controllers
+            {label: law}; None for the plant alone.
+        element
+            The contact to judge; by default the first one, if any.
+        signal
+            The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
+        effort
+            The input whose peak is reported; by default `top.torque`, else the first input.
+        after
+            Time from which on the run is judged [s]; by default half of the duration.
+        reference
+            Set-point of the signal; by default that of the laws, where all have one and the same.
+        title
+            Title of the scene; by default the kinds of its parts.
+        others
+            Further fields: accuracy, standstill, start, inputs, parameters.
+
+        Raises
+        ------
+        SceneError
+            As `check` does.
         """
         checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:
@@ -169,9 +217,17 @@ class Scene:
         return {**stuck, "severity": (self.signal,), "peak": (self.effort,)}
 
     def needs(self, measures: Mapping[str, Sequence[str]] | None = None) -> Dependencies:
-        """Which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
+        """Find which parts of the plant the measures depend on, under any of the controllers, and what the other parts cost.
 
-        measures: {measure: names of the signals and elements it reads}; without, those of the verdict. Raises SceneError for unknown names.
+        Parameters
+        ----------
+        measures
+            {measure: names of the signals and elements it reads}; by default those of the verdict.
+
+        Raises
+        ------
+        SceneError
+            If a name is unknown.
         """
         from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 

@@ -36,26 +36,16 @@ from toolbox.files.atomic import replaced
 from toolbox.files.units import parse
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import FrictionLaw
+from toolbox.modelling.elements import TURNED, FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.inputs import UNITS
 from toolbox.scenes import catalogue
 from toolbox.scenes.cases import Case, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_signal
 from toolbox.simulation.request import Request
 
-_SHAPES: dict[str, dict[str, str]] = {
-    "step": {"before": "", "after": "", "at": "s"},
-    "ramp": {"start": "", "end": "", "begin": "s", "finish": "s"},
-    "sine": {"mean": "", "amplitude": "", "frequency": "Hz", "phase": "rad"},
-    "square": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
-    "triangle": {"mean": "", "amplitude": "", "frequency": "Hz", "until": "s"},
-    "sweep": {"mean": "", "amplitude": "", "start": "Hz", "end": "Hz", "duration": "s"},
-    "table": {"times": "s", "values": ""},
-}
-"""Units of the numbers of each shape; empty for the unit of the signal."""
-
-_TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
-"""Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
+_SHAPES = {**UNITS, "table": {"times": "s", "values": ""}}
+"""Units of the numbers of each shape of an input; empty for the unit of the signal."""
 
 _SAMPLED = ("delay", "noise", "resolution", "seed")
 """Keys of a controller that only a sampled law has."""
@@ -246,12 +236,7 @@ def _field_value(value: Any, unit: str, hint: Any, name: str, current: Any, turn
         if isinstance(value, list) != (float not in options):
             shape = "one number" if float in options else "a list of numbers"
             raise SceneError(f"Argument `{name}` must be {shape} in {unit}, but it is {value!r}.")
-        if turned and unit in _TURNED and isinstance(value, str):
-            try:
-                return parse(value, _TURNED[unit], name)
-            except SceneError:
-                pass  # then the declared unit must fit, and its error is the better one
-        return _number(value, unit, name)
+        return parse(value, unit, name, TURNED.get(unit)) if turned and isinstance(value, str) else _number(value, unit, name)
     choices = [choice for option in options if typing.get_origin(option) is typing.Literal for choice in typing.get_args(option)]
     if type(value) in options or value in choices:
         return value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolbox.errors import SimulationError
+from toolbox.files import tables
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -19,11 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table, in SI; nan where a number does not exist, inf for what never settles.
+    """One line of the table of a study, in SI; nan where a number does not exist, inf for what never settles.
 
-    stuck: seconds of sticking after the settle time;  severity, settling, overshoot: as in `toolbox.measure`, and for a stop the settling is the
-    time of standstill;  peak: largest |effort|;
-    error: largest scaled state error;  wall_time: seconds in the event loop;  files: what the files of this controller begin with.
+    Attributes
+    ----------
+    controller
+        Label of the case.
+    verdict
+        What the controller achieved, in words; or why the run failed.
+    stuck
+        Time of sticking after the settle time [s].
+    severity, settling, overshoot
+        As in `toolbox.measure`; for a stop, the settling is the time of standstill [s].
+    peak
+        Largest |effort|.
+    error
+        Largest scaled state error.
+    wall_time
+        Time in the event loop [s].
+    files
+        Beginning of the names of the files of this controller.
     """
 
     controller: str
@@ -43,8 +58,8 @@ class Row:
         return self.verdict.startswith("failed")
 
 
-def judged(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
-    """The row of one controller, and its run. A run that fails is a row as well, with the trajectory so far."""
+def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Trajectory | None]:
+    """Simulate and judge one controller: its row, and its run. A run that fails is a row as well, with the trajectory so far."""
     from toolbox.measuring import measure
 
     try:
@@ -126,12 +141,8 @@ def verdict(sticks: Sequence[tuple[float, float]], after: float, end: float) -> 
 
 
 def write_table(rows: Sequence[Row], path: Path) -> None:
-    """The rows as csv in SI units; a number that does not exist is left empty, what never settles is inf."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [field.name for field in dataclasses.fields(Row)])
-        table.writeheader()
-        for row in rows:
-            table.writerow({name: value for name, value in dataclasses.asdict(row).items() if value == value})
+    """The rows as csv in SI units, whole or not at all; a number that does not exist is left empty, what never settles is inf."""
+    tables.write(path, [field.name for field in dataclasses.fields(Row)], map(dataclasses.astuple, rows))
 
 
 def table(scene: Scene, rows: Sequence[Row]) -> str:

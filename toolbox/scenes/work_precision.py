@@ -35,11 +35,14 @@ COUNTS = (1_000, 4_000, 16_000, 64_000, 256_000, 1_024_000)
 
 @dataclass(frozen=True)
 class Point:
-    """One run: its setting (an accuracy, a step [s], or a width in parts of the largest slip), error [1], seconds and steps; `failed` says why not."""
+    """One run: what was varied ("accuracy", "step" or "width") and its setting (an accuracy, a step [s], or a width in parts of the largest slip).
+
+    error: [1];  seconds, steps: what it took;  failed: why there is no error, or "".
+    """
 
     method: str
     plant: str
-    knob: str
+    varied: str
     setting: float
     error: float
     seconds: float
@@ -49,10 +52,18 @@ class Point:
 
 @dataclass(frozen=True)
 class WorkPrecision:
-    """The trade of a scene. `print` it for the table, `plot` and `save` it.
+    """Error against time for one scene. `print` it for the table, `plot` and `save` it.
 
-    points: in order of method and setting;  disagreement: largest difference between the two truths, in parts of the size of a state;
-    truths: what they were computed with.
+    Attributes
+    ----------
+    title, duration
+        What was run, and for how long [s].
+    points
+        The runs (`Point`), in order of method and setting.
+    disagreement
+        Largest difference between the two truths, in parts of the size of a state.
+    truths
+        What they were computed with.
     """
 
     title: str
@@ -62,7 +73,10 @@ class WorkPrecision:
     truths: tuple[str, str]
 
     def cheapest(self, error: float) -> Point | None:
-        """The fastest run whose error is at most this; None where there is none. Raises SceneError below the disagreement of the truths."""
+        """Return the fastest run whose error is at most this, or None where there is none.
+
+        Raises SceneError below the disagreement of the truths, where the error of a run is not known.
+        """
         if not error >= self.disagreement:
             raise SceneError(
                 f"Argument `error` must be >= {self.disagreement:.1e}, below which the truth is not known, but it is {error!r}."
@@ -79,7 +93,7 @@ class WorkPrecision:
         several = len({point.plant for point in self.points}) > 1
         for point in self.points:
             name = f"{point.method}, {point.plant}" if several else point.method
-            setting = f"{point.knob} {point.setting:.2g}"
+            setting = f"{point.varied} {point.setting:.2g}"
             if point.failed:
                 lines.append(f"{name:<24}{setting:>22}  {point.failed.split('.')[0]}")
                 continue
@@ -88,7 +102,7 @@ class WorkPrecision:
         return "\n".join(lines)
 
     def plot(self, ax: Any = None) -> Any:
-        """Time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
+        """Draw time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
         from toolbox.simulation.plot import work_precision
 
         return work_precision(self, ax=ax)
@@ -112,13 +126,42 @@ def work_precision(
     repeats: int = 5,
     **arguments: Any,
 ) -> WorkPrecision:
-    """Error against time of every method with every one of its settings, against a truth computed twice.
+    """Measure error against time for every method and every one of its settings, against a truth that is computed twice.
 
-    plant: a plant, a scene (its first case, or `case`), or {label: plant} for levels of detail, of which the first is the truth.  duration: s, that of
-    the scene without.  accuracies: for the methods that locate events;  steps [s]: for time stepping, by default 1e3 to 1e6 in the run;  widths: for smoothed
-    friction, in parts of the largest slip.  signals: whose difference counts, in place of all states; needed for several plants.
-    repeats: runs of which the shortest counts.  arguments: as in `simulate`. Raises SceneError as `simulate` does, and SimulationError where no truth
-    can be computed.
+    Parameters
+    ----------
+    plant
+        A plant, a scene, or {label: plant} for levels of detail, of which the first is the truth.
+    duration
+        Length of the runs [s]; by default that of the scene.
+    methods
+        Names of the methods.
+    accuracies
+        Accuracies for the methods that locate events.
+    steps
+        Steps [s] for time stepping; by default 1e3 to 1e6 steps in the run.
+    widths
+        Widths for regularised friction, in parts of the largest slip.
+    signals
+        Signals whose difference counts, in place of all states; needed for several plants.
+    case
+        Label of a case of the scene; by default the first.
+    repeats
+        Number of runs, of which the shortest counts.
+    arguments
+        Further arguments of `simulate`.
+
+    Returns
+    -------
+    WorkPrecision
+        The table; `print`, `plot` and `save` it.
+
+    Raises
+    ------
+    SceneError
+        As `simulate` does.
+    SimulationError
+        If no truth can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
     if not is_finite_number(duration) or not duration > 0:
@@ -144,14 +187,14 @@ def work_precision(
     from tqdm import tqdm
 
     settings = [
-        (run, label, method, knob, setting, changes)
+        (run, label, method, varied, setting, changes)
         for label, run in runs.items()
         for method in methods
-        for knob, setting, changes in _settings(run, method, given, lengths, shares)
+        for varied, setting, changes in _settings(run, method, given, lengths, shares)
     ]
     bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
     points = [
-        _point(run, label, method, knob, setting, changes, truth, signals, repeats) for run, label, method, knob, setting, changes in bar
+        _point(run, label, method, varied, setting, changes, truth, signals, repeats) for run, label, method, varied, setting, changes in bar
     ]
     return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
 
@@ -194,7 +237,7 @@ def _truth(run: Run, method: str) -> tuple[Trajectory, str]:
 def _settings(
     run: Run, method: str, accuracies: list[float], steps: list[float], widths: list[float]
 ) -> Iterable[tuple[str, float, dict[str, Any]]]:
-    """(knob, setting, changes of the run) of every run of a method."""
+    """(varied, setting, changes of the run) of every run of a method."""
     if method == "time-stepping":
         return [("step", step, {"method": TimeStepping(step)}) for step in steps]
     if method == "smoothed":
@@ -216,7 +259,7 @@ def _point(
     run: Run,
     label: str,
     method: str,
-    knob: str,
+    varied: str,
     setting: float,
     changes: dict[str, Any],
     truth: Trajectory,
@@ -228,8 +271,8 @@ def _point(
         error = _difference(done, truth, signals)
         times = [done.wall_time, *(run.again(output_times=None, **changes).wall_time for _ in range(repeats - 1))]
     except (SimulationError, SceneError) as failed:
-        return Point(method, label, knob, setting, math.nan, math.nan, 0, str(failed))
-    return Point(method, label, knob, setting, error, min(times), sum(done.steps))
+        return Point(method, label, varied, setting, math.nan, math.nan, 0, str(failed))
+    return Point(method, label, varied, setting, error, min(times), sum(done.steps))
 
 
 def _difference(run: Trajectory, truth: Trajectory, signals: Sequence[str]) -> float:

@@ -20,6 +20,7 @@ from toolbox.compilation.program import Program, program_of
 from toolbox.errors import SimulationError
 from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
+from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.method_choice import cheapest_method
 from toolbox.simulation.methods import Automatic, EventExact, Implicit, Smoothing
@@ -118,6 +119,12 @@ def carry_out(run: Run) -> Trajectory:
                     bar.update(float(work.reals[loop_layout.TIME]) - bar.n)
             else:
                 raise failure(status, run, program, work, began, answers)
+    except OutOfTime:
+        if clock.perf_counter() - began < run.budget.seconds:
+            raise  # it is that of a run whose law carries out this one
+        stopped = exhausted(run, program, work, began, answers)
+        stopped.run.laws = tuple(laws)
+        raise stopped from None
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
@@ -176,7 +183,8 @@ def _sample(
     first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
     noise = {name: normal(work.keys[first + i], row[loop_layout.TAKEN]) for i, name in enumerate(update.channels)}
     y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
-    answer = laws[index](float(work.reals[loop_layout.TIME]), y)
+    with until(began + run.budget.seconds):
+        answer = laws[index](float(work.reals[loop_layout.TIME]), y)
     u = finite_array(answer)
     if u is None or u.size != row[loop_layout.OUTPUTS]:
         raise SimulationError(

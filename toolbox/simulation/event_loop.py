@@ -280,7 +280,7 @@ def advance(w):
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
             if rejected:
                 measure_round_off(w)
-                spread_round_off(w, w.reals[STEP_SIZE])
+                spread_round_off(w, w.reals[STEP_OLD])
             rejected = True
             continue
         if not outputs_before(w, t, t_new):

@@ -84,6 +84,16 @@ def failure(
         name = names[program.bounded[int(work.ints[loop_layout.CULPRIT])]]
         return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
     if status == loop_layout.ENDLESS:
+        i = int(work.ints[loop_layout.CULPRIT])
+        element = program.system.elements[i]
+        if element.holds and not element.unilateral:
+            sizes = output_function(program, f"friction of {names[i]}", ca.vertcat(element.kinetic, element.static))
+            kinetic, static = np.array(sizes(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
+            if kinetic > (1.0 + 1e-9) * static:
+                return SimulationError(
+                    f"The kinetic friction of `{names[i]}` must be <= its static friction, but it is {kinetic:.6g} against {static:.6g} at t = {t:.9g} s, "
+                    "where it leaves or enters stick.", so_far,
+                )
         return ZenoError(f"Element `{names[int(work.ints[loop_layout.CULPRIT])]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
     if status == loop_layout.INCONSISTENT:
         inside = (

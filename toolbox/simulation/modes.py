@@ -280,6 +280,11 @@ def begin(w):
     project(w, t)
     if not decide(w, t):
         return False
+    for i in range(ne):  # one that is constant has no guard; what is below zero by round-off of its terms is zero
+        bound = w.z[3 * ne + i]
+        if w.kind[i] == FRICTION and bound < -1e-2 * abs(w.y[3 * ne + i] - bound):
+            w.ints[CULPRIT] = i
+            return False
     call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for j in range(2 * ne, ng - w.ints[BOUNDS]):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]

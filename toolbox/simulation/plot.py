@@ -72,11 +72,28 @@ class Pictured(Protocol):
 
 
 def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
-    """Signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
+    """Draw signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
-    signals: names, of a vector state all entries or one (`chain.speed.0`); without, speeds first and then what drives and resists.  ax: where
-    to draw; without, a figure with one panel per unit.  after, until: window [s]. Returns the axes: `ax`, or an array with one entry per
-    panel. Raises SceneError for an unknown signal, for signals of several units in one `ax`, and for a window outside the run.
+    Parameters
+    ----------
+    run
+        The trajectory.
+    signals
+        Names; of a vector state all entries or one (`chain.speed.0`). By default speeds first, then what drives and resists.
+    ax
+        Where to draw; by default a figure with one panel per unit.
+    after, until
+        Window [s]; by default the whole run.
+
+    Returns
+    -------
+    axes
+        `ax`, or an array with one entry per panel.
+
+    Raises
+    ------
+    SceneError
+        If a signal is unknown, signals of several units share one `ax`, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     names = list(signals) or _interesting(run)
@@ -119,10 +136,23 @@ def phase_plane(
     after: float = 0.0,
     until: float | None = None,
 ) -> Any:
-    """One signal against another; the segment on which `element` sticks is drawn thick, the start is a ring, arrows show the direction.
+    """Draw one signal against another; where `element` sticks the line is thick, the start is a ring, and arrows show the direction.
 
-    element: by default the first of the plant, if it has any.  after, until: window [s]. Returns the axes. Raises SceneError for
-    unknown or vector signals, an unknown element, and a window outside the run.
+    Parameters
+    ----------
+    run
+        The trajectory.
+    x_signal, y_signal
+        Names of two scalar signals.
+    element
+        The contact; by default the first of the plant, if it has any.
+    ax, after, until
+        As in `traces`.
+
+    Raises
+    ------
+    SceneError
+        If a signal is unknown or a vector, the element is unknown, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
     names = list(run.modes)
@@ -168,11 +198,28 @@ def comparison(
     after: float = 0.0,
     until: float | None = None,
 ) -> Any:
-    """One signal of several runs: a panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
+    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
 
-    runs: {label: run}.  element: whose modes are shown; by default the first, where there is one.  after, until: window [s]; without `until`, to the
-    end of the longest run. Returns the axes: `ax`, or an array with one entry per run. Raises SceneError for no runs, an unknown or
-    vector signal, an unknown element, and a window outside the longest run.
+    Parameters
+    ----------
+    runs
+        {label: run}.
+    signal
+        Name of a scalar signal.
+    element
+        The contact whose modes are shown; by default the first, where there is one.
+    ax, after, until
+        As in `traces`; by default to the end of the longest run.
+
+    Returns
+    -------
+    axes
+        `ax`, or an array with one entry per run.
+
+    Raises
+    ------
+    SceneError
+        If there is no run, the signal is unknown or a vector, the element is unknown, or the window lies outside the longest run.
     """
     if not runs:
         raise SceneError("Argument `runs` must hold at least one run, but it is empty.")

@@ -12,9 +12,10 @@ import numpy as np
 from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.compilation.program import ExpressionKey
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
-from toolbox.modelling.inputs import Shape, Table
+from toolbox.modelling.inputs import Shape, Table, Typed
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths, smoothed
 from toolbox.modelling.steady_point import Equilibrium
@@ -29,12 +30,12 @@ class Request:
     """The arguments of `simulate`, which says what each of them means."""
 
     plant: HybridSystem
-    duration: float
+    duration: float | str
     start: Mapping[str, Any] | Samples | Equilibrium | None = None
     inputs: Mapping[str, Any] | None = None
     parameters: Mapping[str, Any] | None = None
     controller: Any = None
-    sample_time: float | None = None
+    sample_time: float | str | None = None
     method: Method | str = "event"
     accuracy: float = 1e-6
     output_times: Sequence[float] | np.ndarray | None = None
@@ -42,12 +43,14 @@ class Request:
 
     def checked(self) -> Run:
         """The run that is asked for, with all names resolved; raises SceneError as `simulate` does."""
-        method = self._checked_numbers()
-        grid = _checked_times(self.output_times, self.duration)
+        duration = in_si(self.duration, "s", "duration")
+        period = in_si(self.sample_time, "s", "sample_time")
+        method = self._checked_numbers(duration)
+        grid = _checked_times(self.output_times, duration)
         begin, instant = self._checked_start()
-        declared, plant = self.plant, self._varied_plant()
+        declared, plant = self.plant, self._varied_plant(period)
         original, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (declared, plant))
-        system, clocks, laws, seeds = closed_loop(original, sharp, self.controller, self.sample_time)
+        system, clocks, laws, seeds = closed_loop(original, sharp, self.controller, period)
         if instant is not None:
             known = instant.program.system.states
             begin |= {name: _value(instant, name, size) for name, (_, size, _) in system.states.items() if name in known}
@@ -67,25 +70,25 @@ class Request:
         if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
             for extreme in (min, max):
                 plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
-        duration = float(self.duration)
+        duration = float(duration)
         return Run(
             plant=plant, system=system, duration=duration, start=begin, inputs=values, kinds=kinds, clocks=clocks, laws=laws,
             accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method, budget=self.budget,
             solver=carry_out,
         )  # fmt: skip
 
-    def _checked_numbers(self) -> Method:
+    def _checked_numbers(self, duration: float) -> Method:
         """The method, after all that can be said of the arguments one by one."""
         checked_plant(self.plant)
-        if not is_finite_number(self.duration) or self.duration < 0:
-            raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {self.duration!r}.")
+        if not is_finite_number(duration) or duration < 0:
+            raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
         method = method_of(self.method)
         if not is_finite_number(self.accuracy) or not 1e-13 <= self.accuracy <= 0.1:
             raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {self.accuracy!r}.")
         if not isinstance(self.budget, Budget):
             raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
         self.budget.check()
-        method.check(self.duration, self.budget.steps)
+        method.check(duration, self.budget.steps)
         if self.sample_time is not None and self.controller is None:
             raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
         return method
@@ -102,7 +105,7 @@ class Request:
             mapping(word, given)
         return dict(start or {}), instant
 
-    def _varied_plant(self) -> HybridSystem:
+    def _varied_plant(self, period: float | None) -> HybridSystem:
         """The plant with the parameters of this run."""
         plant, parameters = self.plant, self.parameters
         if not parameters:
@@ -114,7 +117,7 @@ class Request:
             return plant.with_parameters(parameters)
         except SceneError:
             sharp = plant.sharp if isinstance(plant, SmoothSystem) else plant
-            closed = closed_loop(sharp, sharp, self.controller, self.sample_time)[0]
+            closed = closed_loop(sharp, sharp, self.controller, period)[0]
             for name in parameters:
                 if closed.has_parameter(name) and not plant.has_parameter(name):
                     raise SceneError(f"Argument `{name}` must be a parameter of the plant, but it is a number of the law: give it to the law.") from None
@@ -166,8 +169,12 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             if name in system.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, system.inputs)}")
-        if isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
-            value = Table.of(name, *value)
+        if isinstance(value, str):
+            value = in_si(value, entry.unit, name)
+        elif isinstance(value, Typed):
+            value = value.made(name, entry.unit)
+        elif isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
+            value = Table.of(name, *(in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)))
         if isinstance(value, Table):
             kinds.append((name, "table"))
         elif isinstance(value, Shape):

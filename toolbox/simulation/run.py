@@ -10,22 +10,34 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What a run may spend before it ends in a BudgetError, which holds the trajectory so far.
+    """What a run may spend before it ends in a `BudgetError`, which holds the trajectory so far.
 
-    steps: tried, accepted or not;  events: switches of elements: a run that has exactly so many finishes, one that has more ends where the next is due and
-    holds those before;  seconds: on the clock in the event loop, looked at about ten times a second.
     Raises SceneError, when a run is given it, for anything but positive numbers.
+
+    Attributes
+    ----------
+    steps
+        Number of steps that are tried, accepted or not.
+    events
+        Number of switches of elements. A run that has exactly so many finishes; one that has more ends where the next is due and holds those before.
+    seconds
+        Time in the event loop [s], looked at about ten times a second, and by predictive laws before each program that they solve (other laws in Python:
+        `toolbox.authoring.time_left`).
     """
 
     steps: int = 20_000_000
     events: float = np.inf
     seconds: float = np.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))
 
     def check(self) -> None:
         """Raise SceneError unless all three are positive numbers; events and seconds may be infinite."""

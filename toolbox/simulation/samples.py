@@ -14,7 +14,7 @@ from toolbox.errors import SceneError, suggest
 
 
 class Event(NamedTuple):
-    """A switch of an element: time [s], element name, mode before and after."""
+    """A switch of an element: time [s], name of the element, and its mode before and after."""
 
     time: float
     element: str
@@ -169,7 +169,20 @@ def output_function(program: Any, name: str, expression: ca.SX | None = None) ->
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
 def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
-    """(begin, end) [s] of a checked window; a run that failed ends at its last node. Raises SceneError for one that is empty or outside."""
+    """Check a window and return (begin, end) [s]; a run that failed ends at its last node.
+
+    Parameters
+    ----------
+    run
+        The trajectory.
+    after, until
+        The window asked for [s]; None for the end of the run.
+
+    Raises
+    ------
+    SceneError
+        If the window is empty or outside the run.
+    """
     check_run(run)
     last = float(run.nodes.time[-1])
     if last == 0.0:

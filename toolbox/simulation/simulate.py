@@ -21,48 +21,69 @@ FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(wi
 
 def simulate(
     plant: HybridSystem,
-    duration: float,
+    duration: float | str,
     *,
     start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: float | str | None = None,
     method: Method | str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,
     budget: Budget | None = None,
     **former: Any,
 ) -> Trajectory:
-    """Simulate a plant for `duration` seconds, from rest unless a start is given, with every switch between stick and slip located as an event.
+    """Simulate a plant for `duration` seconds; every switch between stick and slip is located as an event.
+
+    The run begins at rest unless a start is given.
+
+    Every number in `duration`, `start`, `inputs`, `parameters` and `sample_time` is in SI, or text with its unit: "2 min", "95 rpm", "10 kN m".
 
     Parameters
     ----------
-    plant: a plant made by `compose`, or smoothed by `smoothed`.
-    duration: s, >= 0.
-    start: {state, or signal that is a state: value}, all else 0; or one instant of a run (`run.at(12.5)`), or an `equilibrium`, whose states are taken.
-    inputs: {signal, or parameter of the plant that changes in time: value}. A value is a number, (times, values), a shape of `toolbox.inputs` (`step`,
-        `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
-    parameters: {name: value} for this run only; the controller keeps the plant's declared values.
-    controller: a Controller, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them.
-    sample_time: s; without it a Controller acts continuously.
-    method: a method or its short form. "event" steps by an explicit method, or by a linearly implicit one where that is cheaper (runs
-        with a law in Python stay explicit); "explicit" and "stiff" prescribe one of the two. All three locate every switch as an event.
-        `TimeStepping(step)`, short "time-stepping", locates none; `Smoothing(width)`, short "smoothed", regularises friction. Both refine their
-        option until the accuracy is met, unless it is given. "auto" takes the cheapest and says why in `run.why`.
-    accuracy: target for the global error, with every state scaled by its size; between 1e-13 and 0.1.
-    output_times: increasing times [s] at which to record, shape (nt,), right-hand limits at events; without, every step and both sides of every event.
-    budget: what the run may spend; None takes `Budget()`.
+    plant
+        A plant made by `compose`, or smoothed by `smoothed`.
+    duration
+        Length of the run [s], >= 0.
+    start
+        Start values {state, or signal that is a state: value}; all other states are 0. Or one instant of another run (`run.at(12.5)`), or an `equilibrium`,
+        whose states are taken.
+    inputs
+        Inputs {signal, or parameter of the plant that changes in time: value}. A value is a number, a table (times, values), a shape of `toolbox.inputs`
+        (`step`, `ramp`, `sine`, `square`, `triangle`, `inputs.sweep`), or a casadi expression of `toolbox.time`.
+    parameters
+        Parameters {name: value} for this run only; the controller keeps the declared values of the plant.
+    controller
+        A `Controller`, a callable (t, y) -> u, `Sampled(law, period, delay)`, or a sequence of them.
+    sample_time
+        Sample time of the controller [s]; without it a `Controller` acts continuously.
+    method
+        A method or its short form. "event" takes an explicit method, or a linearly implicit one where that is cheaper (runs with a law in Python stay
+        explicit); "explicit" and "stiff" prescribe one of the two. All three locate every switch as an event. `TimeStepping(step)`, short "time-stepping",
+        locates none; `Smoothing(width)`, short "smoothed", regularises friction; both refine their option until the accuracy is met, unless it is given.
+        "auto" takes the cheapest method and says why in `run.why`.
+    accuracy
+        Target for the global error, where every state is scaled by its size; between 1e-13 and 0.1.
+    output_times
+        Increasing times [s] at which the run is recorded, shape (nt,), as right-hand limits at events. Without them every step is recorded, and both sides of
+        every event.
+    budget
+        What the run may spend at most; None takes `Budget()`.
 
     Returns
     -------
-    A Trajectory.
+    Trajectory
+        The signals, modes and events of the run.
 
     Raises
     ------
-    SceneError: for arguments that cannot be simulated.
-    SimulationError, ZenoError, BudgetError: for a run that cannot be finished; `.run` is the trajectory so far.
-    AccuracyError: for a method that cannot meet the accuracy at a bearable price.
+    SceneError
+        If an argument cannot be simulated; the message names it.
+    SimulationError, ZenoError, BudgetError
+        If the run cannot be finished; `.run` of the error is the trajectory so far.
+    AccuracyError
+        If a method cannot meet the accuracy at a bearable price.
     """
     from toolbox.errors import SceneError  # here, so that a script pays for the machinery of runs with its first run
     from toolbox.simulation.request import Request

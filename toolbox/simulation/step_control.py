@@ -17,6 +17,7 @@ from toolbox.compilation.loop_layout import (
     NG,
     ORDER,
     RTOL,
+    STEP,
     STEP_OLD,
     STEP_SIZE,
     TIME,
@@ -25,6 +26,12 @@ from toolbox.compilation.loop_layout import (
 )
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import nudge
+
+STAGES = 10.0
+"""Stages of a step, about: the noise of a slope is in every one of them, that of the first alone leaves a tenth of it in the states."""
+
+REACH = 1e6
+"""Size of a state, in units of what round-off can have done to it in the run so far, from which on round-off does not reach it."""
 
 
 @inlined
@@ -63,7 +70,7 @@ def measure_round_off(w):
 
 @inlined
 def spread_round_off(w, h):
-    """Add to the noise of every slope what the noise that an explicit step h leaves in the states does to it.
+    """Add to the noise of every slope what a step h, which has been accepted, makes of the noise of the others.
 
     A position whose speed is only the round-off of balanced forces has no scale of its own: without this its error would be held to one. States of a size
     that round-off does not reach are left alone.
@@ -71,20 +78,24 @@ def spread_round_off(w, h):
     reached = False
     for i in range(w.ints[N]):
         reached = reached or (w.scale[i] > 0.0 and w.noise[i] * h > 1e-7 * w.scale[i])
-    if reached and w.ints[IMPLICIT] == 0:
+    if reached:
         _spread(w, h)
 
 
 @called
 def _spread(w, h):
-    """Add the noise for `spread_round_off`."""
+    """Add the noise for `spread_round_off`: what two steps differ by, one of which starts from slopes with their noise.
+
+    A step carries the noise from state to state as far as it carries everything else, and damps it in modes that die within it.
+    """
     n = w.ints[N]
     for i in range(n):
-        w.s[i] = w.x[i] + w.noise[i] * h
-    call(w.ints[FIELD], w.reals[TIME], 0.0, w.s, w.k, w.p, w.m, w.z)
+        w.s[i] = w.k[i] + STAGES * w.noise[i]
+    call(w.ints[STEP], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.y)
+    call(w.ints[STEP], w.reals[TIME], h, w.x, w.s, w.p, w.m, w.z)
     for i in range(n):
-        spread = abs(w.z[n + i] - w.k[i])
-        if 0.0 < w.scale[i] <= 1e6 * spread * h:
+        spread = abs(w.z[i] - w.y[i]) / h
+        if w.scale[i] <= REACH * spread * w.reals[TIME] < math.inf:
             w.noise[i] += spread
 
 
@@ -113,7 +124,6 @@ def first_step(w):
     h = max(min(100.0 * h0, h1), 1e-9 * w.reals[END])
     w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
     w.reals[STEP_OLD] = 0.0
-    spread_round_off(w, w.reals[STEP_SIZE])
 
 
 @inlined

@@ -61,12 +61,29 @@ class Records:
 class Trajectory(Stays, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
-    time: shape (nt,), s; without output times it holds every step, and events twice (before and after);  states: shape (nt, n);
-    end: time reached [s], the duration unless the run failed;  wall_time: seconds spent in the event loop;  steps: (accepted, rejected);
-    merged: guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than
-    can be resolved;  answers: what each Python controller returned, sample by sample;  laws: those controllers as the run left them, with
-    what they recorded (they do not travel with a pickled trajectory);  memory: states of the sampled laws at the end;  why: what made method="auto" take
-    this method, else empty.
+    Attributes
+    ----------
+    time
+        Recorded times [s], shape (nt,); without output times every step, and events twice (before and after).
+    states
+        States at these times, shape (nt, n).
+    end
+        Time that was reached [s]: the duration, unless the run failed.
+    wall_time
+        Seconds spent in the event loop.
+    steps
+        Number of steps (accepted, rejected).
+    merged
+        Number of guards that reached zero without a change of mode, because the element touched and went on, or left and returned faster than can be
+        resolved.
+    answers
+        What each Python controller returned, sample by sample.
+    laws
+        Those controllers as the run left them, with what they recorded; they do not travel with a pickled trajectory.
+    memory
+        States of the sampled laws at the end.
+    why
+        What made method="auto" take this method; else empty.
     """
 
     laws: tuple[Any, ...] = ()
@@ -87,7 +104,15 @@ class Trajectory(Stays, Samples):
 
     @staticmethod
     def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
-        """Signals at one instant of a run under way."""
+        """Return the signals at one instant of a run under way.
+
+        Parameters
+        ----------
+        run, program
+            What is run, and its compiled plant.
+        t, x, m, p
+            Time [s], states, modes and parameters at the instant.
+        """
         held = p[program.first_held :]
         return Samples(program, np.array([t]), x[None, : program.system.x.numel()].copy(), m[None, :], held[None, :].copy(), p, True)
 
@@ -95,7 +120,7 @@ class Trajectory(Stays, Samples):
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
         names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
         data = {name: getattr(self, name) for name in names}
-        return _restored, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+        return _trajectory_again, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
 
     def end_before(self, event: int) -> None:
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
@@ -398,7 +423,7 @@ class Smoothed(Trajectory):
         return 5.0 / 3.0 * self.difference(self.run.again(system=self.run.system.sharp, method=finer, output_times=None))
 
 
-def _restored(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
+def _trajectory_again(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.compilation.program import program_of
 

@@ -115,7 +115,7 @@ def begun(run: Run, system: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
     memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
     held = np.zeros(system.held.numel())
     for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
-        if delay > 0.0:  # until a delayed output arrives the signal has its stand-in
+        if delay > 0.0:  # until a delayed output arrives the signal has its default
             defaults = dict(zip(run.plant.inputs, np.array(run.plant.input_defaults(run.plant.values)).ravel(), strict=True))
             held[update.first_held : update.first_held + len(update.names)] = [defaults.get(name, 0.0) for name in update.names]
     if run.resume is not None:

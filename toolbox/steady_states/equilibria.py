@@ -28,12 +28,26 @@ def equilibria(
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
 ) -> list[Equilibrium]:
-    """Every steady state that is found over the modes of all contacts and a row of guesses, slipping ones first.
+    """Find the steady states over the modes of all contacts and a row of guesses; slipping ones come first.
 
-    Guesses are the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0, so that the slow steady states of falling
-    friction are found beside the fast one. Modes are tried in all combinations up to 81 of them, beyond that only all alike. A contact that
-    may rest anywhere in a range is represented by one state of it. Nothing proves that no other exists. Raises SceneError for arguments
-    as `equilibrium` does, never for an empty result.
+    The guesses are the state that the plant would have without friction, scaled by 1, 1/2, ... 1/64 and 0, so that the slow steady states of falling friction
+    are found beside the fast one. Modes are tried in all combinations up to 81 of them, and beyond that only all alike. A contact that may rest anywhere in a
+    range is represented by one state of it. There is no proof that no other steady state exists.
+
+    Parameters
+    ----------
+    plant, inputs, parameters, controller
+        As in `equilibrium`.
+
+    Returns
+    -------
+    list of Equilibrium
+        The steady states that were found; the list may be empty.
+
+    Raises
+    ------
+    SceneError
+        If an argument is wrong, as in `equilibrium`; never for an empty result.
     """
     plant = continuous_loop(plant, controller, parameters=parameters)
     holding = [element.name for element in plant.elements if element.holds and element.law is not None]

@@ -23,7 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import checked_range, numbers, whole
+from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -36,12 +36,23 @@ from toolbox.steady_states.linear import equilibrium, holding_elements
 
 @dataclass(frozen=True)
 class HopfPoint:
-    """Where a pair of poles +-i w crosses the imaginary axis as a parameter varies.
+    """A point where a pair of poles +-i w crosses the imaginary axis while a parameter varies.
 
-    value: of the parameter, in `unit`;  frequency: w [rad/s];  point: the steady state there;  stable: "above" or "below", the side on which the pair
-    is damped;  coefficient: first Lyapunov coefficient [1/s] for an eigenvector of length one in the states; negative: soft, a small
-    swing grows out of the steady state; positive: hard, the machine jumps to a large cycle, and both are stable on the safe side;
-    nan where it does not exist;  residual: what is left of the equations, in parts of their terms.
+    Attributes
+    ----------
+    parameter, unit, value
+        The parameter and its value there.
+    frequency
+        Frequency w [rad/s].
+    point
+        The steady state there.
+    stable
+        "above" or "below": the side on which the pair is damped.
+    coefficient
+        First Lyapunov coefficient [1/s] for an eigenvector of length one in the states. Negative: soft, a small swing grows out of the steady state.
+        Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist.
+    residual
+        Residual of the equations, in parts of their terms.
     """
 
     parameter: str
@@ -82,19 +93,44 @@ def hopf_points(
     guess: Mapping[str, Any] | None = None,
     values: int = 33,
 ) -> list[HopfPoint]:
-    """Every Hopf point of steady running in a range of one parameter or input, in order; exact to round-off.
+    """Find every Hopf point of steady running in a range of one parameter or input, in order and exact to round-off.
 
-    parameter: of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.  controller: laws in
-    their continuous form.  mode: modes of the steady state, as in `equilibrium`.  guess: {state: value} of one steady state in the range, where
-    none is found without, as under a drive whose limits hide it.  values: how many values of the parameter are looked at; two crossings
-    between neighbours are missed. A law keeps the design it has on the declared plant. Values without a steady state are
-    passed over; where steady running ends in the range, that end is one more value that is looked at. Raises SceneError for unknown names, a range
-    that is none, and a plant without any steady state in the range.
+    A law keeps the design that it has on the declared plant. Values without a steady state are skipped; where steady running ends inside the range, that end
+    is one more value that is looked at.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    parameter
+        A parameter of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.
+    between
+        Range (low, high) of the parameter.
+    controller
+        Laws in their continuous form.
+    inputs, parameters
+        As in `equilibrium`.
+    mode
+        Modes of the steady state, as in `equilibrium`.
+    guess
+        {state: value} of one steady state in the range. It is needed where none is found without it, as under a drive whose limits hide it.
+    values
+        Number of values of the parameter that are looked at; two crossings between neighbours are missed.
+
+    Returns
+    -------
+    list of HopfPoint
+        The points, with frequency and first Lyapunov coefficient.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, the range is none, or the plant has no steady state in the range.
     """
-    low, high = checked_range(between)
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
     free = FreeParameter.of(closed, parameter)
+    low, high = free.between(between)
     followed = EquilibriumBranch(closed, free, inputs or {}, mode, guess)
     grid = np.linspace(low, high, whole("values", values, 2))
     for value in (*grid, *grid):  # twice: what fails alone may be reached from its neighbours
@@ -132,15 +168,33 @@ def hopf_curve(
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
-    """Hopf value of one parameter as a function of another, shape (len(values),): the critical speed over weight on bit, over damping, over a gain.
+    """Find the Hopf value of one parameter as a function of another: the critical speed over weight on bit, over damping, over a gain.
 
-    between: where the first one is looked for;  over, values: the other parameter or input and its values. The outermost Hopf point is given
-    where there are several; nan where there is none in the range, or no steady running. Raises SceneError as `hopf_points` does.
+    Parameters
+    ----------
+    plant
+        The plant.
+    parameter, between
+        The first parameter or input, and the range (low, high) in which its Hopf value is looked for.
+    over, values
+        The other parameter or input, and its values.
+    controller, inputs, parameters, mode
+        As in `hopf_points`.
+
+    Returns
+    -------
+    array, shape (len(values),)
+        The outermost Hopf value where there are several; nan where there is none in the range, or no steady running.
+
+    Raises
+    ------
+    SceneError
+        As `hopf_points` does.
     """
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    other, _ = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
-    checked_range(between)
+    other, free = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
+    free.between(between)
     curve = []
     for value in numbers("values", values):
         arguments = other.arguments(value, inputs or {})

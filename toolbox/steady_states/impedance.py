@@ -50,15 +50,37 @@ def impedance(
     speed: float = 0.0,
     at: Mapping[str, Any] | None = None,
 ) -> np.ndarray:
-    """Impedance Z(i w) = -torque / speed of a drive at imposed speed, complex, in N m s/rad, shape of `frequency`.
+    """Compute the impedance Z(i w) = -torque / speed of a drive at imposed speed.
 
         PI law:  Z = K_p + K_i / (i w);      with the top inertia and drag:  Z = K_p + K_i / (i w) + i w J + c_r
 
-    parts: the law, and what stands between it and the string, such as a drive with lags and limits; a `Sampled` law adds its hold and delay as
-    exp(-i w (period / 2 + delay)), true well below half of the sampling rate.  frequency: w [rad/s] > 0.  plant: the plant that laws are
-    designed on.  motion, effort: signals at the top.  inertia, drag: of the top itself, J [kg m2] and c_r [N m s/rad].  speed: about which the law is
-    linearised, and `at` its states there, as in `linearise`; laws with limits or layers have another impedance at another point. Raises
-    SceneError for a law that measures more than `motion` and for frequencies that are not positive.
+    A law with limits or layers has another impedance at another point.
+
+    Parameters
+    ----------
+    parts
+        The law, and what stands between it and the string, such as a drive with lags and limits. A `Sampled` law adds its hold and delay as exp(-i w (period
+        / 2 + delay)), which is true well below half of the sampling rate.
+    frequency
+        Frequencies w [rad/s] > 0.
+    plant
+        The plant that laws are designed on.
+    motion, effort
+        The speed and the torque at the top.
+    inertia, drag
+        Inertia J [kg m2] and drag c_r [N m s/rad] of the top itself.
+    speed, at
+        The speed about which the law is linearised [rad/s], and its states there, as in `linearise`.
+
+    Returns
+    -------
+    complex array, shape of `frequency`
+        The impedance [N m s/rad].
+
+    Raises
+    ------
+    SceneError
+        If a law measures more than `motion`, or a frequency is not positive.
     """
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
@@ -97,9 +119,24 @@ def impedance(
 
 
 def reflection(impedance: np.ndarray, characteristic: float) -> np.ndarray:
-    """Part of a wave that comes back from the top, r = (zeta - Z) / (zeta + Z), complex.
+    """Compute the part of a wave that comes back from the top, r = (zeta - Z) / (zeta + Z).
 
-    characteristic: zeta [N m s/rad], I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped string. Raises SceneError unless zeta > 0.
+    Parameters
+    ----------
+    impedance
+        Impedance Z of the drive [N m s/rad].
+    characteristic
+        Characteristic impedance zeta [N m s/rad]: I_p sqrt(G rho) of a pipe, sqrt(k J) of a lumped string.
+
+    Returns
+    -------
+    complex array, shape of `impedance`
+        The reflection coefficient [1].
+
+    Raises
+    ------
+    SceneError
+        If zeta is not > 0.
     """
     if not is_finite_number(characteristic) or characteristic <= 0:
         raise SceneError(f"Argument `characteristic` must be > 0 N m s/rad, but it is {characteristic!r}.")

@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -40,15 +41,36 @@ def equilibrium(
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
 ) -> Equilibrium:
-    """The steady state dx/dt = 0 for constant inputs, in given modes, with every sliding element sliding the way its mode says.
+    """Find the steady state dx/dt = 0 for constant inputs in given modes, where every sliding element slides the way its mode says.
 
-    inputs: {signal: number}, the others at their stand-ins.  start: {state or signal that is a state: value} to search from; without, the
-    search begins at the steady state that the plant would have without friction, which leads to the fastest one where a falling friction
-    characteristic has several.  mode: {element: "slip+", "slip-" or "stick"}; without, contacts slide the way they do at the start ("slip+" at
-    zero slip) and relays are on their surface.  parameters: {name: value}.  controller: laws in their continuous form, as parts of the plant. Time,
-    where the plant depends on it, is 0.
+    Time, where the plant depends on it, is 0.
 
-    Raises SceneError where no steady state is found, where the one found contradicts its modes, and for arguments as `simulate` does.
+    Parameters
+    ----------
+    plant
+        The plant.
+    inputs
+        Constant inputs {signal: number}; the others are at their defaults.
+    start
+        Where the search begins: {state, or signal that is a state: value}. By default it begins at the steady state that the plant would have without
+        friction, which leads to the fastest one where a falling friction characteristic has several.
+    mode
+        {element: "slip+", "slip-" or "stick"}. By default contacts slide the way they do at the start ("slip+" at zero slip), and relays are on their
+        surface.
+    parameters
+        Other parameter values {name: value}.
+    controller
+        Laws in their continuous form, as parts of the plant.
+
+    Returns
+    -------
+    Equilibrium
+        The steady state; `rest["bit.speed"]` reads a signal.
+
+    Raises
+    ------
+    SceneError
+        If no steady state is found, the one found contradicts its modes, or an argument is wrong as in `simulate`.
     """
     from scipy.optimize import root
 
@@ -121,19 +143,40 @@ def linearise(
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
 ) -> control.StateSpace:
-    """The plant around a point as a `control.StateSpace` with named states, inputs and outputs; Jacobians are exact.
+    """Linearise a plant around a point: a `control.StateSpace` with named states, inputs and outputs, and exact Jacobians.
 
-    at: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, all else 0 and
-    inputs at their stand-ins.  mode: {element: "slip+", "slip-" or "stick"}; without, that of `at`, else the direction of slip; at zero slip
-    contacts slide forwards and relays are on their surface.  inputs, outputs: names to keep; without, all inputs and all scalar signals. A
-    mapping {name: value} for inputs keeps all and gives their values at the point.  controller: laws in their continuous form, which close the loop.
+    A point that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per sticking
+    element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them. Names have "_" for ".", which
+    python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`.
 
-    Names have "_" for ".", which python-control keeps for itself: `sys["bit_speed", "top_torque"]`, states `chain_speed[0]`. A point
-    that is no steady state is allowed: the matrices then describe the deviation from the motion through it, at frozen time. One state per
-    sticking element is left out (see the module); other states that sticking determines are set by it, unless `at` gives them.
+    Parameters
+    ----------
+    plant
+        The plant.
+    at
+        The point: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, with all else 0 and
+        inputs at their defaults.
+    mode
+        {element: "slip+", "slip-" or "stick"}. By default that of `at`, else the direction of slip; at zero slip contacts slide forwards and relays are on
+        their surface.
+    inputs
+        Names of the inputs to keep; by default all. A mapping {name: value} keeps all and gives their values at the point.
+    outputs
+        Names of the signals to keep; by default all scalar ones.
+    parameters
+        Other parameter values {name: value}.
+    controller
+        Laws in their continuous form, which close the loop.
 
-    Raises SceneError for a plant with sampled laws, unknown names, modes that contradict the point, and inputs that move the slip of a
-    sticking element.
+    Returns
+    -------
+    control.StateSpace
+        The linear system.
+
+    Raises
+    ------
+    SceneError
+        If the plant has sampled laws, a name is unknown, the modes contradict the point, or an input moves the slip of a sticking element.
     """
     import control
 
@@ -201,13 +244,14 @@ def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> Hybri
 
 
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
-    """All inputs, those given and the others at their stand-ins, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
+    """All inputs, those given and the others at their defaults, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
     for name, value in mapping("inputs", given).items():
         if name not in plant.inputs:
             if name in plant.signals:
                 raise SceneError(f"Argument `{name}` must not be an input: a part of the plant gives this signal.")
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")
+        value = in_si(value, plant.inputs[name].unit, name)
         if not is_finite_number(value):
             raise SceneError(f"Argument `{name}` must be a finite number at a steady point, but it is {value!r}.")
         if name in plant.parameters:

@@ -69,9 +69,23 @@ def pole_locus(
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
-    """Poles of steady running while a parameter varies, complex, shape (len(values), number of poles); a row of nan where there is no steady state.
+    """Compute the poles of steady running while a parameter varies.
 
-    Columns follow their pole from row to row. For the locus over a loop gain, or a Bode diagram, give what `linearise` returns to `control`.
+    For the locus over a loop gain, or a Bode diagram, give what `linearise` returns to `control`.
+
+    Parameters
+    ----------
+    plant
+        The plant.
+    parameter, values
+        The parameter or input, and its values.
+    controller, inputs, parameters, mode
+        As in `equilibrium`.
+
+    Returns
+    -------
+    complex array, shape (len(values), number of poles)
+        Each column follows its pole from row to row; a row is nan where there is no steady state.
     """
     from scipy.optimize import linear_sum_assignment
 

@@ -25,14 +25,30 @@ def running(
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Equilibrium:
-    """The steady state in which signals have given values, with every contact sliding forwards, and the inputs that keep it there.
+    """Find the steady state in which signals have given values and every contact slides forwards, and the inputs that keep it there.
 
-    - at: {signal: value}, such as {"top.speed": 5.0};
-    - drives: the inputs that are sought, as many as there are signals, such as "top.torque";
-    - inputs: {signal: number} of the others, at their stand-ins without;
-    - parameters: {name: value} of the plant.
+    Parameters
+    ----------
+    plant
+        The plant.
+    at
+        Values {signal: value}, such as {"top.speed": 5.0}.
+    drives
+        The inputs that are sought, as many as there are signals, such as "top.torque".
+    inputs
+        The other inputs {signal: number}; by default at their defaults.
+    parameters
+        Other parameter values {name: value}.
 
-    Returns an `Equilibrium`, whose `inputs` hold those found. Raises SceneError where there is none, or where names are unknown.
+    Returns
+    -------
+    Equilibrium
+        The steady state; its `inputs` hold those that were found.
+
+    Raises
+    ------
+    SceneError
+        If there is no such state, or a name is unknown.
     """
     checked_plant(plant)
     plant = plant.with_parameters(parameters) if parameters else plant

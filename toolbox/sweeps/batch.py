@@ -243,37 +243,11 @@ def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
     for i in range(len(task.numbers)):
         try:
             run = carry_out(single(task, i))
-            values[i] = [_tallied(run, measure) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
+            values[i] = [measure.of_run(run) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]
         except SimulationError as error:
             errors[task.first + i] = str(error)
         except Exception as error:  # of a law or a measure in Python: one run fails, the others go on
             errors[task.first + i] = f"{type(error).__name__}: {error}"
-
-
-def _tallied(run: Trajectory, measure: Measure) -> float:
-    """A measure of a trajectory that is there, by `toolbox.measure`."""
-    from toolbox.measuring import measure as of
-    from toolbox.simulation import samples
-
-    window = (measure.after, measure.until)
-    if measure.kind == "final":
-        return float(run.at(run.end)[measure.of])
-    if measure.kind in ("minimum", "maximum", "mean"):
-        return getattr(of.extent(run, measure.of, *window), measure.kind)
-    if measure.kind == "severity":
-        return of.severity(run, measure.of, measure.after, measure.definition, until=measure.until, reference=measure.reference)
-    begin, end = samples.window(run, *window)
-    if measure.kind == "events":
-        return sum(event.element == measure.of and begin <= event.time <= end for event in run.events)
-    spent = run.time_in(measure.of, measure.mode, begin, end)
-    if measure.kind in ("time", "ratio"):
-        return spent if measure.kind == "time" else spent / (end - begin)
-    stays: list[tuple[float, float]] = []
-    for first, last, mode in run.intervals(measure.of):
-        first, last = max(first, begin), min(last, end)
-        if mode == measure.mode and first < last:
-            stays = [*stays[:-1], (stays[-1][0], last)] if stays and stays[-1][1] == first else [*stays, (first, last)]
-    return len(stays) if measure.kind == "stays" else stays[-1][1] if stays else float("nan")
 
 
 def numbers_of_run(run: Run) -> np.ndarray:

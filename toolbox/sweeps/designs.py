@@ -14,9 +14,18 @@ from toolbox.errors import SceneError
 
 @dataclass(frozen=True)
 class Variations:
-    """Values of several numbers, one row per run: `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
+    """Values of several numbers, one row per run; `grid`, `listed`, `uniform`, `latin_hypercube` or `sobol` make them.
 
-    points: shape (runs, names);  shape: of the results, the lengths of the axes for a grid, else (runs,);  axes: values along each axis of a grid.
+    Attributes
+    ----------
+    names
+        Names of the numbers.
+    points
+        Their values, shape (runs, names).
+    shape
+        Shape of the results: the lengths of the axes for a grid, else (runs,).
+    axes
+        Values along each axis of a grid.
     """
 
     names: tuple[str, ...]
@@ -26,7 +35,7 @@ class Variations:
 
 
 def grid(axes: Mapping[str, Any]) -> Variations:
-    """Every combination of the values of all names; the first name varies slowest. Raises SceneError for values that are no rows of numbers."""
+    """Make every combination of the values of all names; the first name varies slowest. Raises SceneError for values that are no rows of numbers."""
     values = []
     for name, row in axes.items():
         array = finite_array(row)
@@ -40,7 +49,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
 
 
 def listed(rows: Any) -> Variations:
-    """One run per row: a sequence of {name: value}, all with the same names, or a table with named columns (pandas)."""
+    """Make one run per row: a sequence of {name: value}, all with the same names, or a table with named columns (pandas)."""
     if hasattr(rows, "to_dict") and hasattr(rows, "columns"):
         rows = rows.to_dict("records")
     rows = list(rows)
@@ -54,12 +63,12 @@ def listed(rows: Any) -> Variations:
 
 
 def uniform(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """Independent uniform random numbers between the bounds of each name."""
+    """Draw independent uniform random numbers between the bounds {name: (low, high)}."""
     return _scaled(bounds, runs, seed, lambda: np.random.default_rng(seed).random((runs, len(bounds))))
 
 
 def latin_hypercube(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """A Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range is met once."""
+    """Make a Latin hypercube (scipy.stats.qmc): each of `runs` equal parts of each range {name: (low, high)} is met once."""
 
     def unit() -> np.ndarray:
         from scipy.stats import qmc
@@ -70,7 +79,7 @@ def latin_hypercube(bounds: Mapping[str, tuple[float, float]], runs: int, seed: 
 
 
 def sobol(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
-    """A scrambled Sobol sequence (scipy.stats.qmc); its balance needs a power of two as number of runs."""
+    """Make a scrambled Sobol sequence (scipy.stats.qmc) in ranges {name: (low, high)}; its balance needs a power of two as number of runs."""
 
     def unit() -> np.ndarray:
         from scipy.stats import qmc

@@ -18,10 +18,26 @@ from toolbox.sweeps import store
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a sweep found: `found["severity"]`, an array of its shape; nan where a run failed, and why in `errors`.
+    """Result of a sweep: `found["severity"]` is an array of its shape, nan where a run failed.
 
-    names, units: what was varied;  points: shape (runs, names);  shape, axes: as of `Variations`;  measures: {name: array of shape `shape`};
-    measure_units: their units;  errors: {index of the run: why it failed};  seconds: wall time, of the runs that were not there already.
+    Attributes
+    ----------
+    title
+        What was simulated.
+    names, units
+        What was varied.
+    points
+        Its values, shape (runs, names).
+    shape, axes
+        Shape of the results, and the values along each axis of a grid.
+    measures, measure_units
+        {name: array of shape `shape`} and their units.
+    errors
+        Why a run failed: {index of the run: message}.
+    duration, accuracy
+        Length [s] and accuracy of a run.
+    seconds
+        Wall time [s], without the runs that were there already.
     """
 
     title: str
@@ -46,7 +62,7 @@ class Sweep:
 
     @property
     def runs(self) -> int:
-        """How many."""
+        """Number of runs."""
         return len(self.points)
 
     def __str__(self) -> str:
@@ -137,7 +153,10 @@ class Sweep:
 
     @staticmethod
     def load(path: str | Path) -> Sweep:
-        """What `save` wrote, or what a finished sweep left with `out=`. Raises SceneError for anything else, and for a sweep that is not finished."""
+        """Read what `save` wrote, or what a finished sweep left with `out=`.
+
+        Raises SceneError for anything else, and for a sweep that is not finished.
+        """
         path = Path(path)
         if path.is_dir():
             return Sweep(**store.loaded(path))

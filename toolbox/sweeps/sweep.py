@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.measuring import measures
-from toolbox.measuring.measures import Measure
+from toolbox.measuring.measures import STANDARD, Measure
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -32,26 +31,12 @@ from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, so
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store
-from toolbox.sweeps.variants import run_fingerprint, shared_run, stand_ins, start_states, varied_numbers
+from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, start_states, varied_numbers
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
 
-__all__ = ["STANDARD", "Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
-
-STANDARD: Mapping[str, Callable[[str, str, float], Measure]] = {
-    "severity": lambda signal, element, after: measures.severity(signal, after),
-    "minimum": lambda signal, element, after: measures.minimum(signal, after),
-    "maximum": lambda signal, element, after: measures.maximum(signal, after),
-    "mean": lambda signal, element, after: measures.mean(signal, after),
-    "final": lambda signal, element, after: measures.final(signal),
-    "stuck": lambda signal, element, after: measures.time_in(element, "stick", after),
-    "stuck_ratio": lambda signal, element, after: measures.stuck_ratio(element, after),
-    "sticks": lambda signal, element, after: measures.stays(element, "stick", after),
-    "last_stick": lambda signal, element, after: measures.last_stay(element),
-    "events": lambda signal, element, after: measures.events(element),
-}
-"""Measures by name, of the judged signal and element from the judged time on; `last_stick` and `events` of the whole run."""
+__all__ = ["Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
 
 
 def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:
@@ -102,22 +87,47 @@ def sweep(
 ) -> Sweep:
     """Simulate a machine once for every variation of some numbers, and measure every run.
 
-    machine: a plant, or a scene whose controller is named by `controller` (its first one without).  vary: {name: values} for a grid, rows of {name: value}
-    (also a pandas table), or `latin_hypercube`, `sobol`, `uniform` of this module. A name is an input (held constant), a parameter of the plant, or a numeric
-    field of the law, as designed on the declared plant (`pi.integral`); what is varied wins over `inputs` and `parameters`.  measures: names of
-    `STANDARD`, or {name: a measure of `toolbox.measuring.measures`, or any function of the trajectory}; severity and stuck ratio of the first
-    contact in the second half
-    of the run without, or what the scene judges.  duration, controller, sample_time, start, inputs, parameters, method, accuracy: as in `simulate`;
-    whether the stiff method pays is decided once, on the middle variation. `start` may also be a function {name: value of what is varied} -> {state: value}.
-    All runs see the same measurement noise.
+    Whether the stiff method pays is decided once, on the middle variation. All runs see the same measurement noise.
 
-    budget: what one run may spend, as in `simulate`.  executor: any `concurrent.futures.Executor`, such as that of a Dask client
-    (`client.get_executor()`); without, one thread per core, or one process per core where a law is Python and the work is worth it.  out: a folder that
-    becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra `batch`): the same call after an interruption goes on where it
-    was, `xarray.open_zarr` shows what is there, and `Sweep.load` brings the finished sweep back.
+    Parameters
+    ----------
+    machine
+        A plant, or a scene.
+    vary
+        What varies: {name: values} for a grid, rows of {name: value} (also a pandas table), or one of the designs `latin_hypercube`, `sobol` and `uniform` of
+        this module. A name is an input (held constant), a parameter of the plant, or a numeric field of the law, as designed on the declared plant
+        (`pi.integral`). What varies wins over `inputs` and `parameters`.
+    duration, sample_time, inputs, parameters, method, accuracy
+        As in `simulate`.
+    controller
+        As in `simulate`; of a scene, the label of a case (the first one by default).
+    start
+        As in `simulate`, or a function {name: value of what varies} -> {state: value}.
+    measures
+        Names of `toolbox.measuring.measures.STANDARD`, or {name: a measure of that module, or any function of the trajectory}. By default severity and
+        stuck ratio of the first contact in the second half of the run, or what the scene judges.
+    budget
+        What one run may spend, as in `simulate`.
+    executor
+        Any `concurrent.futures.Executor`, such as that of a Dask client (`client.get_executor()`). By default one thread per core, or one process per core
+        where a law is Python and the work is worth it.
+    out
+        A folder that becomes a zarr store of the results as they come (`toolbox.sweeps.store`; needs the extra `batch`). The same call after an interruption
+        continues where it was, `xarray.open_zarr` shows what is there, and `Sweep.load` reads the finished sweep.
 
-    Returns a Sweep; a run that fails is in its `errors`. Raises SceneError for unknown names, values out of bounds, a sample time as a variation, an `out`
-    that holds anything but this sweep; OSError where the disk is full, and ImportError for `out` without the extra.
+    Returns
+    -------
+    Sweep
+        One array per measure; a run that fails is in its `errors`.
+
+    Raises
+    ------
+    SceneError
+        If a name is unknown, a value is out of bounds, a sample time is varied, or `out` holds anything but this sweep.
+    OSError
+        If the disk is full.
+    ImportError
+        If `out` is given without the extra `batch`.
     """
     from toolbox.scenes.scene import Scene
 
@@ -152,7 +162,7 @@ def sweep(
         raise SceneError(f"Argument `measures` must use names that are free, without a slash, but one is `{taken}`.")
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else start_states(run, variations, begin)
-    task = Task(run, numbers, tuple(chosen.values()), starts, held=stand_ins(run, variations))
+    task = Task(run, numbers, tuple(chosen.values()), starts, held=held_defaults(run, variations))
     sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,

@@ -93,7 +93,7 @@ def _has_check(part: Any) -> bool:
     return any(is_nested(value) and _has_check(value) for value in (getattr(part, f.name) for f in fields_of(type(part))))
 
 
-def stand_ins(run: Run, variations: Variations) -> np.ndarray | None:
+def held_defaults(run: Run, variations: Variations) -> np.ndarray | None:
     """What the signals of late laws have until the first output arrives, where it varies; else None."""
     plant, updates = run.plant, run.system.updates
     names = [name for name in variations.names if name not in run.system.inputs and _owned(plant, name)]

@@ -46,7 +46,17 @@ class Free:
 
 @dataclass(frozen=True)
 class Trial:
-    """One point of the search: numbers in the order of the free fields; values[scene][objective], inf where there is none; why runs failed ("" for none)."""
+    """One point of the search.
+
+    Attributes
+    ----------
+    numbers
+        The numbers, in the order of the free fields.
+    values
+        values[scene][objective]; inf where there is none.
+    failures
+        Why runs failed, "" for those that did not.
+    """
 
     numbers: tuple[float | None, ...]
     values: tuple[tuple[float, ...], ...]
@@ -60,10 +70,28 @@ class Trial:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What a tuning found; `print` it for the report.
+    """Result of a tuning; `print` it for the report.
 
-    free: the numbers that were free;  objectives, units: what was made small;  scenes: their labels;  over: what counts of the scenes;  before: the
-    law as it was given;  trials: every point tried, `before` first;  simulated: runs that this call had to simulate, the others came from the journal.
+    Attributes
+    ----------
+    title
+        What was tuned.
+    free
+        The numbers that were free.
+    objectives, units
+        What was made small.
+    scenes
+        Labels of the scenes.
+    over
+        How the values of several scenes become one.
+    trials
+        Every point that was tried; the law as it was given comes first.
+    seed
+        Seed of the search.
+    controller
+        The law as it was given.
+    simulated
+        Number of runs of this call; the others came from the journal.
     """
 
     title: str
@@ -88,7 +116,7 @@ class Tuned:
 
     @property
     def front(self) -> tuple[Trial, ...]:
-        """The trials that no other trial beats in every objective, by the first objective; empty where nothing could be simulated."""
+        """Pareto front: the trials that no other trial dominates, sorted by the first objective; empty where nothing could be simulated."""
         points = [(self.counted(trial), trial) for trial in self.trials]
         kept = [points[i] for i in front_of(np.array([values for values, _ in points]))]
         return tuple(trial for _, trial in sorted(kept, key=lambda pair: pair[0]))
@@ -97,8 +125,8 @@ class Tuned:
     def best(self) -> Trial:
         """The trial with the smallest objective. Raises SceneError where no trial succeeded.
 
-        Of a front, the one nearest to its ideal corner, the axes counted from its best to its worst; where some are no worse than the given law in any
-        objective, one of these.
+        Of a front it is the one nearest to the ideal corner, with the axes counted from the best to the worst value. Where some trials are no worse than the
+        given law in any objective, it is one of these.
         """
         front = self.front
         if not front:
@@ -117,11 +145,11 @@ class Tuned:
         return self.law_of(self.best)
 
     def law_of(self, trial: Trial) -> Any:
-        """The law of any trial, such as another member of the front."""
+        """Return the law of any trial, such as another member of the front."""
         return with_numbers(self.controller, self.free, trial.numbers)
 
     def applied(self, scene: Scene, label: str) -> Scene:
-        """A scene whose case of that label stands twice: as given, and with the best numbers as "<label>, tuned", next to it."""
+        """Return a scene in which the case of that label stands twice: as given, and next to it with the best numbers as "<label>, tuned"."""
         cases = []
         for case in scene.cases:
             cases.append(case)
@@ -178,7 +206,7 @@ class Tuned:
         return rows
 
     def plot(self, ax: Any = None) -> Any:
-        """The front, or the best so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
+        """Draw the front, or the best value so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
         from toolbox.tuning.figures import tuning_diagram  # here, because matplotlib is slow to import
 
         names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]

@@ -29,7 +29,7 @@ class Spent(Exception):
     """All points that the search may try have been tried."""
 
 
-def judged(
+def trial_objectives(
     scene: Scene, case: Case, free: tuple[Free, ...], numbers: tuple[float | None, ...], objectives: tuple[Objective, ...], strict: bool
 ) -> tuple[tuple[float, ...], str]:
     """The objectives of one scene under a law with other numbers, and why it failed. strict: let what is wrong with the law itself be raised."""
@@ -42,7 +42,7 @@ def judged(
     return tuple(value if math.isfinite(value) else math.inf for value in values), ""
 
 
-class Search:
+class TuningSearch:
     """Points of the unit cube as trials: simulated once, here or by an executor, or taken from the journal."""
 
     def __init__(
@@ -103,13 +103,13 @@ class Search:
         objectives, pairs = tuple(self.objectives.values()), list(zip(self.scenes, self.cases, strict=True))
         if self.executor is None:
             for numbers in points:
-                yield [judged(*pair, self.free, numbers, objectives, strict) for pair in pairs]
+                yield [trial_objectives(*pair, self.free, numbers, objectives, strict) for pair in pairs]
             return
         waiting: list[concurrent.futures.Future[tuple[tuple[float, ...], str]]] = []
         try:
             with travelling():
                 for numbers in points:
-                    waiting += [self.executor.submit(judged, *pair, self.free, numbers, objectives, strict) for pair in pairs]
+                    waiting += [self.executor.submit(trial_objectives, *pair, self.free, numbers, objectives, strict) for pair in pairs]
                 for k in range(len(points)):
                     yield [future.result() for future in waiting[k * len(pairs) : (k + 1) * len(pairs)]]
         finally:
@@ -117,7 +117,7 @@ class Search:
                 future.cancel()
 
 
-def _sample(search: Search, size: int, seed: int) -> np.ndarray:
+def _sample(search: TuningSearch, size: int, seed: int) -> np.ndarray:
     """Places of a scrambled Sobol sequence; the first is that of the given law where it has one."""
     from scipy.stats import qmc
 
@@ -127,7 +127,7 @@ def _sample(search: Search, size: int, seed: int) -> np.ndarray:
     return z
 
 
-def smallest(search: Search, seed: int) -> None:
+def smallest(search: TuningSearch, seed: int) -> None:
     """One objective: differential evolution, then Nelder-Mead with what is left."""
     from scipy.optimize import differential_evolution
 
@@ -150,7 +150,7 @@ def _gathered(intermediate_result: Any) -> None:
         raise StopIteration
 
 
-def spread(search: Search, seed: int) -> None:
+def spread(search: TuningSearch, seed: int) -> None:
     """Several objectives: a sample of the whole box, then one polish for each direction of weights."""
     search(_sample(search, max(search.runs // 2 - 1, 5), seed))
     values = np.array([counted_over(trial, search.over) for trial in search.trials.values()])
@@ -181,7 +181,7 @@ def _directions(objectives: int, most: int) -> np.ndarray:
     return np.array(lattice, float) / parts
 
 
-def _polished(search: Search, scalar: Callable[[np.ndarray], Any], until: int) -> None:
+def _polished(search: TuningSearch, scalar: Callable[[np.ndarray], Any], until: int) -> None:
     """Nelder-Mead from the best trial so far, until so many trials have been made."""
     from scipy.optimize import minimize
 

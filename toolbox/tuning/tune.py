@@ -23,6 +23,7 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import in_si
 from toolbox.measuring import measure
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -33,7 +34,7 @@ from toolbox.scenes.verdicts import MEASURES
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.journal import Journal, fingerprint
 from toolbox.tuning.results import Free, Tuned, plain_number
-from toolbox.tuning.search import Objective, Search, Spent, smallest, spread
+from toolbox.tuning.search import Objective, Spent, TuningSearch, smallest, spread
 
 _BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
 _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
@@ -53,22 +54,50 @@ def tune(
     progress: bool = True,
     executor: concurrent.futures.Executor | None = None,
 ) -> Tuned:
-    """The numbers of a law within `bounds` that make one objective smallest, or the front of several; the module says how it searches.
+    """Find the numbers of a law within `bounds` that make one objective smallest, or the Pareto front of several.
 
-    scene: one, several, or {label: scene}: the law must do well on all of them; plants may stand for scenes, which are then `Scene.of(plant, duration)`: from
-    rest, judged in the second half.  duration: of those runs [s].  controller: label of a case that every scene has (each keeps its own
-    set-point, period and sensors), a Controller (continuous) or Sampled.  objective: a column of the verdict ("stuck" [s], "severity", "settling" [s],
-    "overshoot", "peak"; `measure.severity` is the same as "severity"), judged as the scene says, or a function run -> float to be made small; a sequence
-    or {label: objective} for a front.  bounds: {numeric field of the law: (low, high)} in SI; a dot leads into nested laws ("law.detuning") and tuples
-    ("gain.0").  over: what counts of the scenes' values, `max` for the worst case, `statistics.fmean` for the mean.  runs: most points tried, one
-    run per scene each.  journal: file that keeps every point, so that a killed tuning called again goes on where it was and gives the same result; with
-    larger `runs` a longer tuning uses the points of a shorter one.  progress: a bar on stderr where that is a terminal.  executor: any
-    `concurrent.futures.Executor` of processes, such as that of a Dask client, which simulates all scenes of a point side by side, and all points that the
-    search knows in advance; one run after the other in this process without.
+    The module says how the search works. The same arguments give the same result, whatever the executor. A point whose law cannot be designed, or whose run
+    fails, is recorded as infinitely bad.
 
-    The same arguments give the same result, whatever the executor. Raises SceneError for arguments that cannot be tuned, a law or objective that cannot
-    be evaluated as given, or cannot travel to an executor, and a journal of other arguments. A later point whose law cannot be designed or whose run fails
-    is recorded as infinitely bad.
+    Parameters
+    ----------
+    scene
+        One scene, several, or {label: scene}: the law must do well on all of them. A plant may stand for a scene, which is then `Scene.of(plant, duration)`:
+        it starts from rest and is judged in the second half.
+    controller
+        Label of a case that every scene has (each keeps its own set-point, period and sensors), a `Controller` (continuous) or `Sampled`.
+    objective
+        What is made small: a column of the verdict ("stuck" [s], "severity", "settling" [s], "overshoot", "peak"; `measure.severity` is the same as
+        "severity"), judged as the scene says, or a function run -> float. A sequence or {label: objective} asks for a front.
+    bounds
+        {numeric field of the law: (low, high)} in SI; a dot leads into nested laws ("law.detuning") and tuples ("gain.0").
+    duration
+        Length of the runs of plants [s].
+    over
+        How the values of several scenes become one: `max` for the worst case, `statistics.fmean` for the mean.
+    runs
+        Largest number of points that are tried, one run per scene each.
+    seed
+        Seed of the search.
+    journal
+        File that keeps every point: a tuning that was killed continues where it was when it is called again, and gives the same result. With larger `runs` a
+        longer tuning uses the points of a shorter one.
+    progress
+        Show a bar on stderr where that is a terminal.
+    executor
+        Any `concurrent.futures.Executor` of processes, such as that of a Dask client. It simulates all scenes of a point side by side, and all points that
+        the search knows in advance; without it one run follows the other in this process.
+
+    Returns
+    -------
+    Tuned
+        All points that were tried, the best one or the front, and the tuned law.
+
+    Raises
+    ------
+    SceneError
+        If the arguments cannot be tuned, a law or objective cannot be evaluated as given or cannot travel to an executor, or the journal belongs to other
+        arguments.
     """
     scenes = _scenes(scene, controller, duration)
     cases = [_case(each, controller) for each in scenes.values()]
@@ -98,7 +127,7 @@ def tune(
                 "seed": str(seed),
             },
         )
-    search = Search(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
+    search = TuningSearch(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
     with _bar(runs, progress) as search.bar:
         search.given()
         with contextlib.suppress(Spent):
@@ -179,6 +208,7 @@ def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
     for name, pair in bounds.items():
         unit = unit_of(case.law, str(name))
         given, spec = fields[name]
+        pair = in_si(pair, unit, f"bounds.{name}")
         if not isinstance(pair, Sequence) or len(pair) != 2 or not all(map(is_finite_number, pair)) or not pair[0] < pair[1]:
             raise SceneError(f"Argument `bounds` of `{name}` must be (low, high) in {unit} with low < high, but it is {pair!r}.")
         for number in pair:

@@ -1,0 +1,253 @@
+"""What is left of the borders of groan, and of the band of dither, on a machine that is a little different?
+
+Groan. The laws of `studies.questions.brakes` under their real conditions (actuator of 10 ms, commands 2 ms late, noise): the highest deceleration up to which a
+stop succeeds, on the declared machine, and where friction, stiffness of the caliper, or the inertia that it brakes is 20 % more or less, one at a time. Each
+at eight phases of the roughness of the disc; the least of the eight counts. The laws are designed on the declared machine. Found by bisection on a grid of
+0.1 rad/s2 and confirmed at three decelerations below the answer, because a law may fail at a lower one.
+
+Dither. A sine of the load at the frequency and depth that `studies.questions.dither` finds best. It begins inside the stick-slip cycle at eight phases of
+it, on the declared rig and where friction, stiffness, load, amplitude or frequency of the dither is 20 % more or less: the largest swing, in parts of
+that without dither on the same rig, after 80 natural periods. The band: frequencies, in parts of the natural one, at which the swing stays below a half
+at that depth; robust where it does so on every rig and at every phase.
+
+    python -m studies brake_margins [--out FOLDER]        (both tables and their csv)
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.questions import brakes, dither
+from studies.questions.drives import write_rows
+from toolbox import Sampled, SimulationError, measure, simulate, sine
+
+PHASES = tuple(k / 8 for k in range(8))
+PART = 0.2
+CONFIRMED = 3
+LABELS = ("constant force, eased", "PI, eased", "sliding mode, eased", "MPC", "constant, phased dither")
+
+
+def _errors(names: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
+    """{words: factors of parameters} of one error at a time, both ways, after the declared machine."""
+    found: dict[str, dict[str, float]] = {"declared": {}}
+    for word, parameters in names.items():
+        for sign in (-1.0, 1.0):
+            found[f"{word} {100 * sign * PART:+.0f} %"] = dict.fromkeys(parameters, 1.0 + sign * PART)
+    return found
+
+
+# --- groan
+
+STOPS = _errors({
+    "friction": ("pad.friction.static", "pad.friction.kinetic"), "stiffness": ("disc.stiffness",), "inertia": ("disc.inertia",),
+})  # fmt: skip
+
+
+def stop_succeeds(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> bool:
+    """Whether one stop succeeds; the roughness of the disc begins at a phase."""
+    plant = brakes.plant_of(brakes.LAG)
+    law = contender.law(deceleration=deceleration, **contender.real)
+    noise = {name: value for name, value in brakes.NOISE.items() if name in law.measures}
+    controllers: list[Any] = [Sampled(law, contender.period, delay=brakes.DELAY, noise=noise, seed=brakes.VERDICT_SEEDS[0])]
+    if contender.dither is not None:
+        controllers.append(contender.dither)
+    rough = {"pad.attachment": sine(0.0, 4.0, 40.0, 2.0 * math.pi * phase)}
+    given = {name: factor * float(plant.parameter(name)) for name, factor in factors.items()}
+    try:
+        run = simulate(
+            plant, 2.0 * brakes.START / deceleration + 2.0, start={"disc.speed": brakes.START}, inputs=rough, controller=controllers, parameters=given
+        )
+    except SimulationError:
+        return False
+    return brakes.stop_of(run, deceleration).succeeds
+
+
+def highest(holds: Callable[[float], bool], lowest: float, most: float, step: float) -> float:
+    """The highest number of a grid that holds, with `CONFIRMED` below it; nan where the lowest does not."""
+    count = round((most - lowest) / step)
+
+    def at(k: int) -> float:
+        return round(lowest + k * step, 9)
+
+    if not holds(at(0)):
+        return math.nan
+    good, bad = 0, count + 1
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if holds(at(middle)):
+            good = middle
+        else:
+            bad = middle
+        if bad - good == 1:
+            failing = [k for k in range(max(good - CONFIRMED, 1), good) if not holds(at(k))]
+            if failing:
+                good, bad = 0, failing[0]
+    return at(good)
+
+
+@dataclass(frozen=True)
+class Groan:
+    """A line of the first table: highest deceleration [rad/s2] by error of the machine; nan below the lowest that is tried."""
+
+    label: str
+    highest: Mapping[str, float]
+
+    @property
+    def robust(self) -> float:
+        """The least over all errors; nan where one is."""
+        return float(np.min(list(self.highest.values())))
+
+
+def groan(label: str) -> Groan:
+    """The line of a law."""
+    contender = next(each for each in brakes.contenders() if each.label == label)
+    if contender.dither is not None:
+        contender = replace(contender, dither=replace(contender.dither, over="brake.normal_force"))
+    found = {}
+    for word, factors in STOPS.items():
+
+        def holds(deceleration: float, factors: Mapping[str, float] = factors) -> bool:
+            return all(stop_succeeds(contender, deceleration, factors, phase) for phase in PHASES)
+
+        found[word] = highest(holds, brakes.LOWEST, brakes.HIGHEST, brakes.STEP)
+    return Groan(label, found)
+
+
+# --- dither
+
+NUMBERS = {
+    "Leine's block": {"friction": ("belt.friction.static",), "stiffness": ("block.stiffness",)},
+    "disc brake": {"friction": ("pad.friction.static", "pad.friction.kinetic"), "stiffness": ("disc.stiffness",)},
+    "drill string": {"friction": ("bit.friction.static", "bit.friction.kinetic"), "stiffness": ("chain.stiffness.0",)},
+}
+OWN = ("load", "amplitude", "frequency")
+"""Errors of the load and of the dither itself, which are no parameters of a rig."""
+SETTLED, JUDGED = 60.0, 80.0
+HALF = 0.5
+
+
+def rigs(label: str) -> dict[str, dict[str, float]]:
+    """{words: factors} of the errors of a rig and of its dither."""
+    return _errors({**NUMBERS[label], **{word: (word,) for word in OWN}})
+
+
+@cache
+def _alone(label: str, factors: tuple[tuple[str, float], ...], load: float) -> tuple[Any, float, float]:
+    """(run without dither, its swing, period of its cycle [s]) of a rig with errors; the swing is 0 where it is calm by itself."""
+    rig = next(each for each in dither.RIGS if each.label == label)
+    duration = (SETTLED + 20.0) / rig.natural
+    given = {name: factor * float(np.ravel(rig.plant.parameter(name))[0]) for name, factor in factors}
+    run = simulate(rig.plant, duration, parameters=given, inputs={**rig.run.get("inputs", {}), rig.load: load * rig.mean - rig.offset}, **_start(rig))
+    extent = measure.extent(run, rig.position, SETTLED / rig.natural)
+    begins = [event.time for event in run.events if event.element == rig.contact and event.before == "stick" and event.time > SETTLED / rig.natural]
+    period = float(np.mean(np.diff(begins))) if len(begins) > 2 else 1.0 / rig.natural
+    return run, extent.maximum - extent.minimum, period
+
+
+def _start(rig: dither.Rig) -> dict[str, Any]:
+    return {name: value for name, value in rig.run.items() if name != "inputs"}
+
+
+def swing(label: str, frequency: float, depth: float, factors: Mapping[str, float], phase: float) -> float:
+    """Swing under dither that begins at a phase of the cycle, in parts of that without; of that of the declared rig, where this one is calm by itself."""
+    rig = next(each for each in dither.RIGS if each.label == label)
+    own = {word: factors.get(word, 1.0) for word in OWN}
+    of_rig = tuple((name, factor) for name, factor in factors.items() if name not in OWN)
+    before, alone, period = _alone(label, of_rig, own["load"])
+    if alone < 1e-3 * rig.slip:
+        alone = _alone(label, (), 1.0)[1]
+    duration = JUDGED / rig.natural
+    given = {name: factor * float(np.ravel(rig.plant.parameter(name))[0]) for name, factor in of_rig}
+    mean = own["load"] * rig.mean
+    wave = sine(mean - rig.offset, min(own["amplitude"] * depth, 1.0) * rig.mean * own["load"], own["frequency"] * frequency)
+    begin = SETTLED / rig.natural + phase * period
+    run = simulate(rig.plant, duration, start=before.at(begin), parameters=given, inputs={**rig.run.get("inputs", {}), rig.load: wave})
+    extent = measure.extent(run, rig.position, duration / 2)
+    return (extent.maximum - extent.minimum) / alone
+
+
+@dataclass(frozen=True)
+class Dithered:
+    """A line of the second table: largest swing by error, and the bands [natural frequency], declared and robust; nan for none."""
+
+    label: str
+    frequency: float
+    depth: float
+    swing: Mapping[str, float]
+    band: tuple[float, float]
+    robust: tuple[float, float]
+
+
+def dithered(label: str, ratios: Sequence[float] | np.ndarray = dither.RATIOS) -> Dithered:
+    """The line of a rig."""
+    rig = next(each for each in dither.RIGS if each.label == label)
+    frequency, depth = dither.best(label)
+    largest = {word: max(swing(label, frequency, depth, factors, phase) for phase in PHASES) for word, factors in rigs(label).items()}
+    errors = {word: factors for word, factors in rigs(label).items() if not word.startswith("frequency")}
+    declared = [all(swing(label, ratio * rig.natural, depth, {}, phase) < HALF for phase in PHASES) for ratio in ratios]
+    robust = [
+        fine and all(swing(label, ratio * rig.natural, depth, factors, phase) < HALF for factors in errors.values() for phase in PHASES)
+        for ratio, fine in zip(ratios, declared, strict=True)
+    ]
+    return Dithered(label, frequency / rig.natural, depth, largest, _band(ratios, declared), _band(ratios, robust))
+
+
+def _band(ratios: Sequence[float] | np.ndarray, fine: Sequence[bool]) -> tuple[float, float]:
+    """(lowest, highest) ratio of the widest run of them; nan for none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(fine, int), [0]])))
+    runs = [(float(ratios[a]), float(ratios[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return max(runs, key=lambda run: run[1] / run[0]) if runs else (math.nan, math.nan)
+
+
+# --- tables
+
+
+def groan_table(rows: Sequence[Groan]) -> str:
+    """The first table as text."""
+    words = list(rows[0].highest)
+    head = f"{'highest [rad/s2]':<26}" + "".join(f"{word:>17}" for word in words) + f"{'robust':>10}"
+
+    def shown(value: float) -> str:
+        return f"{value:.1f}" if value == value else f"< {brakes.LOWEST:g}"
+
+    lines = [f"{row.label:<26}" + "".join(f"{shown(row.highest[word]):>17}" for word in words) + f"{shown(row.robust):>10}" for row in rows]
+    return "\n".join([head, "-" * len(head), *lines])
+
+
+def dither_table(rows: Sequence[Dithered]) -> str:
+    """The second table as text, a block for each rig."""
+    lines = []
+    for row in rows:
+        bands = ["none" if low != low else f"{low:.2f} to {high:.2f}" for low, high in (row.band, row.robust)]
+        lines.append(f"{row.label}: dither at {row.frequency:.2f} x natural, depth {row.depth:g}; swing below a half: declared {bands[0]}, robust {bands[1]}")
+        lines += [f"  {word:<18}{value:>8.3f}" for word, value in row.swing.items()]
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make both tables, and with --out their csv."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, help="folder for groan.csv and dither_margins.csv")
+    given = parser.parse_args(arguments)
+    stops = [groan(label) for label in LABELS]
+    print(groan_table(stops), flush=True)
+    cured = [dithered(rig.label) for rig in dither.RIGS]
+    print(f"\n{dither_table(cured)}")
+    if given.out:
+        given.out.mkdir(parents=True, exist_ok=True)
+        write_rows([{"label": row.label, **row.highest, "robust": row.robust} for row in stops], given.out / "groan.csv")
+        swings = [{"label": row.label, "error": word, "swing": value} for row in cured for word, value in row.swing.items()]
+        write_rows(swings, given.out / "dither_margins.csv")
+        print(f"\nThe tables are in {given.out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+"""What is left of the borders of groan and dither on machines that are a little different: the tables' claims, at single points of them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from studies.questions import brake_margins as study
+from studies.questions import brakes, dither
+
+
+@pytest.mark.parametrize(("border", "expected"), [(2.04, 2.0), (0.4, math.nan), (9.0, 5.0)])
+def test_the_search_finds_the_border_on_its_grid(border, expected):
+    found = study.highest(lambda value: value <= border, 0.5, 5.0, 0.1)
+    assert found == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_law_that_fails_below_its_highest_success_is_not_given_that_success():
+    assert study.highest(lambda value: value <= 3.0 and not 2.75 < value < 2.85, 0.5, 5.0, 0.1) <= 2.7
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.375])
+def test_an_eased_pi_groans_where_friction_is_a_fifth_less_at_a_deceleration_that_is_quiet_on_the_declared_machine(phase):
+    contender = next(each for each in brakes.contenders() if each.label == "PI, eased")
+    assert study.stop_succeeds(contender, 1.5, {}, phase)
+    less = all(study.stop_succeeds(contender, 1.5, study.STOPS["friction -20 %"], each) for each in study.PHASES)
+    assert not less
+
+
+def test_dither_in_its_band_calms_leines_block_at_every_phase_and_on_every_rig_and_below_it_does_not():
+    label = dither.LEINE.label
+    errors = [factors for word, factors in study.rigs(label).items() if not word.startswith("frequency")]
+    assert all(study.swing(label, 3.5 * dither.LEINE.natural, 0.9, factors, phase) < study.HALF for factors in errors for phase in (0.0, 0.375))
+    assert study.swing(label, 0.8 * dither.LEINE.natural, 0.9, {}, 0.0) > 1.0
+
+
+def test_the_widest_run_of_frequencies_is_the_band():
+    assert study._band([1.0, 2.0, 3.0, 4.0], [True, False, True, True]) == (3.0, 4.0)
+    assert math.isnan(study._band([1.0], [False])[0])

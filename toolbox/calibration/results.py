@@ -1,0 +1,157 @@
+"""What a fit found: estimates, their confidence intervals, and what the residuals say."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.calibration.residuals import MeasuredLoop
+from toolbox.calibration.trust import Residual
+from toolbox.errors import SceneError, suggest
+from toolbox.files import tables
+from toolbox.modelling.hybrid_system import HybridSystem
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Estimates of a fit: `fit["bit.friction.static"]`, `fit.interval(name)`, `fit.parameters`, `fit.plant`, `print(fit)`, `fit.plot()`.
+
+    Attributes
+    ----------
+    names, units, values, errors
+        The estimates and their standard deviations, shapes (k,).
+    covariance
+        Covariance of the estimates, shape (k, k).
+    confidence, factor
+        Confidence level, and the factor of the intervals: estimate +- factor * error.
+    residuals
+        One entry per measured output.
+    condition
+        Condition number of the scaled Jacobian.
+    at_bounds
+        Names that ended at a bound, or at another number.
+    agreeing, starts
+        How many of the searches ended at this optimum, and how many there were.
+    misfit
+        The model and the data.
+    resting
+        Why a name cannot go on to its optimum, {name: reason}, for those that rest on another number.
+    mute
+        Names without influence where others rest, which therefore have no estimate.
+    sampling
+        Estimated error of each number because measured inputs are known at their samples only, shape (k,).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: np.ndarray
+    errors: np.ndarray
+    covariance: np.ndarray
+    confidence: float
+    factor: float
+    residuals: tuple[Residual, ...]
+    condition: float
+    at_bounds: tuple[str, ...]
+    agreeing: int
+    starts: int
+    misfit: Any = field(repr=False)
+    resting: Mapping[str, str] = field(default_factory=dict)
+    mute: tuple[str, ...] = ()
+    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __getitem__(self, name: str) -> float:
+        """An estimate in SI."""
+        return float(self.values[self._place(name)])
+
+    def _place(self, name: str) -> int:
+        if name not in self.names:
+            raise SceneError(f"There is no estimate `{name}`: {suggest(name, self.names)}")
+        return self.names.index(name)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """(low, high) of the confidence interval of an estimate."""
+        i = self._place(name)
+        return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the estimates, shape (k, k)."""
+        size = np.sqrt(np.diag(self.covariance))
+        known = np.isfinite(size) & (size > 0.0)
+        size[~known] = 1.0
+        return np.where(np.outer(known, known), self.covariance, 0.0) / np.outer(size, size)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """{name: estimate} of those that are parameters of the plant."""
+        known = [name for name in self.names if isinstance(self.misfit, MeasuredLoop) or self.misfit.kind(name) == "parameters"]
+        return {name: self[name] for name in known}
+
+    @property
+    def plant(self) -> HybridSystem:
+        """The calibrated plant."""
+        return self.misfit.plant.with_parameters(self.parameters)
+
+    @property
+    def white(self) -> bool:
+        """Whether no residual has structure at the level 0.05."""
+        return all(residual.whiteness >= 0.05 for residual in self.residuals)
+
+    def __str__(self) -> str:
+        count = sum(values.size for values in self.misfit.measured.values())
+        how = (
+            f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
+            if isinstance(self.misfit, MeasuredLoop)
+            else "by simulation"
+        )
+        recording = self.misfit.recording
+        lines = [
+            f"Fit of {len(self.names)} number(s) to {count} measured values over {recording.time[-1]:g} s ({recording.source}), {how}",
+            f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
+            "",
+        ]
+        rows = []
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            low, high = self.interval(name)
+            part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
+            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
+        widths = [max(len(row[i]) for row in rows) for i in range(5)]
+        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        lines.append("")
+        for left in self.residuals:
+            lines += left.lines()
+        if len(self.names) > 1:
+            i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
+            lines.append(
+                f"  condition {self.condition:.3g}; strongest correlation {self.correlation[i, k]:+.3f}, of {self.names[i]} and {self.names[k]}"
+            )
+        for name in self.at_bounds:
+            where = f"rests on another number, because {self.resting[name]}" if name in self.resting else "ended at its bound:"
+            lines.append(f"  `{name}` {where} Its interval means nothing, and the optimum lies outside.".replace(": Its", ": its"))
+        lines += [f"  `{name}` has no influence there, and so no estimate." for name in self.mute]
+        for name, shift, error in zip(self.names, self.sampling, self.errors, strict=True):
+            if abs(shift) > self.factor * error:
+                lines.append(
+                    f"  `{name}` is less sure than its interval says: what the measured inputs do between their samples may move it by {abs(shift):.2g}, "
+                    f"{abs(shift) / (self.factor * error):.1f} half-widths. Record them faster, or fit the law alone to its loop (`contact=`)."
+                )
+        if not self.misfit.exact:
+            lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> Path:
+        """Write estimates, deviations and intervals as csv in SI units."""
+        estimates = zip(self.names, self.units, self.values.tolist(), self.errors.tolist(), strict=True)
+        headings = ["name", "unit", "estimate", "standard deviation", "low", "high"]
+        return tables.write(path, headings, [[name, *rest, *self.interval(name)] for name, *rest in estimates])
+
+    def plot(self) -> Any:
+        """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
+        from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
+
+        return fitted(self.misfit, self.values)

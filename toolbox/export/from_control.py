@@ -1,0 +1,159 @@
+"""Laws that were designed with python-control, as controllers of a plant: the way in, beside `to_control`, the way out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import is_finite_number, mapping
+from toolbox.errors import SceneError
+from toolbox.modelling.components import Equations, Signal, Update
+from toolbox.modelling.elements import State, state
+from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.modelling.laws import Controller, names
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class StateSpaceLaw(Controller):
+    """A linear law about a working point, made by `from_control`.
+
+        z' = A z + B e,  u = u0 + C z + D e           continuous; sampled by Tustin's rule
+        z_(k+1) = A z_k + B e_k,  u_k = u0 + C z_k + D e_k        where the system is discrete: sampled only, with its own period
+
+    e is reference - y where there is a reference, else y - y0.
+    """
+
+    measures: tuple[str, ...] = ()  # type: ignore[misc]
+    drives: tuple[str, ...] = ()  # type: ignore[misc]
+    matrices: tuple[Matrix, Matrix, Matrix, Matrix] = ((), (), (), ())
+    dt: Any = None  # type: ignore[misc]
+    discrete: bool = False
+    measured_at: tuple[float, ...] = ()
+    driven_at: tuple[float, ...] = ()
+    reference: float | None = None
+    units: tuple[str, ...] | None = None
+
+    def design(self, plant: HybridSystem) -> StateSpaceLaw:
+        """The law with the units of the signals of a plant."""
+        unit = plant.signal_unit(self.measures[0]) if self.measures else "1"  # of set-points, which no plant has
+        return replace(self, units=tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in (*self.measures, *self.drives)))
+
+    def continuous(self, signal: Signal) -> Equations:
+        if self.discrete:
+            raise SceneError(f"A discrete system is a sampled law: give `sample_time`{'' if self.dt is None else f'={self.dt:g}'}.")
+        z, e = self._memory(), self._read(signal)
+        a, b, c, d = self._arrays()
+        return Equations(flow={z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}, gives=self._given(self._sum(c, z) + ca.mtimes(d, e)))
+
+    def sampled(self, signal: Signal, period: ca.SX) -> Update:
+        z, e = self._memory(), self._read(signal)
+        a, b, c, d = self._arrays()
+        if not self.discrete and z is not None:  # Tustin's rule
+            unit = ca.SX.eye(a.shape[0])
+            solved = ca.solve(unit - period / 2 * a, ca.horzcat(unit + period / 2 * a, period * b))
+            before = ca.solve(unit - period / 2 * ca.SX(a).T, ca.SX(c).T).T
+            a, b, c, d = solved[:, : a.shape[0]], solved[:, a.shape[0] :], before, d + ca.mtimes(before, b) * period / 2
+        memory = {z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}
+        return Update(memory=memory, outputs=self._given(self._sum(c, z) + ca.mtimes(d, e)))
+
+    def _memory(self) -> State | None:
+        rows = len(self.matrices[0])
+        return state("law.memory", "1", rows) if rows else None
+
+    def _arrays(self) -> tuple[Any, ...]:
+        n, inputs, outputs = len(self.matrices[0]), len(self.measures), len(self.drives)
+        shapes = ((n, n), (n, inputs), (outputs, n), (outputs, inputs))
+        return tuple(ca.SX(ca.DM(np.array(matrix, float).reshape(shape))) for matrix, shape in zip(self.matrices, shapes, strict=True))
+
+    def _sum(self, c: Any, z: State | None) -> Any:
+        return ca.SX(len(self.drives), 1) if z is None else ca.mtimes(c, z)
+
+    def _read(self, signal: Signal) -> ca.SX:
+        units = self.units or ("1",) * (len(self.measures) + len(self.drives))
+        read = [signal(name, unit, *([0.0] if name.endswith(".reference") else [])) for name, unit in zip(self.measures, units, strict=False)]
+        if self.reference is not None:
+            return signal(f"{self.measures[0].partition('.')[0]}.reference", units[0], default=self.reference) - read[0]
+        return ca.vertcat(*read) - ca.vertcat(*self.measured_at)
+
+    def _given(self, u: Any) -> dict[str, tuple[Any, str]]:
+        units = (self.units or ("1",) * (len(self.measures) + len(self.drives)))[len(self.measures) :]
+        return {name: (self.driven_at[i] + u[i], unit) for i, (name, unit) in enumerate(zip(self.drives, units, strict=True))}
+
+
+def from_control(
+    system: Any,
+    *,
+    measures: str | Sequence[str],
+    drives: str | Sequence[str],
+    reference: float | None = None,
+    at: Mapping[str, float] | None = None,
+) -> StateSpaceLaw:
+    """Make a controller from a linear system of python-control.
+
+    Parameters
+    ----------
+    system
+        `control.StateSpace` or `control.TransferFunction`, proper. A continuous one runs continuous, or sampled by Tustin's rule; a discrete one runs
+        sampled, with the period `dt` that it has (any, where its `dt` is True).
+    measures
+        The signals that are its inputs, in order, for example "top.speed"; a set-point such as "top.reference" may be among them, behind the first.
+    drives
+        The signals that are its outputs, in order, for example "top.torque".
+    reference
+        Set-point, in the unit of the one measured signal. With it the system sees the error e = reference - y, as K in the usual loop with negative
+        feedback does; it is the default of the signal `top.reference` (of the part that is measured), so that a run may change it in time.
+        Without it the system sees y itself, and gives what it drives with its sign, as the systems that `to_control` returns do.
+    at
+        Working point: values of measured and driven signals by name, 0 for those that are left out. The system sees deviations of what is measured from it
+        (where there is no reference), and what it gives is added to that of the driven signals.
+
+    Returns
+    -------
+    StateSpaceLaw
+        A law like any other: it can be simulated, swept, mapped, judged and exported.
+
+    Raises
+    ------
+    SceneError
+        For a system that is improper or no linear system, signals that do not fit its inputs and outputs, and a reference for several of them.
+    """
+    import control
+
+    inputs, outputs = names(measures), names(drives)
+    if not isinstance(system, (control.StateSpace, control.TransferFunction)):
+        raise SceneError(f"Argument `system` must be a control.StateSpace or a control.TransferFunction, but it is {system!r}.")
+    try:
+        found = control.ss(system)
+    except (ValueError, control.ControlMIMONotImplemented) as error:
+        raise SceneError(f"Argument `system` must be proper, with at least as many poles as zeros, but: {error}.") from None
+    for word, named, count in (("measures", inputs, found.ninputs), ("drives", outputs, found.noutputs)):
+        if len(named) != count:
+            raise SceneError(f"Argument `{word}` must name {count} signals, as many as the system has, but it names {len(named)}.")
+    if reference is not None:
+        if len(inputs) != 1:
+            raise SceneError(f"Argument `reference` must come with one measured signal, but there are {len(inputs)}.")
+        if not is_finite_number(reference):
+            raise SceneError(f"Argument `reference` must be a finite number, but it is {reference!r}.")
+    point = mapping("at", at)
+    for name, value in point.items():
+        if name not in (*inputs, *outputs):
+            raise SceneError(f"Argument `at` must name signals that the law measures or drives, but `{name}` is none.")
+        if not is_finite_number(value):
+            raise SceneError(f"Argument `at` of `{name}` must be a finite number, but it is {value!r}.")
+    matrices = [np.atleast_2d(np.asarray(matrix, float)) for matrix in (found.A, found.B, found.C, found.D)]
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        raise SceneError("Argument `system` must have finite numbers, but one is none.")
+    timing = found.dt
+    discrete = timing is not None and (timing is True or timing > 0)
+    return StateSpaceLaw(
+        measures=inputs, drives=outputs, matrices=tuple(tuple(map(tuple, matrix.tolist())) if matrix.size else () for matrix in matrices),  # type: ignore[arg-type]
+        dt=float(timing) if discrete and timing is not True else None, discrete=discrete,
+        measured_at=tuple(float(point.get(name, 0.0)) for name in inputs), driven_at=tuple(float(point.get(name, 0.0)) for name in outputs),
+        reference=None if reference is None else float(reference),
+    )  # fmt: skip

@@ -107,7 +107,7 @@ class ElasticBody:
         """The body with nodes, or all nodes of a face, held along axes such as "z" or "xyz" (those that the body has)."""
         chosen = self.on(nodes) if isinstance(nodes, str) else self._nodes(nodes)
         columns = [self._axis(axis) for axis in axes if axes != AXES or AXES.index(axis) < self.entries.shape[1]]
-        held = self.entries[np.ix_(chosen, columns)]
+        held = self.entries[chosen][:, columns]
         free = np.ones(self.size, bool)
         free[held[held >= 0]] = False
         if not free.any():

@@ -87,13 +87,18 @@ class ElasticPad(Component):
             supplies=supplies,
         )
 
+    def _coefficient(self, friction: float | None) -> float:
+        """The coefficient with the sign of the speed of the disc: that given, or that of the law at this speed."""
+        coefficient = float(self.friction.sliding(ca.SX(abs(self.disc_speed)))) if friction is None else friction
+        return math.copysign(coefficient, self.disc_speed)
+
     def pressed(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
         """q [m] at steady sliding, shape (n,), for a coefficient of friction (without, that of the law at the speed of the disc).
 
         A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
         """
         along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.approach)
-        mu = math.copysign(1.0, self.disc_speed) * (float(self.friction.sliding(abs(self.disc_speed))) if friction is None else friction)
+        mu = self._coefficient(friction)
         closed, approach = np.ones(count, bool), np.asarray(self.approach)
         for _ in range(4 * count + 4):
             matrix, force = self._body.stiffness.copy(), np.zeros(self._body.size)
@@ -120,7 +125,7 @@ class ElasticPad(Component):
         Which contacts are closed is that of `pressed`. Without `friction` it is that of the law at the speed of the disc, and its fall with speed is left out.
         """
         along, into = self._body.indices("along"), self._body.indices("into")
-        mu = math.copysign(1.0, self.disc_speed) * (float(self.friction.sliding(abs(self.disc_speed))) if friction is None else friction)
+        mu = self._coefficient(friction)
         closed = self.pressed(friction)[into] + np.asarray(self.approach) > 0
         stiffness, damping = self._body.stiffness.copy(), self._body.damping.copy()
         for i in np.flatnonzero(closed):

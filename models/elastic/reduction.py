@@ -67,7 +67,7 @@ class ReducedBody:
 
     def indices(self, start: str) -> list[int]:
         """The coordinates of the ports `start.0`, `start.1` and so on, in order; raises SceneError where there is none."""
-        found = []
+        found: list[int] = []
         while f"{start}.{len(found)}" in self.ports:
             found.append(self.ports.index(f"{start}.{len(found)}"))
         if not found:

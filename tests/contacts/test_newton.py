@@ -23,7 +23,7 @@ def random_problem(seed, contacts, directions, opens, soft=1e-8):
         right[:contacts] = 5.0 + 10.0 * random.normal(size=contacts)
     held = 1e-8 * random.normal(size=(contacts, directions))
     gap = 1e-7 * random.random(contacts) * (random.random(contacts) > 0.5)
-    return (matrix + matrix.T) / 2, Given(right, gap, held, 0.1 + 0.5 * random.random(contacts), None if opens else 10.0 * random.random(contacts))
+    return (matrix + matrix.T) / 2, Given(right, gap, held, 0.1 + 0.5 * random.random(contacts), 10.0 * random.random(contacts))
 
 
 @pytest.mark.parametrize("directions", [1, 2])

@@ -45,13 +45,13 @@ class Solution:
 
 @dataclass
 class Given:
-    """One problem: r = `right` (m,), gap (c,), displacements of no slip `held` (c, k), coefficients of friction (c,), given loads (c,) or None."""
+    """One problem: r = `right` (m,), gap (c,), displacements of no slip `held` (c, k), coefficients of friction (c,), given loads (c,), which count only where contacts do not open."""
 
     right: np.ndarray
     gap: np.ndarray
     held: np.ndarray
     friction: np.ndarray
-    load: np.ndarray | None
+    load: np.ndarray
 
 
 @dataclass

@@ -115,6 +115,7 @@ class _Stepping:
         self.modes = np.zeros((rows, c), np.int8)
         self.rubbed, self.passes = np.zeros((rows, c)), np.zeros(rows, int)
         self.energy = Energies(rows, tuple(problem.forces))
+        self.load = np.zeros(c) if problem.load is None else problem.load
         self.speed = np.zeros((c, k))
         self.last: Solution | None = None
 
@@ -183,7 +184,7 @@ class _Stepping:
         speed = np.linalg.norm(self.speed, axis=1)
         kinetic = np.array(self.sliding.map(problem.contacts)(speed[None])).ravel()
         friction = self.factor * np.where(speed > 0, kinetic, self.static)
-        found = self.solver.solve(Given(self.shapes.T @ drive, gap, surface, friction, problem.load), self.last)
+        found = self.solver.solve(Given(self.shapes.T @ drive, gap, surface, friction, self.load), self.last)
         if found is not None:
             self.passes[i], self.last = found.passes, found
         return found

@@ -45,7 +45,10 @@ class Solution:
 
 @dataclass
 class Given:
-    """One problem: r = `right` (m,), gap (c,), displacements of no slip `held` (c, k), coefficients of friction (c,), given loads (c,), which count only where contacts do not open."""
+    """One problem: r = `right` (m,), gap (c,), displacements of no slip `held` (c, k), coefficients of friction (c,), and given loads (c,).
+
+    The loads count only where contacts do not open.
+    """
 
     right: np.ndarray
     gap: np.ndarray

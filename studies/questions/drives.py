@@ -110,6 +110,7 @@ def laws() -> dict[str, Law]:
         "H-infinity, tuned": tuned("H-infinity"),
         "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
         "LQG, tuned": tuned("LQG"),
+        "impedance, tuned, lifting": lifting("impedance"),
         "Z-torque, tuned, lifting": lifting("Z-torque"),
         "LQG, tuned, lifting": lifting("LQG"),
     }

@@ -123,7 +123,7 @@ def test_a_file_that_no_simulation_wrote_is_not_overwritten(belt, tmp_path, caps
     ("given", "words"),
     [
         (["--duration", "-1"], "`duration` must be a finite number >= 0 s"),
-        (["--duration", "nan"], "`duration` must be a finite number >= 0 s"),
+        (["--duration", "nan"], "`--duration` must be finite, but it is nan"),
         (["--accuracy", "1"], "`accuracy` must be between 1e-13 and 0.1"),
     ],
 )

@@ -18,9 +18,22 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
 
         F = mu N v / s ,   T = mu N R (R w) / s ,   s = sqrt(v^2 + (R w)^2)
 
-    friction mu [1], load N [N], axial_speed v [m/s], turning_speed w [rad/s], radius R [m]. Turning takes axial drag away, and the other way round: only
-    the resultant is mu N. Raises SceneError for numbers that are not finite, mu or N < 0, R <= 0, and at rest, where friction is whatever holds.
+    Turning takes axial drag away, and the other way round: only the resultant is mu N.
     Source: textbook (torque and drag).
+
+    Parameters
+    ----------
+    friction, load
+        mu [1] and N [N], >= 0.
+    axial_speed, turning_speed
+        v [m/s] and w [rad/s].
+    radius
+        R [m], > 0.
+
+    Raises
+    ------
+    SceneError
+        For numbers that are not finite or out of range, and at rest, where friction is whatever holds.
     """
     for word, value in (("friction", friction), ("load", load), ("axial_speed", axial_speed), ("turning_speed", turning_speed), ("radius", radius)):
         if not is_finite_number(value) or (word in ("friction", "load") and value < 0) or (word == "radius" and value <= 0):
@@ -36,14 +49,29 @@ def string_on_wall(
 ) -> ContactProblem:
     """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.step_contacts`.
 
-    axial: n masses behind hoisting lines (no `hook_load`).  torsional: n + 1 inertias, of which the first is the top drive; the others belong to the
-    masses in order.  radius [m]: of the surface that touches the wall.  loads: (n,) side forces on the wall [N], 0 for none but at least one > 0.
     Inputs: `hook.speed` [m/s], downwards, and `top.speed` [rad/s] at which hook and top drive move; `bit.weight` [N] and `bit.torque` [N m] against the last
     mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i` [rad], i from 0; the hook load is the weight of the string less stiffness[0]
     times `axial.0`, the torque of the top drive -stiffness[0] times `twist.0`.
     The run is written in the frame of hook and top drive, in which the hole moves: exact while their speeds are constant, without the forces of
     their acceleration where they change. Own drags of the chains (`drag`, `top_drag`, `bit_drag`) and their friction are not taken over.
-    Raises SceneError for chains that do not fit each other, loads < 0 and a radius that is not > 0.
+
+    Parameters
+    ----------
+    axial
+        n masses behind hoisting lines (no `hook_load`).
+    torsional
+        n + 1 inertias, of which the first is the top drive; the others belong to the masses in order.
+    radius
+        Of the surface that touches the wall [m].
+    loads
+        Side forces on the wall [N], shape (n,), 0 for none but at least one > 0.
+    friction
+        The law of friction.
+
+    Raises
+    ------
+    SceneError
+        For chains that do not fit each other, loads < 0 and a radius that is not > 0.
     """
     for chain in (axial, torsional):
         check_fields(chain)

@@ -84,8 +84,19 @@ class ElasticBody:
     ) -> ElasticBody:
         """A body from files of a finite-element program: Matrix Market (.mtx, .mtx.gz) or MAT (.mat), one matrix each, in SI units.
 
-        names: {"mass": name of the matrix in its MAT file, ...}; needed where a file holds several matrices.  places: nodes, entries, faces.
-        Raises SceneError where a file cannot be read, or holds no matrix of that name, or several.
+        Parameters
+        ----------
+        mass, stiffness, damping
+            Paths of the files; no damping without the last.
+        names
+            {"mass": name of the matrix in its MAT file, ...}, needed where a file holds several matrices.
+        places
+            nodes, entries and faces, as for `ElasticBody`.
+
+        Raises
+        ------
+        SceneError
+            Where a file cannot be read, or holds no matrix of that name, or several.
         """
         names = names or {}
         paths = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})

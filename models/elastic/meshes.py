@@ -40,11 +40,24 @@ def body_of_mesh(
 ) -> ElasticBody:
     """A homogeneous isotropic body from a mesh: displacements linear in the elements, mass consistent, plane strain in two dimensions.
 
-    mesh: the path of a mesh file (read by meshio: Gmsh, Abaqus, VTK, ... in metres), or a mesh of scikit-fem of triangles, quadrilaterals, tetrahedra or
-    bricks. Its named boundaries (physical groups of a file) become the faces of the body.  density [kg/m3], modulus [Pa], poisson [1] (> -1 and < 0.5).
-    damping_time [s]: C = damping_time K.  thickness [m]: of a plane body.
     Range: small strain; full integration locks in bending of thin parts and near poisson = 0.5.
-    Raises SceneError for numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
+
+    Parameters
+    ----------
+    mesh
+        The path of a mesh file (read by meshio: Gmsh, Abaqus, VTK, ..., in metres), or a mesh of scikit-fem, of triangles, quadrilaterals, tetrahedra or
+        bricks. Its named boundaries (physical groups of a file) become the faces of the body.
+    density, modulus, poisson
+        [kg/m3], [Pa], and Poisson's ratio, > -1 and < 0.5.
+    damping_time
+        [s]: C = damping_time K.
+    thickness
+        Of a plane body [m].
+
+    Raises
+    ------
+    SceneError
+        For numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
     """
     for word, value in (("density", density), ("modulus", modulus), ("thickness", thickness)):
         if not is_finite_number(value) or not value > 0:

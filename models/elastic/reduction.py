@@ -119,10 +119,24 @@ class ReducedBody:
     ) -> ContactProblem:
         """The body on a rigid counter-surface, for `step_contacts`.
 
-        tangent: one or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.  normal: the word of their normal
-        displacements, for contacts that open and close.  closing: 1 where a positive normal displacement closes the gap, -1 where it opens it, as for z
-        above a plate.  load: (c,) given normal loads instead [N].  gap, places, areas: see `ContactProblem`.  pushed: ports that are pushed; the input
-        `port` is a force [N].  Inputs `surface.word` are the speeds of the counter-surface along the tangents [m/s]. Outputs are all ports.
+        Inputs of the problem: `surface.word`, the speeds of the counter-surface along the tangents [m/s], and the names in `pushed`. Outputs are all ports.
+
+        Parameters
+        ----------
+        friction
+            The law of friction.
+        tangent
+            One or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
+        normal
+            The word of their normal displacements, for contacts that open and close.
+        closing
+            1 where a positive normal displacement closes the gap, -1 where it opens it, as for z above a plate.
+        load
+            Given normal loads [N] instead, shape (contacts,).
+        gap, places, areas
+            As for `ContactProblem`.
+        pushed
+            Ports that are pushed; the input of that name is a force [N].
         """
         ways = [self.indices(word) for word in tangent]
         count = len(ways[0]) if ways else 0

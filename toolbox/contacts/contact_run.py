@@ -36,32 +36,34 @@ class Energies:
 
 @dataclass
 class ContactRun:
-    """What `step_contacts` returns, at t instants.
+    """What `step_contacts` returns, at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m].
 
     Attributes
     ----------
-    time : (t,)
-        Instants [s].
-    coordinates, rates : (t, n)
-        q and its rate.
-    modes : (t, c)
-        0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
-    normal : (t, c)
-        Normal forces [N], >= 0.
-    tangential : (t, c, k)
-        Tangential forces on the body [N].
-    slip : (t, c, k)
-        Distances slipped since the begin, with sign [m].
-    rubbed : (t, c)
-        Energy that friction has taken at every contact [J].
-    energy : Energies
+    time
+        (t,): instants [s].
+    coordinates, rates
+        (t, n): q and its rate.
+    modes
+        (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+    normal
+        (t, c): Normal forces [N], >= 0.
+    tangential
+        (t, c, k): tangential forces on the body [N].
+    slip
+        (t, c, k): distances slipped since the begin, with sign [m].
+    rubbed
+        (t, c): energy that friction has taken at every contact [J].
+    energy
         See there.
-    passes : (t,)
-        Newton passes of every step.
-    inputs : {name: (t,)}
-        What acted.
-
-    `run["back"]` is the displacement (t,) of an output of the problem [m].
+    passes
+        (t,): Newton passes of every step.
+    inputs
+        {name: (t,)}: what acted.
+    problem
+        The `ContactProblem` that was run.
+    wall_time
+        How long it took [s].
     """
 
     problem: ContactProblem

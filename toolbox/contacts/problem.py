@@ -33,32 +33,35 @@ class ContactProblem:
 
     Parameters
     ----------
-    mass, stiffness : (n, n)
-        Symmetric matrices of the body [kg], [N/m], of any kind of coordinates; the mass may be singular.
-    tangent : (c, k, n)
-        k = 1 or 2 tangential displacements of every contact [m].
-    friction : FrictionLaw
+    mass, stiffness
+        (n, n): symmetric matrices of the body [kg], [N/m], of any kind of coordinates; the mass may be singular.
+    tangent
+        (c, k, n): k = 1 or 2 tangential displacements of every contact [m].
+    friction
         The coefficient of friction; a law without breaks.
-    normal : (c, n), optional
-        Closure of every contact, the displacement that closes its gap [m]. Either this or `load`.
-    load : (c,), optional
-        Given normal loads [N], >= 0, in place of contacts that open and close.
-    damping : (n, n), optional
-        [N s/m]; none without.
-    gap : (c,), optional
-        Initial gaps [m]; 0 without.
-    forces : {name: (n,)}, optional
-        Force on the coordinates per unit of an input.
-    surface : {name: (c, k)}, optional
-        Tangential speed of the counter-surface at every contact per unit of an input.
-    outputs : {name: (n,)}, optional
-        Displacements to be read from a run.
-    places : (c, 1 to 3), optional
-        Where the contacts are [m], for pictures.
-    areas : (c,), optional
-        Area of every contact [m2], for pressures and shares of area; 1 without.
+    normal
+        (c, n): closure of every contact, the displacement that closes its gap [m]. Either this or `load`.
+    load
+        (c,): given normal loads [N], >= 0, in place of contacts that open and close.
+    damping
+        (n, n): [N s/m]; none without.
+    gap
+        (c,): initial gaps [m]; 0 without.
+    forces
+        {name: (n,)}: force on the coordinates per unit of an input.
+    surface
+        {name: (c, k)}: tangential speed of the counter-surface at every contact per unit of an input.
+    outputs
+        {name: (n,)}: displacements to be read from a run.
+    places
+        (c, 1 to 3): where the contacts are [m], for pictures.
+    areas
+        (c,): area of every contact [m2], for pressures and shares of area; 1 without.
 
-    Raises SceneError for arrays that are not finite or do not fit each other, matrices that are not symmetric, and laws with breaks.
+    Raises
+    ------
+    SceneError
+        For arrays that are not finite or do not fit each other, matrices that are not symmetric, and laws with breaks.
     """
 
     mass: Any

@@ -40,15 +40,15 @@ def step_contacts(
 
     Parameters
     ----------
-    problem : ContactProblem
+    problem
         The body, its contacts, and what acts on it.
-    duration : float
+    duration
         [s], > 0.
-    step : float
+    step
         Length of a step [s], > 0; it is shortened so that a whole number of steps makes the duration.
-    inputs : {name: number, (times, values), shape such as `ramp`, or expression of `toolbox.time`}, optional
+    inputs
         For the names in `problem.forces` and `problem.surface`; 0 without.
-    start : ContactRun, optional
+    start
         A run of a problem with as many coordinates and contacts, whose end is the begin of this one, such as that of `press_contacts`; without,
         the body begins at rest with q = 0.
 

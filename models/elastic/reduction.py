@@ -185,7 +185,7 @@ def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any
     if not is_finite_number(tolerance) or not 0 < tolerance < 1:
         raise SceneError(f"Argument `tolerance` must be > 0 and < 1, but it is {tolerance!r}.")
     weights = _weights(ports, mass.shape[0])
-    whole = natural_frequencies(mass, stiffness, band)
+    whole = natural_frequencies(mass, stiffness, band) if band else np.zeros(0)
     rigid = rigid_shapes(mass, stiffness).shape[1]
     frequencies = whole[whole > 0]
     held = _Held(mass, stiffness, weights)
@@ -277,7 +277,8 @@ class _Held:
         if size <= DENSE:
             squares, shapes = eigh(self.inner_stiffness.toarray(), self.inner_mass.toarray())
         else:
-            shift = -limit / 10 if free else 0.0
+            fastest = np.max(self.inner_stiffness.diagonal() / self.inner_mass.diagonal())
+            shift = -max(limit / 10, 1e-9 * fastest) if free else 0.0
             inverse = LinearOperator((size, size), matvec=_solver(self.inner_stiffness - shift * self.inner_mass))
             count, squares = 16 + free, np.zeros(1)
             while squares.max() <= limit and count <= size // 2:

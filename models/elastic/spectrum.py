@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+SAFE = 1e3
+"""Shift of the eigenvalues, in parts of what is round-off of the largest, at which the matrix of a free body is not singular."""
+
 DENSE = 600
 """Rows up to which all frequencies are computed at once."""
 
@@ -26,7 +29,7 @@ def natural_frequencies(mass: Any, stiffness: Any, band: float) -> np.ndarray:
     if n <= DENSE:
         squares = eigh(_dense(stiffness), _dense(mass), eigvals_only=True)
         return _up_to(squares, band, floor)
-    shift = -((2 * math.pi * max(band, 1.0)) ** 2) / 10  # not an eigenvalue, so that the matrix of a free body can be factorised, too
+    shift = -max((2 * math.pi * band) ** 2 / 10, SAFE * (2 * math.pi * floor) ** 2)  # not an eigenvalue: the matrix of a free body can be factorised, too
     factor = splu(csc_matrix(stiffness - shift * mass), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     inverse = LinearOperator((n, n), matvec=factor.solve)
     count = 16

@@ -280,3 +280,16 @@ def test_materials_that_are_none_are_refused(numbers):
 
     with pytest.raises(SceneError, match=next(iter(numbers))):
         body_of_mesh(block_mesh((1.0, 1.0), (1, 1)), **STEEL | numbers)
+
+
+def test_a_large_free_body_has_its_six_rigid_motions_in_any_band_and_none_of_its_own_in_a_low_one():
+    from models import block_mesh, body_of_mesh
+
+    body = body_of_mesh(block_mesh((0.01,) * 3, (6, 6, 6)), **STEEL)
+    assert body.size > 600
+    for band in (0.0, 1.0, 1e5):
+        assert (body.frequencies(band) == np.zeros(6)).all()
+    low, high = (body.reduced({"top": body.mean("top", "x")}, band) for band in (0.0, 1.6e5))
+    assert (low.rigid, low.modes) == (6, 5)  # the motions that one port does not hold
+    assert high.modes > low.modes
+    assert high.errors.max() <= 0.01

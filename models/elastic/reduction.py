@@ -193,7 +193,7 @@ def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any
     while True:
         modes = held.modes(edge)
         matrices = held.reduced(modes, damping)
-        found = natural_frequencies(matrices[0], matrices[2], math.inf)[rigid:][: frequencies.size]
+        found = natural_frequencies(matrices[0], matrices[2], math.inf)[rigid:][: frequencies.size] if frequencies.size else frequencies
         errors = np.maximum(found / frequencies - 1, 0.0) if found.size == frequencies.size else np.full(frequencies.size, np.inf)
         if not frequencies.size or errors.max() <= tolerance:
             return ReducedBody(tuple(ports), *matrices, band, frequencies, errors, rigid)

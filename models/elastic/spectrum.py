@@ -26,7 +26,7 @@ def natural_frequencies(mass: Any, stiffness: Any, band: float) -> np.ndarray:
     n = mass.shape[0]
     # round-off of the largest eigenvalue: what is below it is a rigid motion
     floor = 1e-6 * math.sqrt(max(np.max(stiffness.diagonal() / mass.diagonal()), 0.0)) / (2 * math.pi)
-    if n <= DENSE:
+    if n <= DENSE or isinstance(mass, np.ndarray):
         squares = eigh(_dense(stiffness), _dense(mass), eigvals_only=True)
         return _up_to(squares, band, floor)
     shift = -max((2 * math.pi * band) ** 2 / 10, SAFE * (2 * math.pi * floor) ** 2)  # not an eigenvalue: the matrix of a free body can be factorised, too

@@ -35,6 +35,12 @@ def test_the_laws_that_reach_low_set_points_bear_little_everywhere(found):
     assert found["PI"][-1] > 1.6 and found["stiff PI"][-1] > 1.1
 
 
+def test_tuned_on_other_rigs_a_law_keeps_more_and_impedance_the_most():
+    for label, declared, worst in (("impedance, tuned", 0.488, 0.335), ("LQG, tuned", 0.233, 0.047)):
+        assert study.found_at(label, 4.0, measured=False).disk_margin == pytest.approx(declared, abs=0.005)
+        assert study.worst_at(label, 4.0)[0] == pytest.approx(worst, abs=0.005)
+
+
 def test_the_limit_is_that_of_a_first_look(found):
     assert [round(value, 2) for value in found["limit, top speed"]] == [0.18, 0.37, 1.04, 2.0, 2.0, 2.0]
 

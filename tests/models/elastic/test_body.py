@@ -293,3 +293,12 @@ def test_a_large_free_body_has_its_six_rigid_motions_in_any_band_and_none_of_its
     assert (low.rigid, low.modes) == (6, 5)  # the motions that one port does not hold
     assert high.modes > low.modes
     assert high.errors.max() <= 0.01
+
+
+def test_hundreds_of_ports_are_reduced_like_few():
+    mass, stiffness, nodes = rod(700)
+    body = ElasticBody(mass, stiffness, nodes=nodes)
+    reduced = body.reduced({f"x.{i}": body.point(i, "x") for i in range(0, 640)}, 12_000.0)
+    assert reduced.size >= 640
+    assert reduced.rigid == 1
+    assert reduced.errors.max() <= 0.01

@@ -1,6 +1,6 @@
 """What do more contacts, kept modes and shorter steps of an elastic face buy, and what do they cost?
 
-    python -m studies contacts            (needs the extra `fe`; two to three minutes on an idle core)
+    python -m studies contacts            (needs the extra `fe`; some five minutes)
 
 The cube of `studies elastic_sliders`: event-exact rows (11 contacts), and time stepping with the cone on 121 and 289 nodes. Errors of one number are
 measured against the finest value of that number, all else equal: the force of the plate over the run, in parts of the largest, and the share that sticks.

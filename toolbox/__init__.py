@@ -80,6 +80,7 @@ if TYPE_CHECKING:
     from toolbox.simulation.methods import Explicit as Explicit
     from toolbox.simulation.methods import Implicit as Implicit
     from toolbox.simulation.methods import Smoothing as Smoothing
+    from toolbox.simulation.methods import TaylorSeries as TaylorSeries
     from toolbox.simulation.methods import TimeStepping as TimeStepping
     from toolbox.simulation.run import Budget as Budget
     from toolbox.simulation.samples import Event as Event
@@ -136,6 +137,7 @@ __all__ = [
     "Smoothing",
     "Sweep",
     "Takeover",
+    "TaylorSeries",
     "TimeStepping",
     "Trajectory",
     "Tuned",
@@ -224,7 +226,7 @@ _ROOMS = {
     "toolbox.robustness.worst_case": "WorstCase cycle_phases worst_case",
     "toolbox.scenes.scene": "Scene",
     "toolbox.scenes.work_precision": "WorkPrecision work_precision",
-    "toolbox.simulation.methods": "Automatic EventExact Explicit Implicit Smoothing TimeStepping",
+    "toolbox.simulation.methods": "Automatic EventExact Explicit Implicit Smoothing TaylorSeries TimeStepping",
     "toolbox.simulation.run": "Budget",
     "toolbox.simulation.samples": "Event",
     "toolbox.simulation.simulate": "simulate",

@@ -144,11 +144,12 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
         elif op == ca.OP_CONST:
             work[target[0]] = body.number(function.instruction_constant(k))
         else:
-            work[target[0]] = _operation(body, op, [work[a] for a in args])
+            work[target[0]] = operation(body, op, [work[a] for a in args])
     return outputs
 
 
-def _operation(body: Body, op: int, v: list[str]) -> str:
+def operation(body: Body, op: int, v: list[str]) -> str:
+    """Write one casadi operation into a body; returns the value. Raises SceneError naming an operation that has no translation."""
     if op in _BINARY:
         return body.value(f"{_BINARY[op]} {FLAGS} {body.type} {v[0]}, {v[1]}")
     if op == ca.OP_NEG:
@@ -221,21 +222,23 @@ LARGE = 20_000
 """Instructions above which code that is compiled for one run is generated in a hurry, which makes it run half as fast."""
 
 
-def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE) -> dict[str, int]:
+def compiled(text: str, names: Sequence[str], instructions: int, large: int = LARGE, side_by_side: bool = False) -> dict[str, int]:
     """Addresses of the functions `names` of an LLVM module given as text; the code lives as long as the process.
 
-    instructions: size of the module, above `large` of which the code generator hurries.
+    instructions: size of the module, above `large` of which the code generator hurries;  side_by_side: whether equal instructions on neighbours are to
+    be joined in
+    vectors, which pays where there are many and costs time where there are few.
     """
     with _COMPILING:  # else two threads load the same code
-        key, library = _library(text, names, instructions > large)
+        key, library = _library(text, names, instructions > large, side_by_side)
         _KEPT[key] = library
         return {name: library[name] for name in names}
 
 
-def compiled_for(text: str, names: Sequence[str], instructions: int, passing: bool) -> tuple[dict[str, int], Any]:
+def compiled_for(text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False) -> tuple[dict[str, int], Any]:
     """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it."""
     with _COMPILING:
-        key, library = _library(text, names, instructions > LARGE)
+        key, library = _library(text, names, instructions > LARGE, side_by_side)
         if not passing:
             _KEPT[key] = library
         return {name: library[name] for name in names}, library
@@ -244,7 +247,7 @@ def compiled_for(text: str, names: Sequence[str], instructions: int, passing: bo
 _COMPILING = threading.Lock()
 
 
-def _library(text: str, names: Sequence[str], large: bool) -> tuple[str, Any]:
+def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -> tuple[str, Any]:
     """(key, loaded code) of a module."""
     import llvmlite.binding as llvm
 
@@ -253,13 +256,13 @@ def _library(text: str, names: Sequence[str], large: bool) -> tuple[str, Any]:
         llvm.initialize_native_asmprinter()
         _MACHINE.append(llvm.Target.from_default_triple())
     host = f"{llvm.llvm_version_info} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {sys.platform}"
-    key = hashlib.sha256(f"{host} {large}\n{text}".encode()).hexdigest()[:32]
+    key = hashlib.sha256(f"{host} {large}{' joined' if side_by_side else ''}\n{text}".encode()).hexdigest()[:32]
     found = _LOADED.get(key)
     if found is None:
         path = cache_directory() / "objects" / f"{key}.o"
         image = _cached(path)
         if image is None:
-            image = _object_code(llvm, text, large)
+            image = _object_code(llvm, text, large, side_by_side)
             _write_atomically(path, hashlib.sha256(image).digest() + image)
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
@@ -272,7 +275,7 @@ def _library(text: str, names: Sequence[str], large: bool) -> tuple[str, Any]:
     return key, found
 
 
-def _object_code(llvm: Any, text: str, large: bool) -> bytes:
+def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes:
     machine = _MACHINE[0].create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=llvm.get_host_cpu_features().flatten(),
@@ -284,7 +287,7 @@ def _object_code(llvm: Any, text: str, large: bool) -> bytes:
     module = llvm.parse_assembly(text, llvm.create_context())  # which keeps its types and constants to itself, and goes with it
     module.verify()
     tuning = llvm.PipelineTuningOptions(speed_level=1 if large else 2)
-    tuning.slp_vectorization = False
+    tuning.slp_vectorization = side_by_side
     builder = llvm.create_pass_builder(machine, tuning)
     passes = builder.getModulePassManager()
     passes.run(module, builder)

@@ -6,6 +6,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t); of time stepping see
     `toolbox.compilation.moreau_jean` project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
+    series   y = [coefficients of the states and guards at (t, x)]     of Taylor steps, which is then k of step; h tells how long one is about
     burden   y = [size of what the forces of elements cancel]         of each slope
     impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [held | elastic]; only with rigid contacts
     update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
@@ -24,6 +25,7 @@ from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
 from toolbox.compilation.runge_kutta import Pair
+from toolbox.compilation.taylor import Taylor, polynomial_body
 from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching
 
@@ -33,8 +35,9 @@ UNROLLED = 600
 
 @dataclass(frozen=True)
 class Kernel:
-    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step; the code at the addresses lives as
-    long as `code`."""
+    """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step, `slopes` the size of
+    `Work.k`; the code at
+    the addresses lives as long as `code`."""
 
     states: int
     elements: int
@@ -44,6 +47,7 @@ class Kernel:
     updates: tuple[int, ...]
     instructions: int
     cost: int
+    slopes: int
     code: Any
 
 
@@ -53,15 +57,16 @@ def kernel_of(
     p: ca.SX,
     elements: Sequence[Element],
     form: Switching,
-    pair: Pair | Rosenbrock | Theta,
+    pair: Pair | Rosenbrock | Theta | Taylor,
     updates: Sequence[tuple[ca.SX, ca.SX, ca.SX]] = (),
     flow: ca.SX | None = None,
+    series: Body | None = None,
     passing: bool = False,
 ) -> Kernel:
     """Compile the functions of a closed system whose only symbols are t, x, p and the modes.
 
     updates: (z, next z, outputs) of every sampled controller, in terms of t, x, p, m and z;  flow: the field with forces as symbols, for time stepping;
-    passing: the code goes with the kernel, else it stays as long as the process.
+    series: the coefficients of Taylor steps;  passing: the code goes with the kernel, else it stays as long as the process.
     """
     m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
     rhs = ca.Function("rhs", [t, x, p, m], [ca.densify(form.field)])
@@ -78,7 +83,8 @@ def kernel_of(
 
     bodies: dict[str, Body] = {}
     texts: list[str] = []
-    stages = 0 if isinstance(pair, Theta) else len(pair.a)
+    stages = len(pair.a) if isinstance(pair, (Pair, Rosenbrock)) else 0
+    table = n
     cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
     if isinstance(pair, Theta):
         assert flow is not None
@@ -92,6 +98,12 @@ def kernel_of(
         bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
         cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
         texts.append(inner)
+    elif isinstance(pair, Taylor):
+        assert series is not None
+        bodies["series"] = series
+        bodies["step"] = polynomial_body(pair, n, form.guards.numel())
+        cost = bodies["series"].count + bodies["step"].count
+        table = (pair.order + 1) * (n + form.guards.numel())
     elif n * len(pair.b) <= UNROLLED:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
@@ -115,18 +127,24 @@ def kernel_of(
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
-    found, code = compiled_for("\n".join([*texts, *sorted(declared)]), list(bodies), count, passing)
+    found, code = compiled_for("\n".join([*texts, *sorted(declared)]), list(bodies), count, passing, side_by_side=isinstance(pair, Taylor))
     return Kernel(
         n,
         len(elements),
         form.guards.numel(),
         not form.gain.sparsity().is_diag(),
-        tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse")),
+        tuple(found.get(name, 0) for name in ("field", "step", "project", "probe", "burden", "impulse", "series")),
         tuple(found[f"update_{i}"] for i in range(len(updates))),
         count,
         cost,
+        table,
         code,
     )
+
+
+def equations(t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, form: Switching) -> ca.Function:
+    """The function (t, x, p, m) -> [dx/dt, guards]."""
+    return ca.Function("equations", [t, x, p, m], [ca.densify(form.field), ca.densify(form.guards)])
 
 
 def _arguments(body: Body, function: ca.Function) -> list[list[str]]:

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND = range(9)
+DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES = range(10)
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
 (N, NE, NG, FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, ORDER, TWO_ERRORS, FIRST_HELD, JUMP, OUTPUT, RECORDS, EVENTS, ACCEPTED, REJECTED,
- CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, INTS) = range(29)  # fmt: skip
+ CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, INTS) = range(31)  # fmt: skip
 
 
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
@@ -33,7 +33,8 @@ EPS = 2.220446049250313e-16
 class Work(NamedTuple):
     """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
 
-    ints, reals: see the indices above;  x, k: state and its slope;  p, m: parameters and modes;  y, z: output of machine code;  s, q: spares;
+    ints, reals: see the indices above;  x, k: state and its slope, which begins a table of coefficients where steps are Taylor series;  p, m:
+    parameters and modes;  y, z: output of machine code;  s, q: spares;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;

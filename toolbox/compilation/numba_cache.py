@@ -44,9 +44,14 @@ def inlined(function: Any) -> Any:
     return numba.njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
 
 
-def called(function: Any) -> Any:
-    """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer."""
-    return numba.njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+def called(function: Any = None, **options: Any) -> Any:
+    """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer.
+
+    options: of `numba.njit`.
+    """
+    if function is None:
+        return lambda given: called(given, **options)
+    return numba.njit(**{"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options})(function)
 
 
 def cached(function: Any = None, **options: Any) -> Any:

@@ -12,7 +12,8 @@ import numpy as np
 
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import Rosenbrock
-from toolbox.compilation.runge_kutta import Pair
+from toolbox.compilation.runge_kutta import DOP853, Pair
+from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
@@ -30,7 +31,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair | Rosenbrock | Theta
+    pair: Pair | Rosenbrock | Theta | Taylor
     kernel: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -53,14 +54,16 @@ class Program:
     form: Switching
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta) -> Program:
-    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure."""
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta | Taylor) -> Program:
+    """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure.
+
+    Where Taylor series do not exist or would be too long, it is one of DOP853.
+    """
     key = ("program", kinds, pair.name)
-    found = system.kernels.get(key)
-    if found is not None:
-        return found
+    if key in system.kernels:
+        return system.kernels[key]
     from toolbox.compilation import loop_layout
-    from toolbox.compilation.kernel import kernel_of
+    from toolbox.compilation.kernel import equations, kernel_of
 
     given = dict(kinds)
     coefficients: list[ca.SX] = []
@@ -109,6 +112,9 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
+    series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
+    if isinstance(pair, Taylor) and series is None:
+        return system.kernels.setdefault(key, program_of(system, kinds, DOP853))
     updates = []
     for update in system.updates:
         following, outputs = (
@@ -121,7 +127,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     program = Program(
         system=system,
         pair=pair,
-        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, _holds_expression(key)),
+        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series, _holds_expression(key)),
         excited=np.array(excited, np.int64),
         kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
@@ -129,7 +135,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         loader=np.array(form.loader, np.int64),
         varying=varying,
         bounded=bounded,
-        forced=bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), system.t), system.t)),
+        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -157,6 +163,11 @@ EXPRESSIONS = 16
 def _holds_expression(key: Any) -> bool:
     """Whether a key is that of a program some of whose inputs are expressions."""
     return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
+
+
+def _forced(t: ca.SX, form: Switching) -> bool:
+    """Whether time enters nonlinearly."""
+    return bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), t), t))
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:

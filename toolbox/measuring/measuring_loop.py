@@ -16,7 +16,8 @@ DEPTH = 12
 class Reader(NamedTuple):
     """What is read in a run: machine code and sizes of its program.
 
-    addresses: of field, step, project, and the signals with two derivatives;  signals: their number;  p: parameters of the run, with what is held at a
+    addresses: of field, step, project, the signals with two derivatives, and the coefficients of Taylor steps or 0;  slopes: size of what a step takes
+    as slopes;  signals: their number;  p: parameters of the run, with what is held at a
     node behind `first_held`;  tolerance: of a piece, relative to the size of a signal.
     """
 
@@ -24,6 +25,7 @@ class Reader(NamedTuple):
     states: int
     elements: int
     guards: int
+    slopes: int
     signals: int
     p: np.ndarray
     first_held: int
@@ -94,10 +96,10 @@ class StayCounts(NamedTuple):
 def _pieces(reader, size):
     """Space for the steps of a run."""
     n, count = reader.states, reader.signals
-    y = np.zeros(4 * n + 2 * reader.guards + 4)
+    y = np.zeros(max(4 * n + 2 * reader.guards, 3 * n + 4 * reader.guards) + 4)
     stack = np.empty((DEPTH + 1, 3 * count))
     return Pieces(
-        np.zeros(n), np.zeros(n), np.zeros(reader.elements + 1), y, np.zeros(n), np.empty(3 * count), np.empty(DEPTH + 1), stack, size
+        np.zeros(n), np.zeros(reader.slopes), np.zeros(reader.elements + 1), y, np.zeros(n), np.empty(3 * count), np.empty(DEPTH + 1), stack, size
     )
 
 
@@ -113,8 +115,11 @@ def _begin_step(reader, nodes, r, pieces):
 
 
 @inlined
-def _slope(reader, t, pieces):
-    """Put the slope of the states where a step begins."""
+def _slope(reader, t, h, pieces):
+    """Put the slope of the states where a step of length h begins."""
+    if reader.addresses[4] != 0:
+        call(reader.addresses[4], t, h, pieces.x, pieces.k, reader.p, pieces.m, pieces.k)
+        return
     call(reader.addresses[0], t, 0.0, pieces.x, pieces.k, reader.p, pieces.m, pieces.y)
     for i in range(reader.states):
         pieces.k[i] = pieces.y[reader.states + i]
@@ -309,7 +314,7 @@ def read_nodes(reader, nodes, records, windows, size, found, ends):
             if begin >= end:
                 continue
             if not known:
-                _slope(reader, time[r], pieces)
+                _slope(reader, time[r], time[r + 1] - time[r], pieces)
                 known = True
             following = nodes.state[r + 1] if end == time[r + 1] else nodes.state[r, :0]
             _read_piece(reader, pieces, time[r], begin, end, following, found, w)
@@ -327,7 +332,7 @@ def read_steps(reader, nodes, begin, end, found):
         if first >= last:
             continue
         _begin_step(reader, nodes, r, pieces)
-        _slope(reader, time[r], pieces)
+        _slope(reader, time[r], time[r + 1] - time[r], pieces)
         following = nodes.state[r + 1] if last == time[r + 1] else nodes.state[r, :0]
         _read_piece(reader, pieces, time[r], first, last, following, found, r)
 

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import names
@@ -218,7 +219,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     check_laws(run)
     from toolbox.orbits.variational import variational_equations
 
-    if isinstance(run.run.method, Implicit):  # derivatives follow explicit steps, stage by stage
+    if isinstance(run.run.method, Implicit) or isinstance(run.program.pair, Taylor):  # derivatives follow explicit steps, stage by stage
         run = run.run.again(method=Explicit())
     wanted = names(to)
     if not wanted:

@@ -17,13 +17,14 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
 from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.method_choice import cheapest_method
-from toolbox.simulation.methods import Automatic, EventExact, Implicit, Smoothing
+from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
 from toolbox.simulation.refinement import refined, tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
@@ -51,6 +52,11 @@ def compiled_loop(run: Run, program: Program) -> Any:
         announced(name, advance)
         advance(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
     return advance
+
+
+def _with_series(run: Run) -> bool:
+    """Whether the run asks for Taylor series."""
+    return isinstance(formulas_of(run), Taylor)
 
 
 def _undecided(run: Run) -> bool:
@@ -93,6 +99,8 @@ def carry_out(run: Run) -> Trajectory:
             if status == loop_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
+                if _with_series(run) and not isinstance(program.pair, Taylor):
+                    done.why = f"{program.pair.name}: an operation of the plant has no Taylor series, or they would be too long"
                 return _sound(done, program) if isinstance(done, Stepped) else done
             if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)
@@ -117,6 +125,11 @@ def carry_out(run: Run) -> Trajectory:
                     bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
                 if bar is not None:
                     bar.update(float(work.reals[loop_layout.TIME]) - bar.n)
+            elif isinstance(program.pair, Taylor) and status in (loop_layout.NO_SERIES, loop_layout.UNDERFLOW) and not run.laws:
+                left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
+                again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
+                again.why = f"explicit: no Taylor series at t = {float(work.reals[loop_layout.TIME]):.9g} s"
+                return again
             else:
                 raise failure(status, run, program, work, began, answers)
     except OutOfTime:

@@ -33,7 +33,9 @@ from toolbox.compilation.loop_layout import (
     LONGEST,
     NE,
     NG,
+    NO_SERIES,
     NODES,
+    OPENED,
     OUTPUT,
     PAUSED,
     POWER,
@@ -41,6 +43,7 @@ from toolbox.compilation.loop_layout import (
     RECORDS_FULL,
     REJECTED,
     SAMPLE_DUE,
+    SERIES,
     STARTED,
     STEP,
     STEP_OLD,
@@ -55,6 +58,7 @@ from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, ri
 from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
+from toolbox.simulation.series_steps import checked_end, held_quietly, open_series, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -74,7 +78,7 @@ def _due(w, t, every_node):
             changed = jumps(w, t)
         if not changed:
             continue
-        if not inputs_changed(w, t, not sampling):
+        if not (sampling and held_quietly(w)) and not inputs_changed(w, t, not sampling):
             return INCONSISTENT
         if not sampling:
             first_step(w)
@@ -146,6 +150,16 @@ def _first_dip(w, t, h):
 
 
 @inlined
+def _step_to(w, t, h, part):
+    """Step by a part of h, unless the whole step is there already, and leave its guards in `g_high`; returns the part."""
+    if part < 1.0:
+        call(w.ints[STEP], t, part * h, w.x, w.k, w.p, w.m, w.y)
+    for j in range(2 * w.ints[NG]):
+        w.g_high[j] = w.y[2 * w.ints[N] + j]
+    return part
+
+
+@inlined
 def _from_zero(w, h):
     """Guards that start at zero and are negative at the end of the step h: where each was positive in between.
 
@@ -199,6 +213,7 @@ def _next_size(w, h, h_wanted, error, rejected):
 def _accept(w):
     """Take the step in `y`: states, slopes, guards and their sizes so far."""
     n, ng = w.ints[N], w.ints[NG]
+    w.ints[OPENED] = 0
     for i in range(n):
         w.x[i] = w.y[i]
         w.k[i] = w.y[n + i]
@@ -213,6 +228,52 @@ def _accept(w):
         accept_guard(w, j)
 
 
+@inlined
+def _crossed(w, t, h, t_new, error, node):
+    """Look at the guards over the step h to t_new, which is in `y`, and end it where the first of them crosses zero.
+
+    Returns (whether a kink has changed side, so that the step is to be made anew, whether it ends on an event, its size, end and error).
+    """
+    series = w.ints[SERIES] != 0
+    event, located, top = False, False, 1.0
+    if series:
+        hit, at_once, doubtful, first, top = watch_series(w, h, node)
+        located = hit and not doubtful
+        if located:
+            size = 0.0 if at_once else first * h
+            if size > 0.0:
+                call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+            t_new = t + size if size < h else t_new
+            h, event = size, True
+        elif hit:
+            top = _step_to(w, t, h, top)
+    else:
+        hit, suspicious = _watch(w, h, error, node)
+        if suspicious:
+            top = _first_dip(w, t, h)
+            hit = hit or top < 1.0
+    if hit and not located:
+        if top < 1.0:
+            h = top * h
+            t_new = t + h
+        turned, again, low, shorter = _from_zero(w, h)
+        if turned:
+            return True, False, h, t_new, error
+        if shorter < h:
+            h = shorter
+            t_new = t + h
+        size = 0.0 if again else locate(w, h, low)
+        if size >= 0.0:
+            event = True
+            if not series:
+                error = scaled_error(w, size) if size > 0.0 else 0.0
+            t_new = t + size if size < h else t_new
+            h = size
+        elif error <= 1.0:
+            call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+    return False, event, h, t_new, error
+
+
 @cached
 def advance(w):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again."""
@@ -221,6 +282,7 @@ def advance(w):
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
     rejected = False
+    series = w.ints[SERIES] != 0
     if w.ints[STARTED] == 0 and not begin(w):
         return INCONSISTENT
     while True:
@@ -236,6 +298,8 @@ def advance(w):
             return PAUSED
 
         # --- one step
+        if series and w.ints[OPENED] == 0 and not open_series(w, t):
+            return NO_SERIES
         stop = next_stop(w)
         h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
         h, t_new = h_wanted, t + h_wanted
@@ -247,38 +311,20 @@ def advance(w):
                 continue
             return UNDERFLOW
         call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
-        error = scaled_error(w, h)
+        error = 0.0 if series else scaled_error(w, h)
 
         # --- its guards
         node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
-        hit, suspicious = _watch(w, h, error, node)
-        if suspicious:
-            top = _first_dip(w, t, h)
-            if top < 1.0:
-                hit = True
-                h = top * h
-                t_new = t + h
-        event = False
-        if hit:
-            turned, again, low, shorter = _from_zero(w, h)
-            if turned:
-                continue
-            if shorter < h:
-                h = shorter
-                t_new = t + h
-            size = 0.0 if again else locate(w, h, low)
-            if size >= 0.0:
-                event = True
-                error = scaled_error(w, size) if size > 0.0 else 0.0
-                t_new = t + size if size < h else t_new
-                h = size
-            elif error <= 1.0:
-                call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node)
+        if turned:
+            continue
+        if series and h > 0.0:
+            error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
-            if rejected:
+            if rejected and not series:
                 measure_round_off(w)
                 spread_round_off(w, w.reals[STEP_OLD])
             rejected = True
@@ -288,7 +334,7 @@ def advance(w):
 
         # --- accepted
         w.ints[ACCEPTED] += 1
-        if not event:
+        if not event and not series:
             _next_size(w, h, h_wanted, error, rejected)
         rejected = False
         refresh = w.ints[ACCEPTED] % 32 == 0
@@ -313,10 +359,13 @@ def advance(w):
 
 
 @cached
-def evaluate(step, projection, field, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
-    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector."""
-    x, k, m, new = np.zeros(n), np.zeros(n), np.zeros(max(ne, 1)), np.zeros(n)
-    y = np.zeros(4 * n + 2 * ng)
+def evaluate(step, projection, field, series, slopes, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
+    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector.
+
+    series: address of the coefficients of a step, 0 without;  slopes: size of what a step takes as slopes.
+    """
+    x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
+    y = np.zeros(max(4 * n + 2 * ng, 3 * n + 4 * ng))
     last = -1
     for q in range(times.size):
         r = np.searchsorted(node_t, times[q], side="right") - 1
@@ -329,9 +378,13 @@ def evaluate(step, projection, field, n, ne, ng, node_t, node_x, node_m, node_p,
                 m[i] = node_m[r, i]
             for i in range(node_p.shape[1]):
                 p[first_held + i] = node_p[r, i]
-            call(field, node_t[r], 0.0, x, k, p, m, y)
-            for i in range(n):
-                k[i] = y[n + i]
+            if series != 0:
+                length = node_t[r + 1] - node_t[r] if r + 1 < node_t.size else times[q] - node_t[r]
+                call(series, node_t[r], length, x, k, p, m, k)
+            else:
+                call(field, node_t[r], 0.0, x, k, p, m, y)
+                for i in range(n):
+                    k[i] = y[n + i]
             last = r
         h = times[q] - node_t[r]
         if h == 0.0:

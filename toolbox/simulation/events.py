@@ -17,6 +17,7 @@ from toolbox.compilation.loop_layout import (
     NE,
     NEGATIVE_BOUND,
     NG,
+    SERIES,
     STEP,
     STEP_OLD,
     STEP_SIZE,
@@ -55,6 +56,8 @@ def after_event(w, t):
         return NEGATIVE_BOUND
     if not fire(w, t):
         return INCONSISTENT
+    if w.ints[SERIES] != 0:  # the next step follows from its own coefficients
+        return DONE
     if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
         w.reals[STEP_OLD] = 0.0
         measure_round_off(w)
@@ -71,6 +74,8 @@ def _bound_falls(w):
         j = ng - w.ints[BOUNDS] + q
         h = max(w.reals[STEP_OLD], w.reals[STEP_SIZE])
         if w.fired[j] and w.g[ng + j] * h < -1e-6 * guard_size(w, j):
+            if w.ints[SERIES] != 0:
+                call(w.ints[SERIES], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.k)
             call(w.ints[STEP], w.reals[TIME], 1e-3 * h, w.x, w.k, w.p, w.m, w.y)
             if w.y[2 * w.ints[N] + j] < 0.5e-3 * h * w.g[ng + j]:
                 w.ints[CULPRIT] = q

@@ -105,7 +105,7 @@ def failure(
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
-    finite = np.isfinite(work.k)
+    finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
         return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
     if not np.isfinite(work.y[: len(labels)]).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, PROJECT, RTOL, SWITCH, TIME, N
+from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SWITCH, TIME, N
 from toolbox.compilation.numba_cache import inlined
 
 
@@ -32,6 +32,7 @@ def refresh(w):
     A contact that has just been let go has no slip yet: what it shows is the round-off of the projection, from which nothing can fall.
     """
     n, ng = w.ints[N], w.ints[NG]
+    w.ints[OPENED] = 0
     call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(n):
         w.k[i] = w.z[n + i]

@@ -9,8 +9,11 @@ time stepping a step of cost n at fixed intervals.
     100    2283        1500 to 3200 ms                       540 ms, at an error of 1e-3 1100 ms
 
     1. accuracy >= 1e-3 and at least 50 contacts: time stepping; where it cannot meet the accuracy, located events
-    2. else located events, which choose between explicit and implicit steps themselves (`toolbox.simulation.stiffness`)
+    2. else located events, which choose between Taylor series and implicit steps themselves (`toolbox.simulation.stiffness`); explicit formulas where a law is
+       sampled, or where the plant has no series or long ones (`toolbox.compilation.taylor`)
     3. where these find no end of switching, or no modes: time stepping, which passes such points
+
+Taylor series took 0.5 to 0.75 of the time of explicit formulas at an equal error, from a block on a belt to ten inertias that all rub.
 
 Smoothed friction is never chosen: in no measured case was it the cheapest.
 """
@@ -18,6 +21,7 @@ Smoothed friction is never chosen: in no measured case was it the cheapest.
 from __future__ import annotations
 
 from toolbox.compilation.rosenbrock import RODAS5P
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import AccuracyError, SimulationError, ZenoError
 from toolbox.simulation.methods import EventExact, TimeStepping
 from toolbox.simulation.run import Run
@@ -43,7 +47,7 @@ def cheapest_method(run: Run) -> Trajectory:
             done.why = f"time-stepping: {contacts} contacts at an accuracy of {run.accuracy:g}, steps of {done.step:.3g} s"
             return done
     try:
-        done = run.again(method=EventExact())
+        done = run.again(method=EventExact(series=True))
     except SimulationError as failed:
         if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or run.laws:
             raise
@@ -51,7 +55,10 @@ def cheapest_method(run: Run) -> Trajectory:
         done = run.again(method=TimeStepping())
         done.why = f"time-stepping, steps of {done.step:.3g} s: with located events, {reason[0].lower()}{reason[1:]}"
         return done
-    steps = "implicit steps, which stability makes the cheaper ones" if done.program.pair is RODAS5P else "explicit steps"
+    pair, ended = done.program.pair, f" ({done.why.partition(': ')[2]})" if done.why else ""
+    steps = "implicit steps, which stability makes the cheaper ones" if pair is RODAS5P else f"explicit steps{ended}"
+    if isinstance(pair, Taylor):
+        steps = f"Taylor series of order {pair.order}"
     few = f"{contacts} contact{'s' * (contacts != 1)} at an accuracy of {run.accuracy:g}"
     done.why = f"event: {few}, {steps}{refused}"
     return done

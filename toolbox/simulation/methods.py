@@ -2,6 +2,7 @@
 
     "event"          EventExact()       adaptive steps that end on every switch, explicit until implicit ones prove cheaper
     "explicit"       Explicit()         the same with explicit steps only
+    "taylor"         TaylorSeries()     the same with Taylor series of high order
     "stiff"          Implicit()         the same with linearly implicit steps only
     "time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
     "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
@@ -19,7 +20,11 @@ from toolbox.arguments import is_finite_number
 from toolbox.compilation.moreau_jean import MOREAU_JEAN, Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError, suggest
+
+Formulas = Pair | Rosenbrock | Theta | Taylor
+"""Formulas of a step."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,7 @@ class Method:
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError for options with which a run of `duration` [s] cannot be stepped in at most `steps` steps."""
 
-    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The formulas of a step for an accuracy, for a plant with or without sampled laws."""
         if sampled:
             return DOP853 if accuracy < 1e-9 else DOPRI5
@@ -44,16 +49,29 @@ class Method:
         return False
 
     def __str__(self) -> str:
-        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        options = ", ".join(f"{name}={value!r}" for name, value in given.items() if value is not None)
+        given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if getattr(self, field.name) != field.default}
+        options = ", ".join(f"{name}={value!r}" for name, value in given.items())
         return f"{self.text} ({options})" if options else self.text
 
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
+    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`).
+
+    series: whether the others are Taylor series, as with `TaylorSeries`, where no law is sampled: samples cut all steps short.
+    """
 
     text: ClassVar[str] = "event"
+    series: bool = False
+
+    def check(self, duration: float, steps: float) -> None:
+        """Raise SceneError unless `series` is True or False."""
+        if not isinstance(self.series, bool):
+            raise SceneError(f"Argument `series` must be True or False, but it is {self.series!r}.")
+
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+        """Explicit formulas, or Taylor series."""
+        return TaylorSeries().formulas(accuracy, sampled) if self.series and not sampled else super().formulas(accuracy, sampled)
 
 
 @dataclass(frozen=True)
@@ -64,12 +82,34 @@ class Explicit(Method):
 
 
 @dataclass(frozen=True)
+class TaylorSeries(Method):
+    """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
+
+    order: of the series, from 6 to 30; None takes the one that the accuracy asks for. A plant with an operation that has no series, or so large that
+    they would be
+    too long, is stepped by explicit formulas, which `run.why` says.
+    """
+
+    text: ClassVar[str] = "taylor"
+    order: int | None = None
+
+    def check(self, duration: float, steps: float) -> None:
+        """Raise SceneError unless the order is a whole number from 6 to 30."""
+        if self.order is not None and not (isinstance(self.order, int) and not isinstance(self.order, bool) and 6 <= self.order <= 30):
+            raise SceneError(f"Argument `order` must be a whole number from 6 to 30, but it is {self.order!r}.")
+
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
+        """Series of the order that the accuracy asks for."""
+        return Taylor(self.order or 16)
+
+
+@dataclass(frozen=True)
 class Implicit(Method):
     """Adaptive linearly implicit steps that end exactly on every switch, for stiff plants."""
 
     text: ClassVar[str] = "stiff"
 
-    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """RODAS5P, of order 5."""
         return RODAS5P
 
@@ -89,7 +129,7 @@ class TimeStepping(Method):
         if self.step is not None and (not is_finite_number(self.step) or not self.step > 0 or duration / self.step > steps):
             raise SceneError(f"Argument `step` must be > 0 s and at least {duration / steps:.2g} s, {steps} steps, but it is {self.step!r}.")
 
-    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The theta method of Moreau and Jean."""
         return MOREAU_JEAN
 
@@ -111,7 +151,7 @@ class Smoothing(Method):
     width: float | Mapping[str, float] | None = None
     tolerance: float | None = None
 
-    def formulas(self, accuracy: float, sampled: bool) -> Pair | Rosenbrock | Theta:
+    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """RODAS5P, because regularised friction is stiff."""
         return RODAS5P
 
@@ -133,7 +173,7 @@ class Automatic(Method):
         return True
 
 
-METHODS: dict[str, Method] = {kind.text: kind() for kind in (EventExact, Explicit, Implicit, TimeStepping, Smoothing, Automatic)}
+METHODS: dict[str, Method] = {kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing, Automatic)}
 """{short form: method with its default options}."""
 
 

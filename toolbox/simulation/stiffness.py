@@ -118,7 +118,8 @@ def progress(work: Any) -> tuple[float, int, int]:
 def set_method(work: Any, program: Program) -> None:
     """Let the loop step with the method of this program."""
     pair, ints = program.pair, work.ints
-    names = (loop_layout.FIELD, loop_layout.STEP, loop_layout.PROJECT, loop_layout.PROBE, loop_layout.BURDEN, loop_layout.IMPULSE)
+    names = (loop_layout.FIELD, loop_layout.STEP, loop_layout.PROJECT, loop_layout.PROBE, loop_layout.BURDEN, loop_layout.IMPULSE,
+             loop_layout.SERIES)  # fmt: skip
     for name, address in zip(names, program.kernel.addresses, strict=True):
         ints[name] = address
     ints[loop_layout.ORDER] = pair.order

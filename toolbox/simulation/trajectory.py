@@ -190,8 +190,8 @@ class Trajectory(Stays, Samples):
 
         kernel = self.program.kernel
         states = np.empty((times.size, self.states.shape[1]))
-        field, step, project, *_ = kernel.addresses
-        loop.evaluate(step, project, field, kernel.states, kernel.elements, kernel.guards, self.time, self.states, self.mode, self.held,
+        field, step, project, *_, series = kernel.addresses
+        loop.evaluate(step, project, field, series, kernel.slopes, kernel.states, kernel.elements, kernel.guards, self.time, self.states, self.mode, self.held,
                       self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
         return states
 

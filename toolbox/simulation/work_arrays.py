@@ -24,6 +24,10 @@ MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
 
 
+MAX_SAMPLES = 200_000
+"""Samples for whose records there is room from the start."""
+
+
 def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
     from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
@@ -85,15 +89,17 @@ def work_arrays(run: Run, program: Program) -> Any:
     p[program.held_slot : program.held_slot + held.size] = held
     depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
     widest = max((u.outputs.numel() for u in system.updates), default=1)
-    room = max(4 * n + 2 * ng, n + 6 * ne, memory_size + widest, n) + 8
+    room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
+    if run.output_times is None:  # arrays that are full cost a copy each time
+        capacity += int(min(sum(1.05 * run.duration / period for period, _ in run.clocks), MAX_SAMPLES))
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)
     work = loop_layout.Work(
-        ints=ints, reals=reals, x=x, k=np.zeros(n), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
+        ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),

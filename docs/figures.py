@@ -10,6 +10,6 @@ STUDIES = Path(__file__).parents[1] / "studies" / "figures"
 
 def on_files(files: Any, config: Any) -> Any:
     """Add every figure of the studies."""
-    for path in sorted(STUDIES.glob("*.png")):
+    for path in sorted(p for p in STUDIES.iterdir() if p.suffix in (".png", ".gif")):
         files.append(File.generated(config, f"figures/{path.name}", abs_src_path=str(path)))
     return files

@@ -14,6 +14,11 @@ from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, unifor
 from models.dither import averaged_friction, tangential_dither
 from models.drag_bit import DragBit
 from models.drill_string import TorsionalChain
+from models.elastic.body import ElasticBody
+from models.elastic.meshes import block_mesh, body_of_mesh
+from models.elastic.pad import ElasticPad
+from models.elastic.reduction import ReducedBody
+from models.elastic.slider import ElasticSlider
 from models.elastic_rock import ElasticRock
 from models.flow_line import FlowLine, OutletRCR
 from models.friction import Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition
@@ -26,6 +31,7 @@ from models.shaft import shaft_frequencies
 from models.sliders import InclinedSlider, PlateContact, Slider
 from models.smooth_bit_rock import SmoothBitRock
 from models.squeal import SquealingPad
+from models.string_on_wall import sliding_resultant, string_on_wall
 from models.survey import Survey, read_survey
 from models.tabulated_string import DrillString
 from models.top_drive import TopDrive
@@ -48,7 +54,10 @@ __all__ = [
     "DragBit",
     "DrillString",
     "Drop",
+    "ElasticBody",
+    "ElasticPad",
     "ElasticRock",
+    "ElasticSlider",
     "Exponential",
     "FlowLine",
     "FrictionDamper",
@@ -64,6 +73,7 @@ __all__ = [
     "PlateContact",
     "PressedDisks",
     "RationalStribeck",
+    "ReducedBody",
     "Section",
     "Slider",
     "SmoothBitRock",
@@ -78,12 +88,16 @@ __all__ = [
     "TwoDisks",
     "WhirlingCollar",
     "averaged_friction",
+    "block_mesh",
+    "body_of_mesh",
     "closed_forms",
     "oscillators",
     "parabolic_shares",
     "read_sections",
     "read_survey",
     "shaft_frequencies",
+    "sliding_resultant",
+    "string_on_wall",
     "tangential_dither",
     "uniform_pressure_radius",
     "uniform_wear_radius",

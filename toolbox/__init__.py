@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from toolbox.calibration.fit import fit as fit
     from toolbox.calibration.recording import Recording as Recording
     from toolbox.calibration.results import Fit as Fit
+    from toolbox.contacts.contact_run import ContactRun as ContactRun
+    from toolbox.contacts.problem import ContactProblem as ContactProblem
+    from toolbox.contacts.stepping import press_contacts as press_contacts
+    from toolbox.contacts.stepping import step_contacts as step_contacts
     from toolbox.errors import AccuracyError as AccuracyError
     from toolbox.errors import BudgetError as BudgetError
     from toolbox.errors import GrazingError as GrazingError
@@ -103,6 +107,8 @@ __all__ = [
     "Budget",
     "BudgetError",
     "Component",
+    "ContactProblem",
+    "ContactRun",
     "Controller",
     "Cycle",
     "CycleError",
@@ -162,6 +168,7 @@ __all__ = [
     "overshoot",
     "performance_limit",
     "pole_locus",
+    "press_contacts",
     "quantity",
     "ramp",
     "reflection",
@@ -175,6 +182,7 @@ __all__ = [
     "square",
     "state",
     "step",
+    "step_contacts",
     "stick_intervals",
     "sweep",
     "to_control",
@@ -188,6 +196,9 @@ _ROOMS = {
     "toolbox.calibration.fit": "fit",
     "toolbox.calibration.recording": "Recording",
     "toolbox.calibration.results": "Fit",
+    "toolbox.contacts.contact_run": "ContactRun",
+    "toolbox.contacts.problem": "ContactProblem",
+    "toolbox.contacts.stepping": "press_contacts step_contacts",
     "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
     "toolbox.export.c_code": "export_c to_control",
     "toolbox.export.from_control": "from_control",

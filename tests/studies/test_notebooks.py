@@ -161,6 +161,11 @@ def test_a_row_of_bristles_slips_by_regions_and_converges_to_the_rounded_contact
     assert found["partial"] > 0.3
     assert found["error of 1"] == pytest.approx(0.19, abs=0.01)
     assert found["error of 16"] < 0.01 and 1.5 < found["order"] < 2.1
+    assert found["last row over rigid"] == pytest.approx(1.0, abs=1e-3)
+    assert found["first row over rigid"] < 0.3
+    assert found["share at 0.16 s"] == pytest.approx(0.57, abs=0.05)
+    assert found["share at 0.20 s"] == pytest.approx(0.26, abs=0.05)
+    assert 0.01 < found["nodes before rigid"] < 0.016
 
 
 @pytest.mark.slow

@@ -1,0 +1,116 @@
+"""Elastic bodies from meshes, by scikit-fem (the extra `fe`): linear elements with full integration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.elastic.body import ElasticBody
+from toolbox import SceneError
+from toolbox.authoring import finite_array, is_finite_number
+
+
+def block_mesh(size: Sequence[float], divisions: Sequence[int | Sequence[float]]) -> Any:
+    """A mesh of a block from the origin to `size` [m], of bricks, or of quadrilaterals where two sizes are given.
+
+    divisions: for each axis a number of elements of one length, or the places of their ends in parts of the size, from 0 to 1.
+    Its faces are named `left`, `right` (x), `back`, `front` (y, in three dimensions only), `bottom` and `top` (last axis).
+    Raises SceneError for sizes that are not > 0, divisions that do not fit, and without scikit-fem.
+    """
+    mesh = _skfem()
+    lengths = finite_array(size)
+    if lengths is None or lengths.ndim != 1 or len(lengths) not in (2, 3) or not (lengths > 0).all() or len(divisions) != len(lengths):
+        raise SceneError(f"Argument `size` must be 2 or 3 lengths > 0 m, with as many `divisions`, but they are {size!r} and {divisions!r}.")
+    ticks = [length * _places(given) for length, given in zip(lengths, divisions, strict=True)]
+    kind = mesh.MeshQuad if len(lengths) == 2 else mesh.MeshHex
+    names = (("left", "right"), ("bottom", "top")) if len(lengths) == 2 else (("left", "right"), ("back", "front"), ("bottom", "top"))
+    tiny = 1e-9 * lengths
+    sides = {}
+    for axis, (low, high) in enumerate(names):
+        sides[low] = lambda x, axis=axis: x[axis] < tiny[axis]
+        sides[high] = lambda x, axis=axis: x[axis] > lengths[axis] - tiny[axis]
+    return kind.init_tensor(*ticks).with_boundaries(sides)
+
+
+def body_of_mesh(
+    mesh: Any, *, density: float, modulus: float, poisson: float = 0.3, damping_time: float = 0.0, thickness: float = 1.0
+) -> ElasticBody:
+    """A homogeneous isotropic body from a mesh: displacements linear in the elements, mass consistent, plane strain in two dimensions.
+
+    Range: small strain; full integration locks in bending of thin parts and near poisson = 0.5.
+
+    Parameters
+    ----------
+    mesh
+        The path of a mesh file (read by meshio: Gmsh, Abaqus, VTK, ..., in metres), or a mesh of scikit-fem, of triangles, quadrilaterals, tetrahedra or
+        bricks. Its named boundaries (physical groups of a file) become the faces of the body.
+    density, modulus, poisson
+        [kg/m3], [Pa], and Poisson's ratio, > -1 and < 0.5.
+    damping_time
+        [s]: C = damping_time K.
+    thickness
+        Of a plane body [m].
+
+    Raises
+    ------
+    SceneError
+        For numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
+    """
+    for word, value in (("density", density), ("modulus", modulus), ("thickness", thickness)):
+        if not is_finite_number(value) or not value > 0:
+            raise SceneError(f"Argument `{word}` must be a finite number > 0, but it is {value!r}.")
+    if not is_finite_number(poisson) or not -1 < poisson < 0.5:
+        raise SceneError(f"Argument `poisson` must be > -1 and < 0.5, but it is {poisson!r}.")
+    if not is_finite_number(damping_time) or damping_time < 0:
+        raise SceneError(f"Argument `damping_time` must be a finite number >= 0 s, but it is {damping_time!r}.")
+    skfem = _skfem()
+    from skfem.helpers import dot
+    from skfem.models.elasticity import lame_parameters, linear_elasticity
+
+    if isinstance(mesh, (str, Path)):
+        mesh = _read(skfem, Path(mesh))
+    elements = {"MeshTri1": "ElementTriP1", "MeshQuad1": "ElementQuad1", "MeshTet1": "ElementTetP1", "MeshHex1": "ElementHex1"}
+    kind = type(mesh).__name__
+    if kind not in elements:
+        raise SceneError(f"Argument `mesh` must be a path, or a mesh of linear elements ({', '.join(elements)}), but it is a {kind}.")
+    scalar = getattr(skfem, elements[kind])()
+    plane = thickness if mesh.dim() == 2 else 1.0
+    basis = skfem.Basis(mesh, skfem.ElementVector(scalar))
+    stiffness = plane * linear_elasticity(*lame_parameters(modulus, poisson)).assemble(basis)
+    mass = plane * density * skfem.BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis)
+    area = skfem.LinearForm(lambda v, w: v)
+    areas = {name: plane * area.assemble(skfem.FacetBasis(mesh, scalar, facets=name)) for name in (mesh.boundaries or {})}
+    faces = {name: np.where(values > 1e-9 * values.max(), values, 0.0) for name, values in areas.items()}  # nodes beside a face get round-off
+    return ElasticBody(mass, stiffness, damping_time * stiffness, mesh.p.T, basis.nodal_dofs.T.astype(int), faces)
+
+
+def _places(given: Any) -> np.ndarray:
+    if isinstance(given, (int, np.integer)) and not isinstance(given, bool) and given >= 1:
+        return np.linspace(0.0, 1.0, int(given) + 1)
+    places = finite_array(given)
+    if places is None or places.ndim != 1 or len(places) < 2 or places[0] != 0 or abs(places[-1] - 1) > 1e-12 or not (np.diff(places) > 0).all():
+        raise SceneError(f"Argument `divisions` must be whole numbers >= 1, or places that rise from 0 to 1, but it holds {given!r}.")
+    return places
+
+
+def _read(skfem: Any, path: Path) -> Any:
+    if not path.is_file():
+        raise SceneError(f"There is no file `{path}`.")
+    try:
+        return skfem.Mesh.load(str(path))
+    except SystemExit:  # what meshio does with a suffix that it does not know
+        raise SceneError(f"`{path}` is no mesh file that meshio reads.") from None
+    except Exception as error:  # the readers of many formats fail in as many ways
+        raise SceneError(f"`{path}` is no sound mesh file: {error}") from None
+
+
+def _skfem() -> Any:
+    try:
+        import skfem
+    except ImportError:
+        raise SceneError("Bodies from meshes need scikit-fem: install the extra `fe` (pip install stickslip-toolbox[fe]).") from None
+    return skfem
+

@@ -1,0 +1,158 @@
+"""An elastic pad pressed on a disc: squeal by mode coupling where regions of the face stick, slip and part."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from models.elastic.reduction import ReducedBody
+from models.friction import Coulomb
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, UnilateralContact, quantity, state
+
+
+@dataclass(frozen=True)
+class ElasticPad(Component):
+    """Elastic pad on a disc that moves under it, in a plane: M q'' + C q' + K q = forces on its ports.
+
+        N_i = k_c (y_i + a_i) + c_c y_i' while it is closed and > 0, else 0 ;   F_i dry friction against x_i' - v_disc, load N_i
+
+    Contact i is two ports of the reduced body, `along.i` with displacement x_i along the disc and `into.i` with y_i into it; a spring k_c stands for lining and
+    disc. q is counted from the unloaded pad, a_i is the approach of the disc to its contact: what presses it where nothing else pushes the pad. With one rigid
+    mass on two springs this is `SquealingPad` with preload k_c a, and may part.
+    Signals: needs `disc.speed` [m/s] (the field), `pad.push` [N] (0) on the port `pushed`, into the disc where that port counts so; gives
+    `pad.normal_force` and `pad.friction_force` [N] of all contacts. States: `pad.displacement` q and `pad.rate` q', without modes that no port moves.
+    Elements: `touch.i` ("open", "closed") and `pad.i` ("stick", "slip+/-").
+    Range: small strain, speed of the disc the same under all contacts, some ten contacts.
+    """
+
+    body: ReducedBody
+    approach: tuple[float, ...] = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
+    contact_stiffness: float = quantity(1e8, "N/m", "stiffness k_c of one contact", above=0)
+    contact_damping: float = quantity(0.0, "N s/m", "damping c_c of one contact", at_least=0)
+    disc_speed: float = quantity(1.0, "m/s", "speed of the disc under the pad")
+    pushed: str | None = None
+    friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
+
+    def check(self):
+        if not isinstance(self.body, ReducedBody):
+            raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
+        along, into = self.body.indices("along"), self.body.indices("into")
+        if not len(along) == len(into) == len(self.approach):
+            raise SceneError(
+                f"Argument `pad.approach` must have one entry for each contact, as ports `along.i` and `into.i`, but there are {len(self.approach)}, "
+                f"{len(along)} and {len(into)}."
+            )
+        if self.pushed is not None:
+            self.body.index(self.pushed)
+
+    @property
+    def _body(self) -> ReducedBody:
+        return self.body.moved
+
+    def equations(self, signal):
+        n, along, into = self._body.size, self._body.indices("along"), self._body.indices("into")
+        q, v = state("pad.displacement", "m", n), state("pad.rate", "m/s", n)
+        disc_speed = signal("disc.speed", "m/s", default=self.disc_speed)
+        push = signal("pad.push", "N", default=0.0) if self.pushed is not None else 0.0
+        touch = [
+            UnilateralContact(f"touch.{i}", q[j] + self.approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping)
+            for i, j in enumerate(into)
+        ]
+        pad = [
+            DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)
+        ]
+        places = [*into, *along] + ([self._body.index(self.pushed)] if self.pushed is not None else [])
+        forces = ca.vertcat(*(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.pushed is not None else []))
+        compliance = np.linalg.inv(self._body.mass)
+        compliance = (compliance + compliance.T) / 2
+        inner = -ca.DM(compliance @ self._body.stiffness) @ q - ca.DM(compliance @ self._body.damping) @ v
+        normal, drag = sum(contact.force for contact in touch), sum(contact.force for contact in pad)
+        slips = [v[j] - disc_speed for j in along]
+        supplies = {"disc drive": drag * disc_speed}
+        if self.pushed is not None:
+            supplies["push"] = push * v[self._body.index(self.pushed)]
+        return Equations(
+            flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
+            gives={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
+            elements=[*touch, *pad],
+            stored=(ca.bilin(ca.DM(self._body.mass), v, v) + ca.bilin(ca.DM(self._body.stiffness), q, q)) / 2 + sum(contact.stored for contact in touch),
+            losses={
+                "friction": -sum(contact.force * slip for contact, slip in zip(pad, slips, strict=True)),
+                "damping": ca.bilin(ca.DM(self._body.damping), v, v),
+                "contact": sum(contact.loss for contact in touch),
+            },
+            supplies=supplies,
+        )
+
+    def _coefficient(self, friction: float | None) -> float:
+        """The coefficient with the sign of the speed of the disc: that given, or that of the law at this speed."""
+        coefficient = float(self.friction.sliding(ca.SX(abs(self.disc_speed)))) if friction is None else friction
+        return math.copysign(coefficient, self.disc_speed)
+
+    def pressed(self, friction: float | None = None, push: float = 0.0) -> np.ndarray:
+        """q [m] at steady sliding, shape (n,), for a coefficient of friction (without, that of the law at the speed of the disc).
+
+        A start for runs. The disc pulls towards positive x for a positive speed. Raises SceneError where no set of closed contacts is found.
+        """
+        along, into, count = self._body.indices("along"), self._body.indices("into"), len(self.approach)
+        mu = self._coefficient(friction)
+        closed, approach = np.ones(count, bool), np.asarray(self.approach)
+        for _ in range(4 * count + 4):
+            matrix, force = self._body.stiffness.copy(), np.zeros(self._body.size)
+            if self.pushed is not None:
+                force[self._body.index(self.pushed)] += push
+            for i in np.flatnonzero(closed):
+                matrix[into[i], into[i]] += self.contact_stiffness
+                matrix[along[i], into[i]] -= mu * self.contact_stiffness
+                force[into[i]] -= self.contact_stiffness * approach[i]
+                force[along[i]] += mu * self.contact_stiffness * approach[i]
+            try:
+                q = np.linalg.solve(matrix, force)
+            except np.linalg.LinAlgError:
+                break
+            should = q[into] + approach > 0
+            if (should == closed).all():
+                return q
+            closed = should
+        raise SceneError("Argument `approach` must press the pad somewhere, in a way that can last, but no set of closed contacts is at rest.")
+
+    def poles(self, friction: float | None = None) -> np.ndarray:
+        """Eigenvalues [1/s] of steady sliding with all its contacts slipping, shape (2 n,), for a constant coefficient of friction, by growth downwards.
+
+        Which contacts are closed is that of `pressed`. Without `friction` it is that of the law at the speed of the disc, and its fall with speed is left out.
+        """
+        along, into = self._body.indices("along"), self._body.indices("into")
+        mu = self._coefficient(friction)
+        closed = self.pressed(friction)[into] + np.asarray(self.approach) > 0
+        stiffness, damping = self._body.stiffness.copy(), self._body.damping.copy()
+        for i in np.flatnonzero(closed):
+            for matrix, contact in ((stiffness, self.contact_stiffness), (damping, self.contact_damping)):
+                matrix[into[i], into[i]] += contact
+                matrix[along[i], into[i]] -= mu * contact
+        n = self._body.size
+        system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self._body.mass, stiffness), -np.linalg.solve(self._body.mass, damping)]])
+        found = np.linalg.eigvals(system)
+        return found[np.argsort(-found.real)]
+
+    def flutter_friction(self, up_to: float = 2.0, tolerance: float = 1e-6) -> float:
+        """The smallest coefficient of friction, up to `up_to`, at which steady sliding becomes unstable; inf where none does.
+
+        Found by a scan in 200 steps and halving, with the poles as they are, so that an instability narrower than a step may be missed.
+        Without damping the poles of a stable pad lie on the imaginary axis; growth counts above 1e-7 of the fastest pole.
+        """
+        def unstable(mu: float) -> bool:
+            poles = self.poles(mu)
+            return bool(poles[0].real > 1e-7 * np.abs(poles).max())
+
+        low = 0.0
+        for high in np.linspace(0.0, up_to, 201)[1:]:
+            if unstable(high):
+                while high - low > tolerance:
+                    middle = (low + high) / 2
+                    low, high = (low, middle) if unstable(middle) else (middle, high)
+                return float((low + high) / 2)
+            low = float(high)
+        return math.inf

@@ -1,0 +1,327 @@
+"""Static condensation and component modes: a large elastic body in the displacements of its ports and a few modes.
+
+With W = (w_1 ... w_p) the displacement is written as
+
+    u = Psi s + Phi r ,   s = W^T u ,   W^T Psi = 1 ,   W^T Phi = 0
+
+Psi: shapes of least strain energy for given displacements s of the ports, so statics under forces on ports are exact.  Phi: modes with all ports held,
+K Phi = M Phi diag(omega^2) + W (...), from the lowest up; without them the reduction is static (Guyan). As K Psi = W (...), the stiffness is
+diag(K_ss, omega^2): no term couples s and r. Where the ports do not hold all rigid-body motions, what they leave free are modes of frequency zero, and
+Psi is sought in their complement. Ports that are single entries of u are the classical case of Craig and Bampton.
+
+Why checked and not estimated: natural frequencies of a reduced body are too high, never too low (Rayleigh and Ritz), by an amount that depends on the
+ports. They are compared with those of the whole body, and modes are added until the band is right.
+Source: R. R. Craig, M. C. C. Bampton, AIAA Journal 6 (1968) 1313-1319, doi:10.2514/3.4741.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from models.elastic.spectrum import DENSE, natural_frequencies
+from toolbox import ContactProblem, FrictionLaw, SceneError
+from toolbox.authoring import finite_array, is_finite_number, suggest
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBody:
+    """An elastic body in few coordinates q = (displacements of the ports, amplitudes of modes): M q'' + C q' + K q = forces on the ports.
+
+    ports: names of the ports, the first coordinates in that order [m].  mass, damping, stiffness: (q, q) matrices, dense.  band [Hz]: what the modes were
+    chosen for.  frequencies: (f,) natural frequencies [Hz] of the whole body in that band, without rigid-body motions.  errors: (f,) relative errors of
+    the reduced body's, >= 0.  rigid: number of rigid-body motions of the body.
+
+    Two reduced bodies with the same ports and matrices are equal.  Made by `ElasticBody.reduced`.
+    """
+
+    ports: tuple[str, ...]
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    band: float
+    frequencies: np.ndarray
+    errors: np.ndarray
+    rigid: int
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return len(self.mass)
+
+    @property
+    def modes(self) -> int:
+        """Number of modes with held ports that were kept."""
+        return self.size - len(self.ports)
+
+    def index(self, port: str) -> int:
+        """The coordinate that is the displacement of a port; raises SceneError for a port that the body has not."""
+        if port not in self.ports:
+            raise SceneError(f"There is no port `{port}`. {suggest(port, self.ports)}")
+        return self.ports.index(port)
+
+    def indices(self, start: str) -> list[int]:
+        """The coordinates of the ports `start.0`, `start.1` and so on, in order; raises SceneError where there is none."""
+        found: list[int] = []
+        while f"{start}.{len(found)}" in self.ports:
+            found.append(self.ports.index(f"{start}.{len(found)}"))
+        if not found:
+            starts = {port.rpartition(".")[0] for port in self.ports} - {""}
+            raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ... . {suggest(start, starts)}")
+        return found
+
+    @functools.cached_property
+    def moved(self) -> ReducedBody:
+        """The body without modes that nothing on its ports can move, such as those that a symmetry keeps at rest: round-off alone would be their motion."""
+        p, size = len(self.ports), np.sqrt(np.diag(self.mass))
+        links = np.abs(self.mass / np.outer(size, size)) + np.abs(self.damping) / max(np.abs(self.damping).max(), 1e-300)
+        links += np.abs(self.stiffness) / np.abs(self.stiffness).max()
+        reached = np.arange(self.size) < p
+        while True:  # modes may be moved by way of others, through damping
+            further = reached | (links[reached] > 1e-9).any(axis=0)
+            if (further == reached).all():
+                break
+            reached = further
+        kept = np.ix_(reached, reached)
+        return replace(self, mass=self.mass[kept], damping=self.damping[kept], stiffness=self.stiffness[kept])
+
+    def mounted(self, mounts: Mapping[str, tuple[float, float]]) -> ReducedBody:
+        """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
+
+        `frequencies` and `errors` remain those of the body without mounts.
+        """
+        stiffness, damping = self.stiffness.copy(), self.damping.copy()
+        for port, given in mounts.items():
+            i, numbers = self.index(port), finite_array(given)
+            if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
+                raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
+            stiffness[i, i] += numbers[0]
+            damping[i, i] += numbers[1]
+        return replace(self, stiffness=stiffness, damping=damping)
+
+    def in_contact(
+        self,
+        friction: FrictionLaw,
+        tangent: Sequence[str],
+        normal: str | None = None,
+        *,
+        closing: float = -1.0,
+        load: Any = None,
+        gap: Any = None,
+        pushed: Sequence[str] = (),
+        places: Any = None,
+        areas: Any = None,
+    ) -> ContactProblem:
+        """The body on a rigid counter-surface, for `step_contacts`.
+
+        Inputs of the problem: `surface.word`, the speeds of the counter-surface along the tangents [m/s], and the names in `pushed`. Outputs are all ports.
+
+        Parameters
+        ----------
+        friction
+            The law of friction.
+        tangent
+            One or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
+        normal
+            The word of their normal displacements, for contacts that open and close.
+        closing
+            1 where a positive normal displacement closes the gap, -1 where it opens it, as for z above a plate.
+        load
+            Given normal loads [N] instead, shape (contacts,).
+        gap, places, areas
+            As for `ContactProblem`.
+        pushed
+            Ports that are pushed; the input of that name is a force [N].
+        """
+        ways = [self.indices(word) for word in tangent]
+        count = len(ways[0]) if ways else 0
+        if not count or any(len(way) != count for way in ways):
+            raise SceneError(f"Argument `tangent` must name ports of as many contacts in every direction, but it is {tuple(tangent)!r}.")
+        unit = np.eye(self.size)
+        closures = None
+        if normal is not None:
+            closures = closing * unit[self.indices(normal)]
+        return ContactProblem(
+            self.mass,
+            self.stiffness,
+            np.stack([unit[way] for way in ways], axis=1),
+            friction,
+            normal=closures,
+            load=load,
+            damping=self.damping,
+            gap=gap,
+            forces={port: unit[self.index(port)] for port in pushed},
+            surface={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
+            outputs={port: unit[i] for i, port in enumerate(self.ports)},
+            places=places,
+            areas=areas,
+        )
+
+    @functools.cached_property
+    def _content(self) -> tuple[Any, ...]:
+        return (self.ports, self.mass.tobytes(), self.damping.tobytes(), self.stiffness.tobytes())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ReducedBody) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __repr__(self) -> str:
+        return f"ReducedBody({len(self.ports)} ports, {self.modes} modes, band {self.band:g} Hz)"
+
+    def __str__(self) -> str:
+        worst = f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.errors.max():.2g} %" if self.errors.size else ""
+        return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid} rigid-body motions"
+
+
+def reduce_body(mass: Any, damping: Any, stiffness: Any, ports: Mapping[str, Any], band: float, tolerance: float) -> ReducedBody:
+    """See `ElasticBody.reduced`."""
+    if not is_finite_number(tolerance) or not 0 < tolerance < 1:
+        raise SceneError(f"Argument `tolerance` must be > 0 and < 1, but it is {tolerance!r}.")
+    weights = _weights(ports, mass.shape[0])
+    whole = natural_frequencies(mass, stiffness, band) if band else np.zeros(0)
+    rigid = rigid_shapes(mass, stiffness).shape[1]
+    frequencies = whole[whole > 0]
+    held = _Held(mass, stiffness, weights)
+    edge = 1.5 * band
+    while True:
+        modes = held.modes(edge)
+        matrices = held.reduced(modes, damping)
+        found = natural_frequencies(matrices[0], matrices[2], math.inf)[rigid:][: frequencies.size] if frequencies.size else frequencies
+        errors = np.maximum(found / frequencies - 1, 0.0) if found.size == frequencies.size else np.full(frequencies.size, np.inf)
+        if not frequencies.size or errors.max() <= tolerance:
+            return ReducedBody(tuple(ports), *matrices, band, frequencies, errors, rigid)
+        if modes.shape[1] + weights.shape[1] >= mass.shape[0]:
+            raise SceneError(f"Argument `tolerance` must be above round-off, but it is {tolerance!r}.")
+        edge *= 1.5
+
+
+def _weights(ports: Mapping[str, Any], n: int) -> np.ndarray:
+    """(n, p) weights of the ports, checked."""
+    if not isinstance(ports, Mapping) or not ports:
+        raise SceneError(f"Argument `ports` must be {{name: weights}} with at least one port, but it is {ports!r}.")
+    columns = []
+    for name, given in ports.items():
+        weights = finite_array(given)
+        if weights is None or weights.shape != (n,) or not weights.any():
+            raise SceneError(f"Argument `ports` must give `{name}` {n} finite weights, one for each entry of the displacement, that are not all 0.")
+        columns.append(weights)
+    return np.column_stack(columns)
+
+
+class _Held:
+    """The body with held ports, in the coordinates u = Y s + Z y with W^T Y = 1 and W^T Z = 0; Z keeps the sparsity of finite elements."""
+
+    def __init__(self, mass: Any, stiffness: Any, weights: np.ndarray):
+        from scipy.linalg import qr
+        from scipy.sparse import csc_matrix, identity, vstack
+
+        n, p = weights.shape
+        if p > n:
+            raise SceneError(f"Argument `ports` must be at most {n} ports, one for each entry of the displacement, but there are {p}.")
+        # every port gives up one entry of u, which its displacement and the other entries then decide
+        upper, order = qr(weights.T, mode="r", pivoting=True)
+        pivots = np.abs(np.diag(upper[:, :p]))
+        if pivots.min() <= 1e-10 * pivots.max():
+            raise SceneError("Argument `ports` must be independent of each other, but one is a combination of others.")
+        given_up, others = order[:p], np.sort(order[p:])
+        back = np.argsort(np.concatenate([given_up, others]))
+        by_others = -np.linalg.solve(weights[given_up].T, weights[others].T)
+        self.y = vstack([csc_matrix(np.linalg.inv(weights[given_up].T)), csc_matrix((n - p, p))]).tocsr()[back]
+        self.z = vstack([csc_matrix(by_others), identity(n - p)]).tocsr()[back]
+        self.mass, self.stiffness = mass, stiffness
+        self.inner_mass, self.inner_stiffness = (csc_matrix(self.z.T @ matrix @ self.z) for matrix in (mass, stiffness))
+        self.free = self._free_motions(weights)[others]
+        self.shapes = self._shapes()
+
+    def _free_motions(self, weights: np.ndarray) -> np.ndarray:
+        """(n, r) motions without strain that the ports do not hold, normalised to mass 1."""
+        from scipy.linalg import null_space
+
+        rigid = rigid_shapes(self.mass, self.stiffness)
+        moved = weights.T @ rigid
+        if not rigid.shape[1]:
+            return rigid
+        loose = rigid @ null_space(moved / np.linalg.norm(weights, axis=0)[:, None], rcond=1e-9)
+        return loose @ np.linalg.inv(np.linalg.cholesky(loose.T @ (self.mass @ loose))).T if loose.shape[1] else loose
+
+    def _shapes(self) -> np.ndarray:
+        """(n, p) shapes of least strain energy for a displacement 1 of each port; entries that free motions leave open are pinned."""
+        from scipy.linalg import qr
+        from scipy.sparse import csc_matrix
+
+        load = (self.z.T @ self.stiffness @ self.y).toarray()
+        kept = np.ones(len(self.free), bool)
+        if self.free.shape[1]:
+            kept[qr(self.free.T, mode="r", pivoting=True)[1][: self.free.shape[1]]] = False
+        inner = np.zeros(load.shape)
+        if kept.any():
+            inner[kept] = -_solver(csc_matrix(self.inner_stiffness[kept][:, kept]))(load[kept])
+        return self.y @ np.eye(load.shape[1]) + self.z @ inner
+
+    def modes(self, edge: float) -> np.ndarray:
+        """(n, r) modes with held ports and frequencies up to `edge` [Hz], those of frequency zero first, normalised to mass 1."""
+        from scipy.linalg import eigh
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        size, free = self.inner_mass.shape[0], self.free.shape[1]
+        limit = (2 * math.pi * edge) ** 2
+        if edge <= 0 or not size:
+            return self.z @ self.free
+        if size <= DENSE:
+            squares, shapes = eigh(self.inner_stiffness.toarray(), self.inner_mass.toarray())
+        else:
+            fastest = np.max(self.inner_stiffness.diagonal() / self.inner_mass.diagonal())
+            shift = -max(limit / 10, 1e-9 * fastest) if free else 0.0
+            inverse = LinearOperator((size, size), matvec=_solver(self.inner_stiffness - shift * self.inner_mass))
+            count, squares = 16 + free, np.zeros(1)
+            while squares.max() <= limit and count <= size // 2:
+                squares, shapes = eigsh(
+                    self.inner_stiffness, k=count, M=self.inner_mass, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(size))
+                )
+                count *= 2
+            if squares.max() <= limit:
+                raise SceneError(f"Argument `band` must be lower, because modes up to {edge:g} Hz are more than half of all.")
+        order = np.argsort(squares)[free:]
+        return self.z @ np.hstack([self.free, shapes[:, order[squares[order] <= limit]]])
+
+    def reduced(self, modes: np.ndarray, damping: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mass, damping and stiffness in the coordinates (ports, modes), symmetric to the last bit."""
+        basis = np.hstack([self.shapes, modes])
+        mass, damped, stiffness = ((found + found.T) / 2 for found in (basis.T @ (matrix @ basis) for matrix in (self.mass, damping, self.stiffness)))
+        p, free = self.shapes.shape[1], self.free.shape[1]
+        stiffness[:p, p:] = stiffness[p:, :p] = 0.0
+        stiffness[p:, p:] = np.diag(np.diag(stiffness[p:, p:]))
+        stiffness[p : p + free, p : p + free] = 0.0
+        return mass, damped, stiffness
+
+
+def rigid_shapes(mass: Any, stiffness: Any) -> np.ndarray:
+    """(n, r) orthonormal motions without strain of a body, r from 0 to 6."""
+    from scipy.linalg import eigh
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    n = mass.shape[0]
+    fastest = np.max(stiffness.diagonal() / mass.diagonal())
+    if n <= DENSE:
+        squares, shapes = eigh(stiffness.toarray(), mass.toarray())
+    else:
+        shift = -1e-6 * fastest
+        inverse = LinearOperator((n, n), matvec=_solver(stiffness - shift * mass))
+        squares, shapes = eigsh(stiffness, k=8, M=mass, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(n)))
+    return np.linalg.qr(shapes[:, squares < 1e-12 * fastest])[0]
+
+
+def _solver(matrix: Any) -> Any:
+    """The inverse of a sparse positive definite matrix, as a function of (n,) or (n, k) right sides."""
+    from scipy.sparse import csc_matrix
+    from scipy.sparse.linalg import splu
+
+    factor = splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return factor.solve

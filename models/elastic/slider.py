@@ -1,0 +1,79 @@
+"""An elastic slider whose contact lets go region by region, with every event located."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from models.elastic.reduction import ReducedBody
+from models.friction import Exponential
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+
+
+@dataclass(frozen=True)
+class ElasticSlider(Component):
+    """Elastic body on a moving plate with contacts in a row, held by a spring and a damper: M q'' + C q' + K q = forces on its ports.
+
+    Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks and
+    slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the
+    normal forces of `toolbox.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
+    Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
+    `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
+    `slider.displacement` q and `slider.rate` q'. Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-".
+    The defaults of spring, damper and friction are those of `Slider`. Modes that no port moves are left out.
+    Such a body is stiff: give its material some damping, else its fastest mode rings through the
+    run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same.
+    Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
+    """
+
+    body: ReducedBody
+    loads: tuple[float, ...] = quantity(unit="N", meaning="normal load of every contact", at_least=0)
+    held: str = "held"
+    stiffness: float = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
+    damping: float = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
+    friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
+
+    def check(self):
+        if not isinstance(self.body, ReducedBody):
+            raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
+        contacts = len(self.body.indices("contact"))
+        if len(self.loads) != contacts:
+            raise SceneError(f"Argument `slider.loads` must have {contacts} entries, one for each contact, but it has {len(self.loads)}.")
+        self.body.index(self.held)
+
+    def equations(self, signal):
+        body = self.body.moved
+        n, contacts, held = body.size, body.indices("contact"), body.index(self.held)
+        q, v = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)
+        pull, plate_speed = signal("slider.pull", "N", default=0.0), signal("plate.speed", "m/s", default=0.0)
+        plate = [
+            DryFriction(f"plate.{i}", v[contact] - plate_speed, self.friction, self.loads[i]) for i, contact in enumerate(contacts)
+        ]
+        mount = pull - self.stiffness * q[held] - self.damping * v[held]
+        places = [held, *contacts]
+        compliance = np.linalg.inv(body.mass)
+        inner = -ca.DM(compliance @ body.stiffness) @ q - ca.DM(compliance @ body.damping) @ v
+        forces = ca.vertcat(mount, *(contact.force for contact in plate))
+        elastic, damping = ca.DM(body.stiffness), ca.DM(body.damping)
+        drag = sum(contact.force for contact in plate)
+        slips = [v[contact] - plate_speed for contact in contacts]
+        stuck = sum(load * (1 - contact.mode**2) for load, contact in zip(self.loads, plate, strict=True))
+        return Equations(
+            flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
+            gives={
+                "slider.position": (q[held], "m"),
+                "slider.speed": (v[held], "m/s"),
+                "plate.drag": (drag, "N"),
+                "plate.stuck": (stuck / sum(self.loads), "1"),
+            },
+            elements=plate,
+            stored=ca.bilin(ca.DM(body.mass), v, v) / 2 + ca.bilin(elastic, q, q) / 2 + self.stiffness * q[held] ** 2 / 2,
+            losses={
+                "friction": -sum(contact.force * slip for contact, slip in zip(plate, slips, strict=True)),
+                "damper": self.damping * v[held] ** 2,
+                "material": ca.bilin(damping, v, v),
+            },
+            supplies={"pull": pull * v[held], "plate": drag * plate_speed},
+        )

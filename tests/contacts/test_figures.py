@@ -1,0 +1,85 @@
+"""Pictures of a face: what is drawn is what the run holds."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from PIL import Image
+
+from models import Coulomb
+from toolbox import ContactProblem, SceneError, ramp, step_contacts
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Nine masses on springs, some above a gap; a plate draws the others along."""
+    c = 9
+    unit = np.eye(3 * c)
+    closing = unit[2 * c :]
+    tangent = np.stack([unit[:c], unit[c : 2 * c]], axis=1)
+    places = np.array([(x, y, 0.0) for x in (0.0, 1e-3, 2e-3) for y in (0.0, 1e-3, 2e-3)])
+    problem = ContactProblem(
+        np.eye(3 * c), 1e4 * np.eye(3 * c), tangent, Coulomb(0.3, 0.3), normal=closing, gap=np.where(np.arange(c) < 3, 1.0, 0.0),
+        damping=100.0 * np.eye(3 * c), forces={"press": closing.T @ np.linspace(1.0, 3.0, c)}, surface={"plate": np.tile([1.0, 0.0], (c, 1))},
+        places=places, areas=np.full(c, 1e-6),
+    )  # fmt: skip
+    return step_contacts(problem, 0.1, step=2e-3, inputs={"press": 10.0, "plate": ramp(0.0, 0.02, 0.0, 0.1)})
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+def test_the_shares_over_time_are_drawn_and_add_up_to_one(run):
+    ax = run.plot_share()
+    drawn = {line.get_label(): line.get_ydata() for line in ax.get_lines()}
+    assert set(drawn) == {"stick", "slip", "open"}
+    np.testing.assert_allclose(sum(drawn.values()), 1.0)
+    np.testing.assert_allclose(drawn["stick"], run.share())
+    assert ax.get_xlabel() == "time [s]"
+
+
+def test_a_map_shows_every_contact_in_its_mode(run):
+    ax = run.plot_map(run.end)
+    drawn = {collection.get_label(): len(collection.get_offsets()) for collection in ax.collections}
+    assert drawn == {word: int((run.modes[-1] == code).sum()) for code, word in enumerate(("stick", "slip", "open")) if (run.modes[-1] == code).any()}
+    assert drawn["open"] == 3
+
+
+@pytest.mark.parametrize(("values", "factor"), [("pressure", 1e-6), ("traction", 1e-6), ("rubbed", 1e9)])
+def test_fields_are_drawn_in_the_unit_that_their_bar_says(run, values, factor):
+    ax = run.plot_map(run.end, values)
+    np.testing.assert_allclose(ax.collections[0].get_array(), factor * getattr(run, values)[-1])
+
+
+def test_a_film_has_its_frames_and_is_written_whole(run, tmp_path):
+    run.animate(tmp_path / "face.gif", frames=5, seconds=1.0)
+    with Image.open(tmp_path / "face.gif") as film:
+        assert film.n_frames > 1
+    assert [path.name for path in tmp_path.iterdir()] == ["face.gif"]
+
+
+@pytest.mark.parametrize(
+    ("ask", "words"),
+    [
+        (lambda run: run.plot_map(1.0), "from 0 to 0.1 s"),
+        (lambda run: run.plot_map(0.05, "speed"), "pressure, traction"),
+        (lambda run: run.animate("face.mp4"), ".gif"),
+        (lambda run: run.animate("face.gif", frames=1), "frames"),
+        (lambda run: run.share("stuck"), "stick, slip or open"),
+        (lambda run: run["back"], "no output"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(run, ask, words):
+    with pytest.raises(SceneError, match=words):
+        ask(run)
+
+
+def test_a_face_without_places_has_no_map(run):
+    from dataclasses import replace
+
+    bare = replace(run, problem=replace(run.problem, places=None))
+    for ask in (lambda: bare.plot_map(0.05), lambda: bare.animate("face.gif")):
+        with pytest.raises(SceneError, match="places"):
+            ask()

@@ -1,0 +1,279 @@
+"""Bodies with many contacts against closed forms: sliding, sticking, impact, waves, the cone, and the balance of energy."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from models import BristleContact, Coulomb, Drop, ElasticBody, Exponential
+from toolbox import ContactProblem, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
+
+MU, LOAD, MASS = 0.4, 10.0, 2.0
+
+
+def block(stiffness=0.0, directions=1, friction=None, **options):
+    """A rigid block with one contact of given load, on springs of one stiffness in each direction."""
+    unit = np.eye(directions)
+    fields = {
+        "mass": MASS * unit, "stiffness": stiffness * unit, "tangent": unit[None], "friction": friction or Coulomb(MU, MU), "load": [LOAD],
+        "forces": {f"force.{axis}": unit[i] for i, axis in enumerate("xy"[:directions])},
+        "surface": {f"surface.{axis}": unit[i][None] for i, axis in enumerate("xy"[:directions])},
+        "outputs": {axis: unit[i] for i, axis in enumerate("xy"[:directions])},
+    }  # fmt: skip
+    return ContactProblem(**fields | options)
+
+
+def thrown(problem, *speeds):
+    """A run at rest whose last rates are changed: the begin of a run with speed."""
+    begin = step_contacts(problem, 1e-9, step=1e-9)
+    begin.rates[-1] = speeds
+    return begin
+
+
+def test_below_the_bound_nothing_moves_and_the_force_is_what_holds():
+    run = step_contacts(block(), 1.0, step=0.1, inputs={"force.x": ramp(0.0, 0.99 * MU * LOAD, 0.0, 1.0)})
+    assert (run["x"] == 0.0).all()
+    assert run.share().min() == 1.0
+    np.testing.assert_allclose(run.tangential[1:, 0, 0], -0.99 * MU * LOAD * run.time[1:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, 0.8), (-0.28, 0.96)])
+def test_a_block_thrown_in_any_direction_slows_along_it_and_stops_where_the_textbook_says(direction):
+    speed, deceleration = 3.0, MU * LOAD / MASS
+    problem = block(directions=2)
+    errors = []
+    for step in (0.02, 0.01, 0.005):
+        run = step_contacts(problem, 2.0, step=step, start=thrown(problem, *(speed * np.array(direction))))
+        moved = np.array([run["x"][-1], run["y"][-1]])
+        errors.append(abs(np.linalg.norm(moved) - speed**2 / (2 * deceleration)))
+        np.testing.assert_allclose(moved / np.linalg.norm(moved), direction, atol=1e-9)
+        assert run.last("slip") == pytest.approx(speed / deceleration, abs=1.01 * step)
+        assert (run.rates[-1] == 0).all()
+    for coarse, fine in itertools.pairwise(errors):
+        assert coarse / fine == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_block_lets_go_where_the_resultant_of_two_forces_reaches_the_bound_and_not_where_one_does():
+    both = {"force.x": ramp(0.0, 4.0, 0.0, 1.0), "force.y": 3.0}
+    run = step_contacts(block(directions=2), 1.0, step=1e-3, inputs=both)
+    release = math.sqrt((MU * LOAD) ** 2 - 3.0**2) / 4.0
+    assert run.first("slip") == pytest.approx(release, abs=1.01e-3)
+    alone = step_contacts(block(directions=2), 1.0, step=1e-3, inputs=both | {"force.y": 0.0})
+    assert math.isnan(alone.first("slip"))
+
+
+def test_a_block_on_springs_over_a_plate_that_turns_away_feels_the_resultant_of_both_speeds():
+    """Held by springs, in steady sliding: k x = mu N v_x / |v|, k y = mu N v_y / |v|."""
+    run = step_contacts(block(500.0, 2, damping=200.0 * np.eye(2)), 10.0, step=0.01, inputs={"surface.x": 0.3, "surface.y": -0.1})
+    size = math.hypot(0.3, 0.1)
+    assert run["x"][-1] == pytest.approx(MU * LOAD * 0.3 / size / 500.0, rel=1e-6)
+    assert run["y"][-1] == pytest.approx(-MU * LOAD * 0.1 / size / 500.0, rel=1e-6)
+
+
+def test_stick_slip_of_a_block_on_a_belt_converges_to_the_run_with_located_events_with_first_order():
+    from models import BlockOnBelt
+
+    friction = Exponential(static=1.0, kinetic=0.4, decay=3.0)
+    exact = simulate(compose(BlockOnBelt(friction=friction)), 12.0, accuracy=1e-10)
+    problem = block(1.0, friction=friction, mass=[[1.0]], load=[1.0])
+    errors = []
+    for step in (0.008, 0.004, 0.002):
+        run = step_contacts(problem, 12.0, step=step, inputs={"surface.x": 0.2})
+        errors.append(np.abs(run["x"] - exact.at(run.time)["block.position"]).max())
+    assert errors[-1] < 1e-2
+    for coarse, fine in itertools.pairwise(errors):
+        assert coarse / fine == pytest.approx(2.0, rel=0.15)
+    stuck = run.share()[run.time > 6.0].mean()
+    assert stuck == pytest.approx(exact.time_in("belt", "stick", after=6.0) / 6.0, abs=0.02)
+
+
+def test_bristles_of_the_event_loop_are_the_limit_of_a_body_without_mass_at_its_contacts():
+    """Sixteen springs between a plate and a base that is drawn to and fro: the same play operators, so the same force at every step."""
+    n, k = 16, 1e6
+    model = BristleContact(n)
+    shares = np.linspace(0.5, 1.5, n) / n
+    base = 4e-6
+    exact = simulate(compose(BristleContact(n, shares=tuple(shares))), 2.5, inputs={"plate.speed": base * 2 * math.pi * ca_cos()}, accuracy=1e-10)
+    stiffness = k / n * np.eye(n)
+    problem = ContactProblem(
+        0 * stiffness, stiffness, np.eye(n)[:, None, :], Coulomb(model.friction, model.friction), load=shares * model.load,
+        surface={"plate": np.ones((n, 1))},
+    )  # fmt: skip
+    errors = []
+    for step in (0.01, 0.005):
+        run = step_contacts(problem, 2.5, step=step, inputs={"plate": base * 2 * math.pi * ca_cos()})
+        drag = -run.tangential.sum(axis=(1, 2))
+        errors.append(np.abs(drag + exact.at(run.time)["plate.drag"]).max() / (model.friction * model.load))
+    assert errors[-1] < 1e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.2)  # the trapezoid of the speed of the plate is all that is wrong
+    assert 0.2 < run.share().mean() < 0.9
+
+
+def ca_cos():
+    import casadi as ca
+
+    return ca.cos(2 * ca.pi * time)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------ opening and impact
+def dropped(elements, speed=1.0, gap=1e-4, length=0.5, area=1e-4, density=7800.0, modulus=2.1e11):
+    """An elastic rod that flies towards a rigid wall: problem, run of its begin, wave speed."""
+    h = length / elements
+    side = np.ones(elements)
+    inside = np.full(elements + 1, 2.0)
+    inside[[0, -1]] = 1.0
+    stiffness = modulus * area / h * (np.diag(inside) - np.diag(side, 1) - np.diag(side, -1))
+    mass = density * area * h * np.diag(inside) / 2
+    tip = np.eye(elements + 1)[-1]
+    problem = ContactProblem(mass, stiffness, 0 * tip[None, None] + np.eye(elements + 1)[:1][None] * 1e-9, Coulomb(0.0, 0.0), normal=tip[None], gap=[gap])
+    begin = step_contacts(problem, 1e-12, step=1e-12)
+    begin.rates[-1] = speed
+    return problem, begin, math.sqrt(modulus / density)
+
+
+def test_a_rod_that_strikes_a_wall_stays_for_two_passages_of_the_wave_and_pushes_with_its_impedance():
+    problem, begin, wave_speed = dropped(100)
+    period = 2 * 0.5 / wave_speed
+    run = step_contacts(problem, 3 * period, step=period / 1500, start=begin)
+    touching = run.modes[:, 0] != 2
+    assert touching.sum() * period / 1500 == pytest.approx(period, rel=0.03)
+    arrival = run.time[np.flatnonzero(touching)[0]]
+    assert arrival == pytest.approx(1e-4, rel=0.01)
+    plateau = (run.time > arrival + 0.3 * period) & (run.time < arrival + 0.7 * period)
+    assert run.normal[plateau, 0] == pytest.approx(7800.0 * wave_speed * 1e-4 * 1.0, rel=0.02)
+    assert (run.coordinates[:, -1] <= 1e-4 * (1 + 1e-9)).all()
+
+
+def test_the_rod_comes_back_with_its_speed_in_the_limit_of_small_steps():
+    problem, begin, wave_speed = dropped(40)
+    period = 2 * 0.5 / wave_speed
+    lost = []
+    for parts in (500, 1000, 2000):
+        run = step_contacts(problem, 1e-4 + 1.5 * period, step=period / parts, start=begin)
+        back = problem.mass.diagonal() @ run.rates[-1] / problem.mass.trace()
+        lost.append(1.0 + back)
+        audit = run.audit()
+        assert abs(audit["missing"]) < 1e-10 * audit["size"]
+        assert audit["stepping"] > 0
+    assert all(fine < coarse for coarse, fine in itertools.pairwise(lost))
+    assert lost[-1] < 0.15
+
+
+def test_energy_is_accounted_for_while_contacts_open_slide_and_stick():
+    random = np.random.default_rng(4)
+    n, c = 12, 3
+    root = random.normal(size=(n, n))
+    problem = ContactProblem(
+        np.diag(0.5 + random.random(n)), 200.0 * root @ root.T + 50.0 * np.eye(n), np.stack([np.eye(n)[[i, i + 3]] for i in range(c)]), Coulomb(0.5, 0.3),
+        normal=np.eye(n)[6 : 6 + c], damping=0.02 * root @ root.T, gap=[0.0, 0.001, 0.002],
+        forces={"press": np.eye(n)[6:9].sum(axis=0), "shake": random.normal(size=n)}, surface={"belt": np.tile([1.0, 0.3], (c, 1))},
+    )  # fmt: skip
+    import casadi as ca
+
+    run = step_contacts(problem, 2.0, step=1e-3, inputs={"press": 20.0, "shake": 30.0 * ca.sin(20 * time), "belt": 0.2})
+    for mode in ("stick", "slip", "open"):
+        assert run.share(mode).max() > 0
+    audit = run.audit()
+    assert abs(audit["missing"]) < 1e-11 * audit["size"]
+    assert audit["friction"] > 0.01 * audit["size"]
+    assert min(audit["damping"], audit["impacts"], audit["stepping"]) > 0
+    assert (np.diff(run.rubbed, axis=0) >= -1e-12 * audit["size"]).all()
+    assert (np.linalg.norm(run.tangential, axis=2) <= 0.5 * run.normal * (1 + 1e-9) + 1e-9).all()
+
+
+def test_a_state_of_rest_is_the_begin_of_a_run_in_which_nothing_happens():
+    body = np.array([[3.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]) * 1e4
+    problem = ContactProblem(
+        np.eye(3), body, np.eye(3)[:1][None], Coulomb(0.3, 0.3), normal=np.eye(3)[1:2], gap=[1e-4], forces={"press": np.eye(3)[2]}
+    )
+    rest = press_contacts(problem, {"press": 50.0})
+    np.testing.assert_allclose(
+        body @ rest.coordinates[0], [rest.tangential[0, 0, 0], -rest.normal[0, 0], 50.0], atol=1e-9
+    )
+    run = step_contacts(problem, 0.1, step=1e-3, inputs={"press": 50.0}, start=rest)
+    np.testing.assert_allclose(run.coordinates, np.tile(rest.coordinates[0], (len(run.time), 1)), atol=1e-15)
+
+
+def test_events_name_contact_time_and_modes():
+    run = step_contacts(block(), 1.0, step=1e-2, inputs={"force.x": ramp(0.0, 8.0, 0.0, 1.0)})
+    assert [(event.element, event.before, event.after) for event in run.events] == [("contact.0", "stick", "slip")]
+    assert run.events[0].time == pytest.approx(0.5, abs=0.0101)
+    assert "1 contacts" in str(run)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------------ borders
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"load": None}, "Either `normal`"),
+        ({"normal": [[1.0]]}, "Either `normal`"),
+        ({"load": [-1.0]}, ">= 0"),
+        ({"load": [1.0, 2.0]}, r"shape \(1,\)"),
+        ({"mass": [[math.nan]]}, "mass"),
+        ({"tangent": [[1.0]]}, "tangent"),
+        ({"tangent": np.zeros((0, 1, 1))}, "at least one contact"),
+        ({"friction": 0.3}, "friction law"),
+        ({"friction": Drop()}, "without breaks"),
+        ({"friction": Coulomb(0.2, 0.3)}, "kinetic"),
+        ({"forces": {"pull": [1.0, 2.0]}}, "pull"),
+        ({"places": [[0.0], [1.0]]}, "places"),
+        ({"areas": [-1.0]}, ">= 0"),
+    ],
+)
+def test_problems_that_are_none_are_refused(changes, words):
+    with pytest.raises(SceneError, match=words):
+        block(**changes)
+
+
+def test_an_unsymmetric_body_is_refused():
+    with pytest.raises(SceneError, match="symmetric"):
+        block(directions=2, stiffness=1.0, damping=[[0.0, 1.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"step": -1.0}, "step"),
+        ({"step": 1e-9}, "1000000 steps"),
+        ({"inputs": {"force.z": 1.0}}, "force.x"),
+        ({"inputs": {"force.x": "much"}}, "must be a number"),
+        ({"inputs": {"force.x": math.nan}}, "must be a number"),
+        ({"start": 3.0}, "ContactRun"),
+    ],
+)
+def test_runs_refuse_what_they_cannot_do(arguments, words):
+    with pytest.raises(SceneError, match=words):
+        step_contacts(block(), **{"duration": 1.0, "step": 0.01} | arguments)
+
+
+def test_a_begin_of_another_body_is_refused():
+    with pytest.raises(SceneError, match="as many coordinates"):
+        step_contacts(block(), 1.0, step=0.1, start=step_contacts(block(directions=2), 1.0, step=0.5))
+
+
+def test_contacts_that_move_nothing_or_together_are_refused():
+    twice = {"tangent": np.ones((2, 1, 1)), "load": [1.0, 1.0], "forces": {}, "surface": {}}
+    for changes in (twice, {"tangent": np.zeros((1, 1, 1))}):
+        with pytest.raises(SceneError, match="`tangent`"):
+            step_contacts(block(**changes), 1.0, step=0.1)
+
+
+def test_a_body_that_slips_away_has_no_state_of_rest():
+    with pytest.raises((SceneError, SimulationError)):
+        press_contacts(block(), {"force.x": 1e3})
+
+
+def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
+    body = ElasticBody(np.eye(3), 1e4 * np.eye(3), entries=[[0, 1, 2]])
+    reduced = body.reduced({"x.0": body.point(0, "x"), "y.0": body.point(0, "y"), "z.0": body.point(0, "z")})
+    problem = reduced.mounted({"x.0": (5.0, 2.0)}).in_contact(Coulomb(0.3, 0.3), ("x", "y"), "z", pushed=("z.0",))
+    assert problem.stiffness[0, 0] == pytest.approx(1e4 + 5.0)
+    assert problem.damping[0, 0] == 2.0
+    assert set(problem.forces) == {"z.0"}
+    assert set(problem.surface) == {"surface.x", "surface.y"}
+    run = step_contacts(problem, 0.01, step=1e-3, inputs={"z.0": -10.0, "surface.x": 0.1})
+    assert run.normal[-1, 0] == pytest.approx(10.0)
+    with pytest.raises(SceneError, match="as many contacts"):
+        reduced.in_contact(Coulomb(0.3, 0.3), ())

@@ -1,0 +1,205 @@
+"""Runs of many contacts: states, forces and energies step by step, with measures of where a face sticks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from toolbox.arguments import is_finite_number
+from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK, ContactProblem
+from toolbox.errors import SceneError, suggest
+from toolbox.simulation.samples import Event
+
+
+class Energies:
+    """Energies [J] at every step: kinetic and elastic as they are, all others summed up from the begin of the run.
+
+    work: {input: what its force puts in}.  surface: what the counter-surface puts in.  friction is in `ContactRun.rubbed`.  damping: what the
+    damping takes.  impacts: what closing contacts take.  stepping: what the time stepping takes from motions that it cannot follow.
+    """
+
+    def __init__(self, rows: int, inputs: Iterable[str]):
+        self.kinetic, self.elastic, self.damping, self.stepping = (np.zeros(rows) for _ in range(4))
+        self.surface, self.impacts = np.zeros(rows), np.zeros(rows)
+        self.work = {name: np.zeros(rows) for name in inputs}
+
+    def cut(self, rows: int) -> Energies:
+        """The first rows."""
+        kept = Energies(0, ())
+        for word, values in vars(self).items():
+            setattr(kept, word, {name: v[:rows] for name, v in values.items()} if isinstance(values, dict) else values[:rows])
+        return kept
+
+
+@dataclass
+class ContactRun:
+    """What `step_contacts` returns, at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m].
+
+    Attributes
+    ----------
+    time
+        (t,): instants [s].
+    coordinates, rates
+        (t, n): q and its rate.
+    modes
+        (t, c): 0 stick, 1 slip, 2 open, as in `toolbox.contacts.problem.LEGEND`.
+    normal
+        (t, c): Normal forces [N], >= 0.
+    tangential
+        (t, c, k): tangential forces on the body [N].
+    slip
+        (t, c, k): distances slipped since the begin, with sign [m].
+    rubbed
+        (t, c): energy that friction has taken at every contact [J].
+    energy
+        See there.
+    passes
+        (t,): Newton passes of every step.
+    inputs
+        {name: (t,)}: what acted.
+    problem
+        The `ContactProblem` that was run.
+    wall_time
+        How long it took [s].
+    """
+
+    problem: ContactProblem
+    time: np.ndarray
+    coordinates: np.ndarray
+    rates: np.ndarray
+    modes: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    slip: np.ndarray
+    rubbed: np.ndarray
+    energy: Energies
+    passes: np.ndarray
+    inputs: dict[str, np.ndarray] = field(default_factory=dict)
+    wall_time: float = 0.0
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.coordinates @ self._output(name)
+
+    def rate(self, name: str) -> np.ndarray:
+        """The speed (t,) of an output of the problem [m/s]."""
+        return self.rates @ self._output(name)
+
+    def _output(self, name: str) -> np.ndarray:
+        if name not in self.problem.outputs:
+            raise SceneError(f"There is no output `{name}`. {suggest(name, self.problem.outputs)}")
+        return self.problem.outputs[name]
+
+    @property
+    def end(self) -> float:
+        """The last instant [s]."""
+        return float(self.time[-1])
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(t, c) normal forces per area [Pa], or [N] where the problem has no areas."""
+        return self.normal / self.problem.areas
+
+    @property
+    def traction(self) -> np.ndarray:
+        """(t, c) sizes of the tangential forces per area [Pa], or [N] where the problem has no areas."""
+        return np.linalg.norm(self.tangential, axis=2) / self.problem.areas
+
+    def share(self, mode: str = "stick") -> np.ndarray:
+        """(t,) share of the area of all contacts that is in a mode, "stick", "slip" or "open"."""
+        return (self.modes == _code(mode)) @ self.problem.areas / self.problem.areas.sum()
+
+    def last(self, mode: str = "stick") -> float:
+        """The last instant at which a contact is in a mode; nan where none ever is."""
+        found = np.flatnonzero((self.modes == _code(mode)).any(axis=1))
+        return float(self.time[found[-1]]) if found.size else float("nan")
+
+    def first(self, mode: str) -> float:
+        """The first instant at which all contacts are in a mode; nan where they never are."""
+        found = np.flatnonzero((self.modes == _code(mode)).all(axis=1))
+        return float(self.time[found[0]]) if found.size else float("nan")
+
+    @property
+    def events(self) -> list[Event]:
+        """Changes of mode in order, at the end of the step in which they happen; the element is `contact.i`."""
+        steps, contacts = np.nonzero(np.diff(self.modes.astype(int), axis=0))
+        return [
+            Event(float(self.time[i + 1]), f"contact.{c}", LEGEND[int(self.modes[i, c])], LEGEND[int(self.modes[i + 1, c])])
+            for i, c in zip(steps, contacts, strict=True)
+        ]
+
+    def audit(self) -> dict[str, float]:
+        """The balance of energy over the run [J]: what was put in, stored and taken, the rest that is missing, and the largest of them as `size`.
+
+        supplied = stored + friction + damping + impacts + stepping + missing. `missing` is round-off; `stepping` is the error of the time stepping,
+        which falls with the step.
+        """
+        energy = self.energy
+        stored = energy.kinetic + energy.elastic
+        parts = {
+            "supplied": float(sum(work[-1] for work in energy.work.values()) + energy.surface[-1]),
+            "stored": float(stored[-1] - stored[0]),
+            "friction": float(self.rubbed[-1].sum()),
+            "damping": float(energy.damping[-1]),
+            "impacts": float(energy.impacts[-1]),
+            "stepping": float(energy.stepping[-1]),
+        }
+        parts["missing"] = 2 * parts["supplied"] - sum(parts.values())
+        parts["size"] = float(max(np.abs(stored).max(), *(abs(value) for value in parts.values())))
+        return parts
+
+    def plot_share(self, ax: Any = None) -> Any:
+        """Draw which share of the area sticks, slips and is open over time; returns the axes."""
+        from toolbox.contacts.figures import draw_shares
+
+        return draw_shares(self.time, {word: self.share(word) for word in ("stick", "slip", "open")}, ax)
+
+    def plot_map(self, time: float, values: str = "mode", ax: Any = None) -> Any:
+        """Draw the face at an instant [s]: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
+        from toolbox.contacts.figures import draw_field, draw_modes
+
+        if self.problem.places is None:
+            raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
+        if not is_finite_number(time) or not self.time[0] <= time <= self.end * (1 + 1e-12):
+            raise SceneError(f"Argument `time` must be from {self.time[0]:g} to {self.end:g} s, but it is {time!r}.")
+        i = int(np.argmin(np.abs(self.time - time)))
+        plane = face_of(self.problem.places)
+        if values == "mode":
+            return draw_modes(plane, self.modes[i], ax)
+        scales = {"pressure": (1e-6, "MPa"), "traction": (1e-6, "MPa"), "rubbed": (1e9, "nJ")}
+        if values not in scales:
+            raise SceneError(f"Argument `values` must be mode, pressure, traction or rubbed, but it is {values!r}.")
+        factor, unit = scales[values]
+        return draw_field(plane, factor * getattr(self, values)[i], f"{values} [{unit}]", ax)
+
+    def animate(self, path: Any, frames: int = 60, seconds: float = 6.0) -> None:
+        """Write an animation (.gif) of stick, slip and open on the face, beside the share that sticks."""
+        from toolbox.contacts.figures import write_animation
+
+        if self.problem.places is None:
+            raise SceneError("Argument `places` of the problem must be given for a picture of its contacts.")
+        write_animation(path, (self.time, face_of(self.problem.places), self.modes, self.share()), frames, seconds)
+
+    def __str__(self) -> str:
+        now = ", ".join(f"{self.share(word)[-1]:.0%} {word}" for word in ("stick", "slip", "open"))
+        return (
+            f"{len(self.time) - 1} steps to {self.end:g} s, {self.problem.contacts} contacts ({now} at the end), "
+            f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step, {self.wall_time:.2g} s"
+        )
+
+
+def face_of(places: np.ndarray) -> np.ndarray:
+    """(c, 2) the two coordinates that vary most, in their order; a row of contacts gets a second one of zeros."""
+    if places.shape[1] == 1:
+        return np.column_stack([places, np.zeros(len(places))])
+    widest = np.sort(np.argsort(np.ptp(places, axis=0), kind="stable")[-2:])
+    return places[:, widest]
+
+
+def _code(mode: str) -> int:
+    codes = {"stick": STICK, "slip": SLIP, "open": OPEN}
+    if mode not in codes:
+        raise SceneError(f"Argument `mode` must be stick, slip or open, but it is {mode!r}.")
+    return codes[mode]

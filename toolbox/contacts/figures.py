@@ -1,0 +1,97 @@
+"""Pictures of a face: which contacts stick, slip and are open, and fields over it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK
+from toolbox.errors import SceneError
+from toolbox.files.atomic import replaced
+from toolbox.simulation.style import LINES, PAPER
+
+MARKS: dict[int, dict[str, Any]] = {
+    STICK: {"marker": "s", "facecolor": "0.15", "edgecolor": "0.15"},
+    SLIP: {"marker": "o", "facecolor": "0.75", "edgecolor": "0.35"},
+    OPEN: {"marker": "o", "facecolor": "none", "edgecolor": "0.35"},
+}
+"""Marks of a contact in each mode, told apart in greyscale."""
+
+
+def draw_shares(times: np.ndarray, shares: Mapping[str, np.ndarray], ax: Any = None) -> Any:
+    """Shares (t,) of the area in each mode over time; those that are never taken are left out."""
+    ax = ax or plt.subplots(layout="constrained")[1]
+    for (word, share), style in zip(shares.items(), LINES, strict=False):
+        if share.any():
+            ax.step(times, share, where="post", label=word, **style)
+    ax.set(xlabel="time [s]", ylabel="share of the area [1]", ylim=(-0.03, 1.03), xlim=(times[0], times[-1]))
+    ax.legend(frameon=False)
+    return ax
+
+
+def draw_modes(places: np.ndarray, modes: np.ndarray, ax: Any = None) -> Any:
+    """The modes (c,) of contacts at places (c, 2) [m]: squares stick, full circles slip, empty ones are open."""
+    ax = ax or plt.subplots(layout="constrained")[1]
+    for mode, look in MARKS.items():
+        chosen = modes == mode
+        if chosen.any():
+            ax.scatter(*(1e3 * places[chosen].T), s=_size(places, ax), label=LEGEND[mode], linewidths=0.8, **look)
+    return _framed(ax, places)
+
+
+def draw_field(places: np.ndarray, values: np.ndarray, label: str, ax: Any = None) -> Any:
+    """Values (c,) of contacts at places (c, 2) [m], with a bar of tones."""
+    ax = ax or plt.subplots(layout="constrained")[1]
+    drawn = ax.scatter(*(1e3 * places.T), c=values, cmap="viridis", marker="s", s=1.6 * _size(places, ax))
+    ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
+    return _framed(ax, places)
+
+
+def write_animation(path: Any, run: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], frames: int, seconds: float) -> None:
+    """Write a .gif of a run given by times (t,), places (c, 2), modes (t, c) and the share (t,) that sticks."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    path = Path(path)
+    if path.suffix.lower() != ".gif":
+        raise SceneError(f"Argument `path` must end in .gif, but it is `{path}`.")
+    if isinstance(frames, bool) or not isinstance(frames, int) or frames < 2 or not seconds > 0:
+        raise SceneError(f"Arguments `frames` and `seconds` must be >= 2 and > 0, but they are {frames!r} and {seconds!r}.")
+    times, places, modes, share = run
+    shown = np.searchsorted(times, np.linspace(times[0], times[-1], frames)).clip(0, len(times) - 1)
+    pictures = []
+    with plt.rc_context(PAPER):
+        figure, (face, curve) = plt.subplots(1, 2, figsize=(6.4, 3.0), dpi=90, layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        curve.plot(times, share, **LINES[0])
+        curve.set(xlabel="time [s]", ylabel="share that sticks [1]", ylim=(-0.03, 1.03), xlim=(times[0], times[-1]))
+        (point,) = curve.plot([], [], "o", color="black", markersize=5)
+        for i in shown:
+            face.clear()
+            draw_modes(places, modes[i], face)
+            face.text(1.0, 1.02, f"{times[i]:.4g} s", transform=face.transAxes, ha="right", va="bottom", fontsize=8)
+            point.set_data([times[i]], [share[i]])
+            canvas.draw()
+            pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()).quantize(32))
+        plt.close(figure)
+    with replaced(path) as file:
+        pictures[0].save(file, format="GIF", save_all=True, append_images=pictures[1:], duration=round(1000 * seconds / frames), loop=0)
+
+
+def _size(places: np.ndarray, ax: Any) -> float:
+    """Area of a mark [points^2], so that marks of neighbours do not touch."""
+    across = max(np.unique(np.round(places[:, i], 12)).size for i in (0, 1))
+    box = ax.get_window_extent().width * 72 / ax.figure.dpi
+    return float(np.clip((0.55 * box / across) ** 2, 4.0, 120.0))
+
+
+def _framed(ax: Any, places: np.ndarray) -> Any:
+    ax.set_aspect("equal" if np.ptp(places, axis=0).all() else "auto")
+    ax.set(xlabel="x [mm]", ylabel="y [mm]")
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1, handletextpad=0.2, columnspacing=0.8)
+    return ax

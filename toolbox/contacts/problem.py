@@ -1,0 +1,151 @@
+"""A linear body with many contacts that open, stick and slip.
+
+    M q'' + C q' + K q = f(t) + sum over contacts of (-N_i n_i + T_i t_i)
+
+    0 <= N_i ,   n_i q <= gap_i ,   N_i (gap_i - n_i q) = 0         no tension, no penetration
+    |T_i| <= mu N_i ,   T_i = -mu N_i s_i / |s_i| where s_i != 0     Coulomb's cone, s_i = t_i q' - surface speed, in one or two directions
+
+q: coordinates of the body, n_i: closure of contact i per coordinate, t_i: its one or two tangential displacements. Where loads are given, N_i is known and
+nothing opens. What acts on the body are inputs in time: `forces` and motions of the counter-surface, `surface`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import finite_array
+from toolbox.errors import SceneError
+from toolbox.modelling.components import check_fields
+from toolbox.modelling.elements import FrictionLaw
+
+STICK, SLIP, OPEN = 0, 1, 2
+LEGEND = {STICK: "stick", SLIP: "slip", OPEN: "open"}
+
+
+@dataclass(frozen=True, eq=False)
+class ContactProblem:
+    """A linear body with c contacts of the same friction law, for `step_contacts` (equations at the head of `toolbox.contacts.problem`).
+
+    Parameters
+    ----------
+    mass, stiffness
+        (n, n): symmetric matrices of the body [kg], [N/m], of any kind of coordinates; the mass may be singular.
+    tangent
+        (c, k, n): k = 1 or 2 tangential displacements of every contact [m].
+    friction
+        The coefficient of friction; a law without breaks.
+    normal
+        (c, n): closure of every contact, the displacement that closes its gap [m]. Either this or `load`.
+    load
+        (c,): given normal loads [N], >= 0, in place of contacts that open and close.
+    damping
+        (n, n): [N s/m]; none without.
+    gap
+        (c,): initial gaps [m]; 0 without.
+    forces
+        {name: (n,)}: force on the coordinates per unit of an input.
+    surface
+        {name: (c, k)}: tangential speed of the counter-surface at every contact per unit of an input.
+    outputs
+        {name: (n,)}: displacements to be read from a run.
+    places
+        (c, 1 to 3): where the contacts are [m], for pictures.
+    areas
+        (c,): area of every contact [m2], for pressures and shares of area; 1 without.
+
+    Raises
+    ------
+    SceneError
+        For arrays that are not finite or do not fit each other, matrices that are not symmetric, and laws with breaks.
+    """
+
+    mass: Any
+    stiffness: Any
+    tangent: Any
+    friction: FrictionLaw
+    normal: Any = None
+    load: Any = None
+    damping: Any = None
+    gap: Any = None
+    forces: Mapping[str, Any] = field(default_factory=dict)
+    surface: Mapping[str, Any] = field(default_factory=dict)
+    outputs: Mapping[str, Any] = field(default_factory=dict)
+    places: Any = None
+    areas: Any = None
+
+    def __post_init__(self) -> None:
+        size = np.shape(self.stiffness)[0] if np.ndim(self.stiffness) == 2 else 0
+        tangent = finite_array(self.tangent)
+        if tangent is None or tangent.ndim != 3 or tangent.shape[1] not in (1, 2) or not tangent.shape[0]:
+            raise SceneError("Argument `tangent` must be (contacts, 1 or 2, n) finite numbers with at least one contact.")
+        count, directions, _ = tangent.shape
+        if (self.normal is None) == (self.load is None):
+            raise SceneError("Either `normal` must be given, for contacts that open and close, or `load`, for given loads.")
+        shapes = {
+            "mass": (size, size), "stiffness": (size, size), "damping": (size, size), "tangent": (count, directions, size), "normal": (count, size),
+            "load": (count,), "gap": (count,), "areas": (count,),
+        }  # fmt: skip
+        for word, shape in shapes.items():
+            given = getattr(self, word)
+            if given is None and word == "damping":
+                given = np.zeros(shape)
+            elif given is None and word in ("gap", "areas"):
+                given = np.full(shape, float(word == "areas"))
+            object.__setattr__(self, word, None if given is None else _array(word, given, shape))
+        for word, shape in (("forces", (size,)), ("surface", (count, directions)), ("outputs", (size,))):
+            object.__setattr__(self, word, {name: _array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
+        if self.places is not None:
+            places = finite_array(self.places)
+            if places is None or places.ndim != 2 or len(places) != count or not 1 <= places.shape[1] <= 3:
+                raise SceneError(f"Argument `places` must be ({count}, 1 to 3) finite coordinates [m], one row for each contact.")
+            object.__setattr__(self, "places", places)
+        for word in ("mass", "stiffness", "damping"):
+            matrix = getattr(self, word)
+            if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+                raise SceneError(f"Argument `{word}` must be symmetric, but it is not.")
+        for word in ("load", "areas"):
+            if getattr(self, word) is not None and (getattr(self, word) < 0).any():
+                raise SceneError(f"Argument `{word}` must be >= 0, but an entry is {getattr(self, word).min():g}.")
+        if not isinstance(self.friction, FrictionLaw):
+            raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
+        check_fields(self.friction)
+        if self.friction.breaks():
+            raise SceneError("Argument `friction` must be a law without breaks: time stepping locates none.")
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts."""
+        return int(self.tangent.shape[0])
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return int(self.stiffness.shape[0])
+
+    @property
+    def directions(self) -> int:
+        """Tangential directions of a contact, 1 or 2."""
+        return int(self.tangent.shape[1])
+
+    def displacements(self) -> np.ndarray:
+        """(m, n) rows of the displacements of all contacts: closures first, if they can open, then tangential ones, contact by contact."""
+        sliding = self.tangent.reshape(-1, self.size)
+        return sliding if self.normal is None else np.vstack([self.normal, sliding])
+
+    def coefficients(self) -> tuple[float, ca.Function]:
+        """Coefficient of friction at rest, and that while sliding as a function of the slip speed [m/s]."""
+        speed = ca.SX.sym("speed")
+        return float(self.friction.breakaway()), ca.Function("sliding", [speed], [self.friction.sliding(speed)])
+
+
+def _array(word: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    array = finite_array(given.toarray() if hasattr(given, "toarray") else given)
+    if array is None or array.shape != shape:
+        found = "entries that are not finite numbers" if array is None else f"the shape {array.shape}"
+        raise SceneError(f"Argument `{word}` must be finite numbers of the shape {shape}, but it has {found}.")
+    return array

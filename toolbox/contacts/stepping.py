@@ -1,0 +1,287 @@
+"""Time stepping of a body with many contacts: implicit Euler for the body, all contact forces at the end of the step.
+
+    (M / h^2 + C / h + K) (q_1 - q_0) = f_1 + M v_0 / h - K q_0 + forces of the contacts ,   v_1 = (q_1 - q_0) / h
+
+The contacts hold at the end of every step: gaps and slips exactly, so nothing drifts. What the formula takes from oscillations it cannot follow is
+v' M v' / 2 + d' K d' / 2 of the changes v' of speed and d' of displacement in every step, and the audit of a run counts it by itself. The error falls with
+the first power of the step. The coefficient of friction of a step is that at the slip speed of the step before; a contact that stuck begins at the static one.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import is_finite_number, mapping
+from toolbox.contacts.contact_run import ContactRun, Energies
+from toolbox.contacts.newton import ContactSolver, Given, Solution
+from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.modelling.elements import time
+from toolbox.modelling.inputs import Shape, Table
+
+MOST_STEPS = 1_000_000
+
+
+def step_contacts(
+    problem: ContactProblem,
+    duration: float,
+    *,
+    step: float,
+    inputs: Mapping[str, Any] | None = None,
+    start: ContactRun | None = None,
+) -> ContactRun:
+    """Simulate a body with many contacts over `duration` [s] in steps of one length.
+
+    Parameters
+    ----------
+    problem
+        The body, its contacts, and what acts on it.
+    duration
+        [s], > 0.
+    step
+        Length of a step [s], > 0; it is shortened so that a whole number of steps makes the duration.
+    inputs
+        For the names in `problem.forces` and `problem.surface`; 0 without.
+    start
+        A run of a problem with as many coordinates and contacts, whose end is the begin of this one, such as that of `press_contacts`; without,
+        the body begins at rest with q = 0.
+
+    Returns
+    -------
+    ContactRun
+        States and forces at the end of every step, and the first.
+
+    Raises
+    ------
+    SceneError
+        For arguments out of range and unknown names.
+    SimulationError
+        Where no set of open, sticking and sliding contacts solves a step; its `run` ends before.
+    """
+    for word, value in (("duration", duration), ("step", step)):
+        if not is_finite_number(value) or not value > 0:
+            raise SceneError(f"Argument `{word}` must be a finite number > 0 s, but it is {value!r}.")
+    if duration / step > MOST_STEPS:
+        raise SceneError(f"Argument `step` must be at least {duration / MOST_STEPS:g} s, {MOST_STEPS} steps, but it is {step!r}.")
+    count = max(1, math.ceil(duration / step * (1 - 1e-9)))
+    begun = clock.perf_counter()
+    run = _Stepping(problem, duration / count, count, _checked_inputs(problem, inputs), _checked_start(problem, start)).through()
+    run.wall_time = clock.perf_counter() - begun
+    return run
+
+
+def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None = None, *, frictionless: bool = False) -> ContactRun:
+    """The body at rest under constant inputs: one static step from q = 0, for normal loads from statics and as the begin of a run.
+
+    frictionless: leave friction out, as where a body settles before it is pulled. Contacts then count as slipping and carry no tangential force.
+    Tangential forces follow Coulomb's law for loading in one step from the unloaded state. Needs contacts that hold all rigid motions that the stiffness
+    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown names,
+    SimulationError where no set of contacts solves the problem.
+    """
+    given = _checked_inputs(problem, inputs)
+    for name, values in given.items():
+        if not np.isscalar(values):
+            raise SceneError(f"Argument `inputs` must be numbers for a state of rest, but `{name}` is {values!r}.")
+    return _Stepping(problem, math.inf, 1, given, None, 0.0 if frictionless else 1.0).through()
+
+
+class _Stepping:
+    """One run: matrices that all steps share, and the state."""
+
+    def __init__(
+        self, problem: ContactProblem, h: float, count: int, inputs: Mapping[str, Any], start: ContactRun | None, friction: float = 1.0
+    ):
+        self.problem, self.h, self.count, self.start = problem, h, count, start
+        moves = problem.displacements()
+        still = math.isinf(h)
+        matrix = problem.stiffness if still else problem.mass / h**2 + problem.damping / h + problem.stiffness
+        self.flexibility, self.shapes, condensed = _condensed(matrix, moves)
+        self.solver = ContactSolver(condensed, problem.contacts, problem.directions)
+        self.moves, self.factor = moves, friction
+        self.static, self.sliding = problem.coefficients()
+        begin = 0.0 if start is None else float(start.time[-1])
+        self.times = np.array([begin]) if still else begin + h * np.arange(count + 1)
+        self.values = {name: _sampled(name, given, self.times) for name, given in inputs.items()}
+        c, k, n = problem.contacts, problem.directions, problem.size
+        rows = 1 if still else count + 1
+        self.q, self.v = np.zeros((rows, n)), np.zeros((rows, n))
+        self.normal, self.tangential, self.slip = np.zeros((rows, c)), np.zeros((rows, c, k)), np.zeros((rows, c, k))
+        self.modes = np.zeros((rows, c), np.int8)
+        self.rubbed, self.passes = np.zeros((rows, c)), np.zeros(rows, int)
+        self.energy = Energies(rows, tuple(problem.forces))
+        self.load = np.zeros(c) if problem.load is None else problem.load
+        self.speed = np.zeros((c, k))
+        self.last: Solution | None = None
+
+    def through(self) -> ContactRun:
+        """All steps."""
+        problem, h = self.problem, self.h
+        if self.start is not None:
+            self._begin(self.start)
+        else:
+            self.modes[0] = np.where(problem.gap > 0, OPEN, STICK) if problem.normal is not None else np.where(problem.load > 0, STICK, SLIP)
+        if math.isinf(h):
+            force = sum((self.values[name][0] * problem.forces[name] for name in self.values if name in problem.forces), np.zeros(problem.size))
+            found = self._solved(force, np.zeros((problem.contacts, problem.directions)), 0)
+            if found is None:
+                raise SimulationError("No set of open, sticking and sliding contacts is at rest under these inputs.")
+            self._keep(0, self.q[0] + self.shapes @ found.moved + self.flexibility @ force, found)
+            if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e13 * max(np.abs(force).max(), found.normal.max(), 1e-300):
+                raise SceneError("Argument `problem` must have contacts that hold all rigid motions, but under these inputs one is free.")
+            return self._run(1)
+        for i in range(1, self.count + 1):
+            if not self._step(i):
+                raise SimulationError(
+                    f"No set of open, sticking and sliding contacts solves the step at {self.times[i]:.6g} s. A shorter `step` than {h:.3g} s may help.",
+                    self._run(i),
+                )
+        return self._run(self.count + 1)
+
+    def _step(self, i: int) -> bool:
+        """The step that ends at times[i]; False where it has no solution."""
+        problem, h = self.problem, self.h
+        acting = {name: self.values[name][i] * problem.forces[name] for name in self.values if name in problem.forces}
+        force = sum(acting.values(), np.zeros(problem.size))
+        drive = force + problem.mass @ self.v[i - 1] / h - problem.stiffness @ self.q[i - 1]
+        surface = np.zeros((problem.contacts, problem.directions))
+        for name, values in self.values.items():
+            if name in problem.surface:
+                surface += h * (values[i - 1] + values[i]) / 2 * problem.surface[name]
+        found = self._solved(drive, surface, i)
+        if found is None:
+            return False
+        moved = self.shapes @ found.moved + self.flexibility @ drive
+        q, v = self.q[i - 1] + moved, moved / h
+        self.v[i] = v
+        self._keep(i, q, found)
+        self.speed = found.slip / h
+        self.slip[i] = self.slip[i - 1] + found.slip
+        self.rubbed[i] = self.rubbed[i - 1] - (found.tangential * found.slip).sum(axis=1)
+        change = v - self.v[i - 1]
+        before, energy = self.energy, self.energy
+        energy.kinetic[i] = v @ problem.mass @ v / 2
+        energy.elastic[i] = q @ problem.stiffness @ q / 2
+        energy.damping[i] = before.damping[i - 1] + h * (v @ problem.damping @ v)
+        energy.stepping[i] = before.stepping[i - 1] + (change @ problem.mass @ change + moved @ problem.stiffness @ moved) / 2
+        energy.surface[i] = before.surface[i - 1] + (found.tangential * surface).sum()
+        closing = problem.normal @ moved if problem.normal is not None else np.zeros(problem.contacts)
+        energy.impacts[i] = before.impacts[i - 1] + (found.normal * closing).sum() if problem.normal is not None else 0.0
+        for name in problem.forces:
+            work = acting[name] @ moved if name in acting else 0.0
+            energy.work[name][i] = energy.work[name][i - 1] + work
+        return True
+
+    def _solved(self, drive: np.ndarray, surface: np.ndarray, i: int) -> Solution | None:
+        """Displacements of the contacts over the step, and their forces, under what drives the body."""
+        problem = self.problem
+        gap = problem.gap - problem.normal @ self.q[max(i - 1, 0)] if problem.normal is not None else problem.gap
+        speed = np.linalg.norm(self.speed, axis=1)
+        kinetic = np.array(self.sliding.map(problem.contacts)(speed[None])).ravel()
+        friction = self.factor * np.where(speed > 0, kinetic, self.static)
+        found = self.solver.solve(Given(self.shapes.T @ drive, gap, surface, friction, self.load), self.last)
+        if found is not None:
+            self.passes[i], self.last = found.passes, found
+        return found
+
+    def _keep(self, i: int, q: np.ndarray, found: Solution) -> None:
+        self.q[i], self.tangential[i] = q, found.tangential
+        self.normal[i] = found.normal
+        self.modes[i] = np.where(found.is_open, OPEN if self.problem.normal is not None else SLIP, np.where(found.sticks, STICK, SLIP))
+        if math.isinf(self.h):
+            self.energy.elastic[i] = q @ self.problem.stiffness @ q / 2
+
+    def _begin(self, start: ContactRun) -> None:
+        """The state at the end of another run."""
+        problem = self.problem
+        for mine, other in (("q", "coordinates"), ("v", "rates"), ("normal", "normal"), ("tangential", "tangential"), ("slip", "slip"), ("modes", "modes")):
+            getattr(self, mine)[0] = getattr(start, other)[-1]
+        self.energy.kinetic[0] = self.v[0] @ problem.mass @ self.v[0] / 2
+        self.energy.elastic[0] = self.q[0] @ problem.stiffness @ self.q[0] / 2
+        self.rubbed[0] = 0.0
+        is_open = self.modes[0] == OPEN if problem.normal is not None else np.zeros(problem.contacts, bool)
+        self.last = Solution(np.zeros(0), self.normal[0], self.tangential[0], 0 * self.slip[0], is_open, self.modes[0] == STICK, 0)
+        if len(start.time) > 1:
+            self.speed = (start.slip[-1] - start.slip[-2]) / (start.time[-1] - start.time[-2])
+
+    def _run(self, rows: int) -> ContactRun:
+        return ContactRun(
+            self.problem, self.times[:rows], self.q[:rows], self.v[:rows], self.modes[:rows], self.normal[:rows], self.tangential[:rows],
+            self.slip[:rows], self.rubbed[:rows], self.energy.cut(rows), self.passes[:rows],
+            {name: values[:rows] for name, values in self.values.items()},
+        )  # fmt: skip
+
+
+def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """G (n, n), P (n, m), K_c (m, m) of q = P s + G f and forces on the contacts K_c s - P^T f, where A q = f + W^T forces and s = W q.
+
+    The matrix may be singular where the contacts hold what it leaves free.
+    """
+    from scipy.linalg import LinAlgError, inv
+
+    n, m = len(matrix), len(moves)
+    rows = np.linalg.norm(moves, axis=1)
+    if not rows.all():
+        raise SceneError("Arguments `normal` and `tangent` must move something in every row, but one is all zero: that of a clamped place?")
+    scale = np.abs(np.diag(matrix)).mean() / rows[:, None]
+    bordered = np.block([[matrix, (scale * moves).T], [scale * moves, np.zeros((m, m))]])
+    try:
+        inverse = inv(bordered, check_finite=False)
+    except LinAlgError:
+        inverse = None
+    shapes = None if inverse is None else inverse[:n, n:] * scale.T
+    if inverse is None or shapes is None or not np.abs(moves @ shapes - np.eye(m)).max() < 1e-6:
+        raise SceneError("Arguments `normal` and `tangent` must be independent displacements that, when held, leave no motion free of forces.")
+    condensed = -inverse[n:, n:] * scale * scale.T
+    flexibility = inverse[:n, :n]
+    return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
+
+
+def _checked_inputs(problem: ContactProblem, inputs: Any) -> dict[str, Any]:
+    given, known = mapping("inputs", inputs), [*problem.forces, *problem.surface]
+    for name in given:
+        if name not in known:
+            raise SceneError(f"There is no input `{name}`. {suggest(name, known)}")
+    return given
+
+
+def _checked_start(problem: ContactProblem, start: Any) -> ContactRun | None:
+    if start is None:
+        return None
+    if not isinstance(start, ContactRun):
+        raise SceneError(f"Argument `start` must be a ContactRun, but it is {start!r}.")
+    other = start.problem
+    if (other.size, other.contacts, other.directions) != (problem.size, problem.contacts, problem.directions):
+        raise SceneError("Argument `start` must be a run of a problem with as many coordinates, contacts and directions, but it is not.")
+    return start
+
+
+def _sampled(name: str, given: Any, times: np.ndarray) -> np.ndarray:
+    """Values of an input at the given times."""
+    if is_finite_number(given):
+        return np.full(times.shape, float(given))
+    if isinstance(given, Shape):
+        symbol = ca.SX.sym("c", len(given.coefficients))
+        given = ca.substitute(given.expression(time, symbol), symbol, ca.SX(list(given.coefficients)))
+    if isinstance(given, ca.SX) and given.numel() == 1:
+        return _of_time(name, given, times)
+    if isinstance(given, tuple) and len(given) == 2:
+        given = Table.of(name, *given)
+    if isinstance(given, Table):
+        return np.interp(times, given.times, given.values)
+    raise SceneError(f"Input `{name}` must be a number, (times, values), a shape such as ramp(...), or an expression of time, but it is {given!r}.")
+
+
+def _of_time(name: str, expression: ca.SX, times: np.ndarray) -> np.ndarray:
+    if not all(ca.is_equal(symbol, time) for symbol in ca.symvar(expression)):
+        raise SceneError(f"Input `{name}` must depend on `toolbox.time` alone, but it is {expression}.")
+    function: Callable[..., Any] = ca.Function("input", [time], [expression])
+    values = np.array(function(times[None])).ravel()
+    if not np.isfinite(values).all():
+        raise SceneError(f"Input `{name}` must be finite at all times, but it is not.")
+    return values

@@ -458,7 +458,7 @@ def test_list_shows_what_a_part_from_tables_takes_as_a_scene_file_reads_it(capsy
     for line in (
         "sections         required  path of a table",
         "top_inertia      required kg m2",
-        "band             1 Hz",
+        "band             2 Hz",
         "friction         none",
     ):
         assert f"    {line}\n" in made

@@ -447,7 +447,7 @@ def no_compiler(monkeypatch):
     """From now on, compiling anything is a failure."""
 
     def start():
-        monkeypatch.setattr("toolbox.compilation.kernel.compiled", lambda *_: pytest.fail("compiled again"))
+        monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
         monkeypatch.setattr(emit, "_object_code", lambda *_: pytest.fail("compiled again"))
 
     return start

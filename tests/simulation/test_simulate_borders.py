@@ -149,7 +149,7 @@ def test_a_bad_table_is_refused_by_name(table):
 
 @pytest.mark.parametrize(
     "make",
-    [lambda: sine(0.0, math.nan, 1.0), lambda: sine(0.0, "1", 1.0), lambda: sine(0.0, 1.0, None), lambda: sine(True, 1.0, 1.0),
+    [lambda: sine(0.0, math.nan, 1.0), lambda: sine(0.0, "1 N", "1 N"), lambda: sine(0.0, 1.0, None), lambda: sine(True, 1.0, 1.0),
      lambda: sweep(0.0, 1.0, 0.1, 1.0, 0.0), lambda: sweep(0.0, 1.0, 0.1, 1.0, -1.0), lambda: sweep(0.0, 1.0, math.inf, 1.0, 1.0),
      lambda: step(0.0, math.nan, 1.0), lambda: step(0.0, 1.0, "now"), lambda: ramp(0.0, 1.0, 2.0, 1.0), lambda: ramp(0.0, None, 0.0, 1.0)],
 )  # fmt: skip

@@ -398,7 +398,7 @@ def test_other_parameters_compile_nothing(monkeypatch):
     def refused(*arguments):
         raise AssertionError("compiled again")
 
-    monkeypatch.setattr("toolbox.compilation.kernel.compiled", refused)
+    monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", refused)
     other = simulate(plant, 1.0, inputs=inputs, method="stiff", parameters={"bit.weight": 50_000.0})
     assert other["bit.speed"].size
 

@@ -28,10 +28,11 @@ def test_an_eased_pi_groans_where_friction_is_a_fifth_less_at_a_deceleration_tha
     assert not less
 
 
-def test_dither_in_its_band_calms_leines_block_at_every_phase_and_on_every_rig_and_below_it_does_not():
+def test_dither_of_leines_block_holds_about_a_half_on_every_rig_in_the_middle_of_its_band_and_does_harm_below_it():
     label = dither.LEINE.label
     errors = [factors for word, factors in study.rigs(label).items() if not word.startswith("frequency")]
-    assert all(study.swing(label, 3.5 * dither.LEINE.natural, 0.9, factors, phase) < study.HALF for factors in errors for phase in (0.0, 0.375))
+    worst = max(study.swing(label, 3.5 * dither.LEINE.natural, 0.9, factors, phase) for factors in errors for phase in study.PHASES)
+    assert 0.4 < worst < 0.55
     assert study.swing(label, 0.8 * dither.LEINE.natural, 0.9, {}, 0.0) > 1.0
 
 

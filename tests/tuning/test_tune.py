@@ -201,7 +201,7 @@ def test_numbers_of_nested_laws_and_of_those_that_design_fills_in_can_be_free():
 
 def test_another_number_compiles_nothing(monkeypatch):
     tune(rig(), "stiff", "severity", {"proportional": (1e3, 1e5)}, runs=10)
-    monkeypatch.setattr("toolbox.compilation.kernel.compiled", lambda *_: pytest.fail("compiled again"))
+    monkeypatch.setattr("toolbox.compilation.kernel.compiled_for", lambda *_: pytest.fail("compiled again"))
     monkeypatch.setattr("toolbox.compilation.emitter._object_code", lambda *_: pytest.fail("compiled again"))
     found = tune(rig(), "stiff", "severity", {"integral": (1e2, 1e4)}, runs=10, seed=4)
     assert len(found.trials) >= 8 and not any(trial.failed for trial in found.trials)

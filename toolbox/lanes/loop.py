@@ -117,8 +117,9 @@ def _call_scalar(typingctx, address, w):  # pragma: no cover - compiled
     def codegen(context, builder, sig, args):
         from llvmlite import ir
 
-        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(sig.args[1])])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
+        nothing = context.get_value_type(types.none)  # lanes step explicitly, without series
+        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(sig.args[1]), nothing])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1], ir.Constant(nothing, None)])
 
     return types.int64(types.int64, w), codegen
 
@@ -127,10 +128,11 @@ def scalar_address(w):
     """Address of `toolbox.simulation.event_loop.advance` for the arrays `w`."""
     from numba import typeof
 
-    found = advance.overloads.get((typeof(w),))
+    signature = (typeof(w), types.none)
+    found = advance.overloads.get(signature)
     if found is None:
-        advance.compile((typeof(w),))
-        found = advance.overloads[(typeof(w),)]
+        advance.compile(signature)
+        found = advance.overloads[signature]
     return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 

@@ -99,10 +99,9 @@ def _typed(shape: Callable[..., Any]) -> Callable[..., Any]:
     def made(*given: Any, **named: Any) -> Any:
         if not any(isinstance(value, str) for value in (*given, *named.values())):
             return shape(*given, **named)
-        numbers = signature.bind(*given, **named).arguments
-        if any(isinstance(value, str) and not units[key] for key, value in numbers.items()):
-            return Typed(shape, numbers)
-        return shape(**{key: parse(value, units[key] or "1", key) if isinstance(value, str) else value for key, value in numbers.items()})
+        arguments = signature.bind(*given, **named).arguments.items()
+        numbers = {key: parse(value, units[key], key) if isinstance(value, str) and units[key] else value for key, value in arguments}
+        return Typed(shape, numbers) if any(isinstance(value, str) for value in numbers.values()) else shape(**numbers)
 
     return made
 

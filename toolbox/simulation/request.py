@@ -87,7 +87,8 @@ class Request:
             raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {self.accuracy!r}.")
         if not isinstance(self.budget, Budget):
             raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
-        self.budget.check()
+        if self.budget is not UNHURRIED:
+            self.budget.check()
         method.check(duration, self.budget.steps)
         if self.sample_time is not None and self.controller is None:
             raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")

@@ -83,4 +83,4 @@ class Run:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""
         if "method" in changes:
             changes["method"] = method_of(changes["method"])
-        return self.solver(dataclasses.replace(self, **changes))
+        return self.solver(dataclasses.replace(self, **changes) if changes else self)

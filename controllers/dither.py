@@ -141,6 +141,13 @@ class PhasedDither(LoadDither):
         return Update(memory={}, outputs=self.loaded(signal, self._wave(signal)))
 
 
+def widest(frequencies: Sequence[float] | np.ndarray, fine: Sequence[bool] | np.ndarray) -> tuple[float, float]:
+    """(lowest, highest) of the widest run of frequencies, in log, at which all is fine; nan for none."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(fine, int), [0]])))
+    runs = [(float(frequencies[first]), float(frequencies[last - 1])) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    return max(runs, key=lambda run: run[1] / run[0]) if runs else (np.nan, np.nan)
+
+
 @dataclass(frozen=True)
 class DitherMap:
     """Swing of a signal under a dithered load, in parts of its swing without: swing[i, j] at frequency[j] [Hz] and depth[i]; stuck: part of the time."""
@@ -154,9 +161,7 @@ class DitherMap:
     def band(self, depth: float, below: float = 0.5) -> tuple[float, float]:
         """(lowest, highest) frequency [Hz] of the widest run of frequencies, in log, where the swing stays below that part of what it was; nan for none."""
         row = self.swing[int(np.argmin(np.abs(self.depth - depth)))] < below
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]])))
-        runs = [(self.frequency[first], self.frequency[last - 1]) for first, last in zip(edges[::2], edges[1::2], strict=True)]
-        return max(runs, key=lambda run: run[1] / run[0]) if runs else (np.nan, np.nan)
+        return widest(self.frequency, row)
 
     def choice(self, below: float = 0.5) -> tuple[float, float]:
         """(frequency [Hz], depth): the smallest depth with a band at least an octave wide, and the frequency in the middle of that band.

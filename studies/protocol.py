@@ -75,6 +75,12 @@ class Rig:
             "chain.stiffness.0": self.stiffness * chain.stiffness[0], "bit.weight": self.weight * WEIGHT,
         }  # fmt: skip
 
+    @property
+    def parameters(self) -> dict[str, tuple[float, ...]]:
+        """Its parameters as `simulate` and `margins` take them; the weight is an input."""
+        numbers = self.numbers
+        return {"chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]), "chain.stiffness": (numbers["chain.stiffness.0"],)}
+
 
 @dataclass(frozen=True)
 class Group:

@@ -22,16 +22,17 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from controllers.dither import widest
 from studies.questions import brakes, dither
 from studies.questions.drives import write_rows
-from toolbox import Sampled, SimulationError, measure, simulate, sine
+from toolbox import SimulationError, measure, simulate, sine
 
 PHASES = tuple(k / 8 for k in range(8))
 PART = 0.2
@@ -58,17 +59,9 @@ STOPS = _errors({
 def stop_succeeds(contender: brakes.Contender, deceleration: float, factors: Mapping[str, float], phase: float) -> bool:
     """Whether one stop succeeds; the roughness of the disc begins at a phase."""
     plant = brakes.plant_of(brakes.LAG)
-    law = contender.law(deceleration=deceleration, **contender.real)
-    noise = {name: value for name, value in brakes.NOISE.items() if name in law.measures}
-    controllers: list[Any] = [Sampled(law, contender.period, delay=brakes.DELAY, noise=noise, seed=brakes.VERDICT_SEEDS[0])]
-    if contender.dither is not None:
-        controllers.append(contender.dither)
-    rough = {"pad.attachment": sine(0.0, 4.0, 40.0, 2.0 * math.pi * phase)}
     given = {name: factor * float(plant.parameter(name)) for name, factor in factors.items()}
     try:
-        run = simulate(
-            plant, 2.0 * brakes.START / deceleration + 2.0, start={"disc.speed": brakes.START}, inputs=rough, controller=controllers, parameters=given
-        )
+        run = brakes.run_of(contender, deceleration, True, brakes.VERDICT_SEEDS[0], parameters=given, phase=phase)
     except SimulationError:
         return False
     return brakes.stop_of(run, deceleration).succeeds
@@ -113,8 +106,6 @@ class Groan:
 def groan(label: str) -> Groan:
     """The line of a law."""
     contender = next(each for each in brakes.contenders() if each.label == label)
-    if contender.dither is not None:
-        contender = replace(contender, dither=replace(contender.dither, over="brake.normal_force"))
     found = {}
     for word, factors in STOPS.items():
 
@@ -201,14 +192,7 @@ def dithered(label: str, ratios: Sequence[float] | np.ndarray = dither.RATIOS) -
         fine and all(swing(label, ratio * rig.natural, depth, factors, phase) < HALF for factors in errors.values() for phase in PHASES)
         for ratio, fine in zip(ratios, declared, strict=True)
     ]
-    return Dithered(label, frequency / rig.natural, depth, largest, _band(ratios, declared), _band(ratios, robust))
-
-
-def _band(ratios: Sequence[float] | np.ndarray, fine: Sequence[bool]) -> tuple[float, float]:
-    """(lowest, highest) ratio of the widest run of them; nan for none."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(fine, int), [0]])))
-    runs = [(float(ratios[a]), float(ratios[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return max(runs, key=lambda run: run[1] / run[0]) if runs else (math.nan, math.nan)
+    return Dithered(label, frequency / rig.natural, depth, largest, widest(ratios, declared), widest(ratios, robust))
 
 
 # --- tables

@@ -49,7 +49,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -66,7 +66,6 @@ from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose,
 
 BRAKE = DiscBrake(force=0.0)
 START, SLOWEST, FARTHEST = 6.0, 0.1, 0.15
-ROUGH = {"pad.attachment": sine(0.0, 4.0, 40.0)}
 HIGHER = {"pad.friction.static": 0.54, "pad.friction.kinetic": 0.42}
 NOISE = {"disc.speed": 0.005, "brake.torque": 2.0}
 LAG, DELAY = 0.01, 0.002
@@ -137,8 +136,15 @@ def plant_of(lag: float | None) -> HybridSystem:
     return compose(DiscBrake(force=0.0, lag=lag))
 
 
-def run_of(contender: Contender, deceleration: float, real: bool, seed: int = 0, lag: float | None = None) -> Trajectory:
-    """A stop of a contender; `lag` [s] of the actuator where it is not that of nominal or real."""
+def run_of(
+    contender: Contender, deceleration: float, real: bool, seed: int = 0, lag: float | None = None,
+    parameters: Mapping[str, float] | None = None, phase: float = 0.0,
+) -> Trajectory:  # fmt: skip
+    """A stop of a contender.
+
+    lag: of the actuator [s], parameters: of the machine, where they are not those of nominal or real;  phase: of the roughness of the disc,
+    in parts of its period.
+    """
     law = contender.law(deceleration=deceleration, **(contender.real if real else {}))
     lag = lag if lag is not None else LAG if real else None
     controllers: list[Any] = [Sampled(law, contender.period)]
@@ -148,8 +154,10 @@ def run_of(contender: Contender, deceleration: float, real: bool, seed: int = 0,
     if contender.dither is not None:
         controllers.append(replace(contender.dither, over="brake.normal_force" if lag else "brake.force"))
     duration = 2.0 * START / deceleration + 2.0
-    parameters = HIGHER if real else {}
-    return simulate(plant_of(lag), duration, start={"disc.speed": START}, inputs=ROUGH, controller=controllers, parameters=parameters)
+    if parameters is None:
+        parameters = HIGHER if real else {}
+    rough = {"pad.attachment": sine(0.0, 4.0, 40.0, 2.0 * math.pi * phase)}
+    return simulate(plant_of(lag), duration, start={"disc.speed": START}, inputs=rough, controller=controllers, parameters=parameters)
 
 
 def stop_of(run: Trajectory, deceleration: float) -> Stop:

@@ -187,10 +187,8 @@ def run_of(law: Law, reference: float, rig: Rig, noise: float = NOISE, seed: int
         both, states = Takeover(StiffPI(reference=reference, **LIMITS), made.design(PLANT), at=at), cycle(reference)[0]
     else:
         both = TakenOver(made, law.period, at, reference, angle)
-    numbers = rig.numbers
-    parameters = {"chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]), "chain.stiffness": (numbers["chain.stiffness.0"],)}
     return simulate(
-        plant_with(rig.rock), 180.0, start=states, parameters=parameters, inputs={"bit.weight": numbers["bit.weight"], "top.reference": reference},
+        plant_with(rig.rock), 180.0, start=states, parameters=rig.parameters, inputs={"bit.weight": rig.numbers["bit.weight"], "top.reference": reference},
         controller=Sampled(both, law.period, delay=rig.delay, noise={"top.speed": noise} if noise else {}, seed=seed),
     )  # fmt: skip
 

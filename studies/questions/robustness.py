@@ -83,11 +83,9 @@ def worst_at(label: str, speed: float) -> tuple[float, str]:
     """The smallest disk margin of a law at a set-point [rad/s] over one error of the rig at a time, and which: the robust rigs of `studies.protocol`."""
     found = []
     for rig in SINGLES:
-        numbers = rig.numbers
         law = Sampled(LAWS[label](speed), PERIOD, rig.delay)
-        parameters = {"chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]), "chain.stiffness": (numbers["chain.stiffness.0"],)}
-        inputs = {"bit.weight": numbers["bit.weight"]}
-        found.append((margins(PLANT, law, inputs=inputs, parameters=parameters, measured=False).disk_margin, rig.name))
+        inputs = {"bit.weight": rig.numbers["bit.weight"]}
+        found.append((margins(PLANT, law, inputs=inputs, parameters=rig.parameters, measured=False).disk_margin, rig.name))
     return min(found)
 
 

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from controllers.dither import widest
 from studies.questions import brake_margins as study
 from studies.questions import brakes, dither
 
@@ -37,5 +38,5 @@ def test_dither_of_leines_block_holds_about_a_half_on_every_rig_in_the_middle_of
 
 
 def test_the_widest_run_of_frequencies_is_the_band():
-    assert study._band([1.0, 2.0, 3.0, 4.0], [True, False, True, True]) == (3.0, 4.0)
-    assert math.isnan(study._band([1.0], [False])[0])
+    assert widest([1.0, 2.0, 3.0, 4.0], [True, False, True, True]) == (3.0, 4.0)
+    assert math.isnan(widest([1.0], [False])[0])

@@ -18,7 +18,6 @@ from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Budget, Run
-from toolbox.simulation.stiffness import set_method
 
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
@@ -59,11 +58,7 @@ def work_arrays(run: Run, program: Program) -> Any:
         times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
         first = np.append(first, len(jumps)).astype(np.int64)
 
-    ints = np.zeros(loop_layout.INTS, np.int64)
-    ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = n, ne, ng
-    ints[loop_layout.COUPLED] = kernel.coupled
-    ints[loop_layout.BOUNDS] = len(program.bounded)
-    ints[loop_layout.FIRST_HELD] = program.first_held
+    ints = program.ints.copy()
     ints[loop_layout.NODES] = 1 if run.output_times is None else 0
     if fixed is not None and run.output_times is None:
         ints[loop_layout.NODES] = 1 + int(run.duration / fixed / MAX_RECORDS)
@@ -73,6 +68,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals[loop_layout.END] = run.duration
     reals[loop_layout.RTOL] = tolerance or run.accuracy
     reals[loop_layout.LAST_EVENT] = -np.inf
+    reals[loop_layout.POWER] = program.pair.power
 
     memory_size = 0
     samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
@@ -91,12 +87,13 @@ def work_arrays(run: Run, program: Program) -> Any:
     if run.start:
         place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)
-    work = loop_layout.Work(
-        ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
+    return loop_layout.Work(
+        ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
+        x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(2 * ne + 1), bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
@@ -105,8 +102,6 @@ def work_arrays(run: Run, program: Program) -> Any:
         out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
         samplers=samplers, clocks=clocks, memory=memory, keys=keys, queue=queue,
     )  # fmt: skip
-    set_method(work, program)
-    return work
 
 
 _NO_NUMBERS, _NO_INDICES, _FROM_THE_START = np.empty(0), np.empty(0, np.int64), np.zeros(1, np.int64)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 FLOORS = (
-    "errors", "arguments", "files", "modelling", "compilation", "simulation", "contacts", "measuring", "prediction", "steady_states", "scenes", "lanes",
-    "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
+    "errors", "faces", "arguments", "files", "modelling", "compilation", "simulation", "contacts", "measuring", "prediction", "steady_states", "scenes",
+    "lanes", "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""
 

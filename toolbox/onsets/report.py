@@ -14,6 +14,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.html import table
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")
@@ -242,11 +243,40 @@ class Onset:
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
-        lines = [
-            f"Onset of stick-slip: {self.title}",
-            f"{self.parameter} from {self.values[0]:g} to {self.values[-1]:g}{unit}, judged by `{self.element}` and `{self.signal}`",
-            "",
-        ]
+        rows = self._border_rows()
+        widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
+        lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
+        lines += ["", self.advice, ""]
+        cells = [self._head, *self._value_rows()]
+        widths = [max(len(row[i]) for row in cells) for i in range(7)]
+        lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+        return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title, judged = self._headlines
+        notes = [self.advice, *(f"Note: {note}" for note in self.notes)]
+        borders = table(title, ("border", f"{self.parameter} [{self.unit}]", ""), self._border_rows(), notes)
+        return borders + table(judged, self._head, self._value_rows(), [self._checked])
+
+    @property
+    def _headlines(self) -> tuple[str, str]:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        span = f"{self.parameter} from {self.values[0]:g} to {self.values[-1]:g}{unit}"
+        return f"Onset of stick-slip: {self.title}", f"{span}, judged by `{self.element}` and `{self.signal}`"
+
+    @property
+    def _checked(self) -> str:
+        """How the borders were checked."""
+        return (
+            f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
+            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy; "
+            "cycles and standstill followed to their ends where they can be."
+        )
+
+    def _border_rows(self) -> list[tuple[str, str, str]]:
+        """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""
         rows = [
             (f"Hopf point, {p.kind} loss", f"{p.value:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
             for p in self.hopf
@@ -255,23 +285,20 @@ class Onset:
             rows += [(name, f"{b.value:.6g}", f"+- {b.tolerance:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
             if not borders:
                 rows.append((name, "-", self._nowhere(name)))
-        rows += [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
-        widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
-        lines += [f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows]
-        lines += ["", self.advice, ""]
-        head = (f"{self.parameter}", "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
-        cells = [head]
+        return rows + [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+
+    @property
+    def _head(self) -> tuple[str, ...]:
+        """Headings of `_value_rows`."""
+        return (self.parameter, "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
+
+    def _value_rows(self) -> list[tuple[str, ...]]:
+        """Verdicts at each value."""
+        cells = []
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
             cells.append((f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
-        widths = [max(len(row[i]) for row in cells) for i in range(7)]
-        lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-        checked = (
-            f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
-            f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy; "
-            "cycles and standstill followed to their ends where they can be."
-        )
-        return "\n".join([*lines, "", checked, *(f"Note: {note}" for note in self.notes)])
+        return cells
 
     @staticmethod
     def _how(border: Border) -> str:
@@ -367,3 +394,6 @@ class Comparison:
         ]
         lines.insert(1, "-" * max(map(len, lines)))
         return "\n".join([*lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
+
+    def _repr_html_(self) -> str:
+        return table("Onsets of stick-slip", self.rows[0], self.rows[1:], [f"{label} failed: {reason}" for label, reason in self.failures.items()])

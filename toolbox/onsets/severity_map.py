@@ -25,10 +25,12 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.html import table
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
+from toolbox.onsets.regions import MEANINGS
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
 
@@ -120,7 +122,6 @@ class SeverityMap:
         }  # fmt: skip
 
     def __str__(self) -> str:
-        size = self.smooth.verdict.size
         lines = [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
@@ -131,28 +132,9 @@ class SeverityMap:
             "",
             "  share of the map",
         ]
-        words = {
-            "free": "a disturbance dies, and stick-slip that has begun ends",
-            "bistable": "smooth until disturbed, then stick-slip for ever",
-            "smooth or stuck": "smooth until it is stopped, then at rest for good",
-            "stuck": "the least disturbance brings it to rest for good",
-            "stick-slip": "the least disturbance grows into it",
-            "swing": "the least disturbance grows, without stick",
-            "none": "no steady running, or a run that failed",
-        }
-        lines += [
-            f"    {name:<16}{100 * where.sum() / size:5.1f} %   {words[name]}"
-            for name, where in self.regions.items()
-            if where.any() or name == "free"
-        ]
+        lines += [f"    {name:<16}{share:>5} %   {meaning}" for name, share, meaning in self._share_rows()]
         lines += ["", f"  border                         {self.names[0]:>30}   {self.names[1]:>30}"]
-        titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
-        for name, segments in self.borders.items():
-            if not len(segments):
-                lines.append(f"    {titles[name]:<28} not in the map")
-                continue
-            ranges = [f"{segments[..., k].min():.5g} .. {segments[..., k].max():.5g} {self.units[k]}" for k in range(2)]
-            lines.append(f"    {titles[name]:<28} {ranges[0]:>29}   {ranges[1]:>30}")
+        lines += [f"    {name:<28} {first:>29}   {second:>30}".rstrip() for name, first, second in self._border_rows()]
         lines += [f"  note: {note}" for note in self.notes]
         if self.errors:
             lines.append(f"  {len(self.errors)} runs failed")
@@ -161,6 +143,26 @@ class SeverityMap:
         return "\n".join(lines)
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        shares = table(f"Severity map of {self.title}", ("region", "share of the map [%]", "what the machine does"), self._share_rows())
+        ranges = [f"{name} from {axis[0]:g} to {axis[-1]:g} {unit}" for name, unit, axis in zip(self.names, self.units, self.axes, strict=True)]
+        notes = [f"{', '.join(ranges)}; {self.runs} runs of {self.duration:g} s, {len(self.errors)} failed", *self.notes]
+        return shares + table("Borders", ("border", *self.names), self._border_rows(), notes)
+
+    def _share_rows(self) -> list[tuple[str, str, str]]:
+        """(region, part of the map [%], meaning) of the regions that there are, and of the free one."""
+        found = self.regions.items()
+        return [(name, f"{100 * where.mean():.1f}", MEANINGS[name]) for name, where in found if where.any() or name == "free"]
+
+    def _border_rows(self) -> list[tuple[str, str, str]]:
+        """(border, range of the first number, range of the second)."""
+        titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
+        rows = []
+        for name, segments in self.borders.items():
+            ranges = [f"{segments[..., k].min():.5g} .. {segments[..., k].max():.5g} {self.units[k]}" for k in range(2)] if len(segments) else []
+            rows.append((titles[name], *(ranges or ("not in the map", ""))))
+        return rows
 
     def border(self, name: str, along: float) -> np.ndarray:
         """Return where a border crosses a value of the second number: values of the first one, in increasing order.

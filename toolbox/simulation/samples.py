@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.html import table
 
 
 class Event(NamedTuple):
@@ -22,11 +23,55 @@ class Event(NamedTuple):
     after: str
 
 
-class Stays:
-    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
+class Recorded:
+    """What a run, and one read from a file, have in common: how long elements stay in their modes, reports and tables."""
 
+    time: np.ndarray
     end: float
     events: list[Event]
+
+    if TYPE_CHECKING:
+        names: Any
+
+        def __getitem__(self, name: str) -> Any: ...
+
+        def unit(self, name: str) -> str: ...
+
+    @property
+    def _headlines(self) -> list[str]:
+        """What the run is, and what it cost."""
+        raise NotImplementedError
+
+    def _ranges(self) -> list[tuple[str, float, float, float, str]]:
+        """(signal, smallest value, largest value, last value, unit) of the scalar signals at the recorded times."""
+        rows = []
+        for name in self.names if self.time.size else ():
+            values = np.asarray(self[name])
+            if values.ndim == 1:
+                values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
+                rows.append((name, float(values.min()), float(values.max()), float(values[-1]), self.unit(name)))
+        return rows
+
+    def __str__(self) -> str:
+        title, *others = self._headlines
+        lines = [title, *(f"  {line}" for line in others)]
+        for element, words in self._legends.items():
+            spent = {mode: self.time_in(element, mode) for mode in words.values()}
+            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
+            lines.append(f"  {element}: {', '.join(parts) or 'no time'}")
+        rows = self._ranges()
+        width = max([18, *(len(name) for name, *_ in rows)])
+        lines += ["  at the recorded times"] if self.time.size else []
+        lines += [f"    {name:<{width}} {low:>12.5g} .. {high:<12.5g} end {last:.5g} {unit}" for name, low, high, last, unit in rows]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        title, *others = self._headlines
+        stays = [(element, mode, self.time_in(element, mode)) for element, words in self._legends.items() for mode in words.values()]
+        modes = [(element, mode, seconds, f"{100 * seconds / (self.end or 1.0):.1f}") for element, mode, seconds in stays if seconds > 0]
+        tables = [table(title, ("element", "mode", "time [s]", "part of the run [%]"), modes, others)] if modes else [table(title, (), (), others)]
+        headings = ("signal", "smallest", "largest", "at the end", "unit")
+        return "".join([*tables, table("Signals at the recorded times", headings, self._ranges())])
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:
@@ -198,7 +243,7 @@ def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
 
 def check_run(run: Any) -> None:
     """Raise SceneError for anything but a trajectory."""
-    if not (isinstance(run, Stays) and isinstance(run, Samples)):
+    if not (isinstance(run, Recorded) and isinstance(run, Samples)):
         raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
-from toolbox.simulation.samples import Event, Modes, Stays
+from toolbox.simulation.samples import Event, Modes, Recorded
 
 
-class SavedRun(Stays):
+class SavedRun(Recorded):
     """A run as `Trajectory.save` wrote it: `saved.time`, `saved["bit.speed"]`, `saved.modes["bit"]`, `saved.events`, `saved.unit(name)`, `saved.time_in`.
 
     time: the recorded times, shape (nt,), s;  end: time reached [s];  names: of all signals. A file holds no plant, so that `at`, `error` and whatever else
@@ -78,6 +78,10 @@ class SavedRun(Stays):
     def error(self) -> NoReturn:
         """Raises SceneError: the error is measured by a second run."""
         raise SceneError(f"A run read from `{self.path}` has its records only: `error` needs the plant; ask it before `save`, or `pickle` the run.")
+
+    @property
+    def _headlines(self) -> list[str]:
+        return [f"Run read from {self.path}", f"{self.end:g} s: {self.time.size} recorded times, {len(self.events)} events"]
 
     def __repr__(self) -> str:
         return f"SavedRun({str(self.path)!r}: {self.time.size} times to {self.end:g} s, {len(self.events)} events)"

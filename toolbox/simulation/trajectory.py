@@ -15,7 +15,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Event, Samples, Stays, short
+from toolbox.simulation.samples import Event, Recorded, Samples, short
 from toolbox.simulation.saved_run import SavedRun
 
 
@@ -58,7 +58,7 @@ class Records:
     memory: np.ndarray | None = None
 
 
-class Trajectory(Stays, Samples):
+class Trajectory(Recorded, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     Attributes
@@ -335,34 +335,24 @@ class Trajectory(Stays, Samples):
     def __repr__(self) -> str:
         return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"
 
-    def __str__(self) -> str:
+    @property
+    def _headlines(self) -> list[str]:
         lines = [
             f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
-            f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
-            f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+            f"{self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
+            self._setting + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
         if self.why:
-            lines.append(f"  {self.why}")
+            lines.append(self.why)
         if self.ambiguous:
-            lines.append(f"  {len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
+            lines.append(f"{len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
         if self.merged:
-            lines.append(f"  {self.merged} touches without a change of mode")
-        for element in self.program.system.elements:
-            spent = {mode: self.time_in(element.name, mode) for mode in element.legend.values()}
-            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
-            lines.append(f"  {element.name}: {', '.join(parts) or 'no time'}")
-        if self.time.size:
-            lines.append("  at the recorded times")
-            memories = {name for update in self.program.system.updates for name in update.places}
-            shown = {name: self[name] for name in self.names if name not in memories}
-            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
-            for name, values in shown.items():
-                if values.ndim == 1:
-                    values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(
-                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
-                    )
-        return "\n".join(lines)
+            lines.append(f"{self.merged} touches without a change of mode")
+        return lines
+
+    def _ranges(self) -> list[tuple[str, float, float, float, str]]:
+        memories = {name for update in self.program.system.updates for name in update.places}
+        return [row for row in super()._ranges() if row[0] not in memories]
 
 
 class Stepped(Trajectory):

@@ -72,6 +72,8 @@ if TYPE_CHECKING:
     from toolbox.robustness.worst_case import WorstCase as WorstCase
     from toolbox.robustness.worst_case import cycle_phases as cycle_phases
     from toolbox.robustness.worst_case import worst_case as worst_case
+    from toolbox.scenes.differences import Differences as Differences
+    from toolbox.scenes.differences import compare as compare
     from toolbox.scenes.scene import Scene as Scene
     from toolbox.scenes.work_precision import WorkPrecision as WorkPrecision
     from toolbox.scenes.work_precision import work_precision as work_precision
@@ -112,6 +114,7 @@ __all__ = [
     "Controller",
     "Cycle",
     "CycleError",
+    "Differences",
     "DryFriction",
     "Equations",
     "Event",
@@ -147,6 +150,7 @@ __all__ = [
     "WorstCase",
     "ZenoError",
     "absorber_limit",
+    "compare",
     "compose",
     "cycle_phases",
     "cycles",
@@ -224,6 +228,7 @@ _ROOMS = {
     "toolbox.robustness.limits": "performance_limit",
     "toolbox.robustness.margins": "Margins margins",
     "toolbox.robustness.worst_case": "WorstCase cycle_phases worst_case",
+    "toolbox.scenes.differences": "Differences compare",
     "toolbox.scenes.scene": "Scene",
     "toolbox.scenes.work_precision": "WorkPrecision work_precision",
     "toolbox.simulation.methods": "Automatic EventExact Explicit Implicit Smoothing TaylorSeries TimeStepping",

@@ -13,13 +13,13 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from toolbox.commands import fit, listing, onset, simulate, study, sweep, tradeoff, tune
+from toolbox.commands import compare, fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError
 from toolbox.files.interrupts import GATE
 
-COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
+COMMANDS = (study, simulate, compare, onset, sweep, tune, fit, tradeoff, listing)
 
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:

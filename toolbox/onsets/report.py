@@ -294,7 +294,7 @@ class Onset:
 
     def _value_rows(self) -> list[tuple[str, ...]]:
         """Verdicts at each value."""
-        cells = []
+        cells: list[tuple[str, ...]] = []
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
             cells.append((f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))

@@ -346,6 +346,28 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     return data
 
 
+def flat(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """{key: value in SI} of a scene given by its fields: a part or a law goes by its name in the catalogue or its label, numbered where there are several."""
+    found: dict[str, Any] = {}
+
+    def put(name: str, value: Any) -> None:
+        if isinstance(value, Mapping):
+            for key, each in value.items():
+                put(f"{name}.{key}" if name else key, each)
+        elif value is not None:
+            found[name] = value
+
+    data = _resolved(scene)
+    for key, value in data.items():
+        if key in ("plant", "controllers"):
+            titles = [str(entry.get("label", entry.get("part"))) for entry in value]
+            for i, (title, entry) in enumerate(zip(titles, value, strict=True)):
+                put(f"{key}.{title}" + (f" {titles[: i + 1].count(title)}" if titles.count(title) > 1 else ""), entry)
+        else:
+            put(key, value)
+    return found
+
+
 def _resolved_case(case: Case) -> dict[str, Any]:
     data: dict[str, Any] = {"label": case.label}
     if case.law is not None:

@@ -103,7 +103,7 @@ class WorkPrecision:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
-        from toolbox.simulation.plot import work_precision
+        from toolbox.scenes.figures import work_precision
 
         return work_precision(self, ax=ax)
 

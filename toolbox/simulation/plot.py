@@ -7,8 +7,6 @@ the panel and as grey bands behind the curve. Tones and line styles differ enoug
 
 from __future__ import annotations
 
-import itertools
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -20,7 +18,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
-from toolbox.simulation.samples import Event, Samples, scalar, window
+from toolbox.simulation.samples import Event, scalar, short, window
 from toolbox.simulation.style import (
     BAND,
     LINES,
@@ -39,13 +37,20 @@ from toolbox.simulation.style import (
 class Pictured(Protocol):
     """What a picture asks of a run."""
 
-    program: Any
     time: np.ndarray
     end: float
 
     @property
     def events(self) -> list[Event]:
         """Every switch of every element."""
+
+    @property
+    def contacts(self) -> list[str]:
+        """Names of the elements with friction."""
+
+    @property
+    def main_signals(self) -> list[str]:
+        """Names of the signals that say most."""
 
     @property
     def nodes(self) -> Any:
@@ -63,9 +68,6 @@ class Pictured(Protocol):
 
     def unit(self, name: str) -> str:
         """Unit of a signal."""
-
-    def at(self, time: Any) -> Samples:
-        """Signals at any times."""
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element."""
@@ -96,7 +98,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
         If a signal is unknown, signals of several units share one `ax`, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    names = list(signals) or _interesting(run)
+    names = list(signals) or run.main_signals
     units: dict[str, list[str]] = {}
     for name in names:
         units.setdefault(run.unit(name), []).append(name)
@@ -106,7 +108,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
         )
     samples = _curve(run, begin, end)
     elements = list(run.modes)
-    contacts = [element.name for element in run.program.system.elements if element.law is not None]
+    contacts = run.contacts
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
@@ -198,7 +200,7 @@ def comparison(
     after: float = 0.0,
     until: float | None = None,
 ) -> Any:
-    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
+    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax`, as `overlay` does.
 
     Parameters
     ----------
@@ -221,8 +223,92 @@ def comparison(
     SceneError
         If there is no run, the signal is unknown or a vector, the element is unknown, or the window lies outside the longest run.
     """
-    if not runs:
-        raise SceneError("Argument `runs` must hold at least one run, but it is empty.")
+    if ax is not None:
+        return overlay(runs, signal, element=element, ax=ax, after=after, until=until)
+    longest, begin, end, shown = _together(runs, element, after, until)
+    with plt.rc_context(PAPER):
+        panels = stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
+        for panel, (label, run) in zip(panels, runs.items(), strict=True):
+            last = min(end, float(run.nodes.time[-1]))
+            if last > begin:
+                samples = _curve(run, begin, last)
+                _line(panel, samples.time, scalar(samples, signal), label, dict(LINES[0]))
+            contact = shown[label]
+            if contact is not None:
+                _bands(panel, run, contact, begin, last)
+            _event_lines(panel, run, begin, last)
+            panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
+            panel.set_xlim(begin, end)
+        panels[0].figure.supylabel(f"{in_words(signal)} [{longest.unit(signal)}]", fontsize=9.0)
+        if any(contact is not None for contact in shown.values()):
+            band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
+            panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
+        panels[-1].set_xlabel("time [s]")
+    return np.array(panels)
+
+
+def overlay(
+    runs: Mapping[str, Pictured],
+    *signals: str,
+    element: str | None = None,
+    ax: Any = None,
+    after: float = 0.0,
+    until: float | None = None,
+) -> Any:
+    """Draw signals of several runs over one another: one panel per signal, one colour per run, and above them a ribbon of modes per run.
+
+    Parameters
+    ----------
+    runs
+        {label: run}; fresh runs and runs that were read from a file.
+    signals
+        Names of scalar signals; by default those that a plot of the first run shows and that all runs have.
+    element
+        The contact whose modes are shown; by default the first, where there is one.
+    ax
+        Where to draw, for one signal; by default a figure with one panel per signal.
+    after, until
+        As in `traces`; by default to the end of the longest run.
+
+    Returns
+    -------
+    axes
+        `ax`, or an array with one entry per signal.
+
+    Raises
+    ------
+    SceneError
+        If there is no run, a signal is unknown or a vector, several signals share one `ax`, the element is unknown, or the window lies outside the longest
+        run.
+    """
+    longest, begin, end, shown = _together(runs, element, after, until)
+    names = list(signals) or [name for name in next(iter(runs.values())).main_signals if all(name in run.names for run in runs.values())]
+    if not names or (ax is not None and len(names) > 1):
+        raise SceneError(f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}.")
+    with plt.rc_context(PAPER):
+        panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
+        for panel, name in zip(panels, names, strict=True):
+            for style, (label, run) in zip(line_styles(len(runs)), runs.items(), strict=True):
+                last = min(end, float(run.nodes.time[-1]))
+                if last > begin:
+                    samples = _curve(run, begin, last)
+                    _line(panel, samples.time, scalar(samples, name), label, style)
+            panel.set_xlim(begin, end)
+            panel.set_ylabel(f"{in_words(name)} [{longest.unit(name)}]")
+        rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
+        legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
+        panels[-1].set_xlabel("time [s]")
+        if len(panels) > 1:
+            panels[0].figure.align_ylabels(panels)
+    return ax if ax is not None else np.array(panels)
+
+
+def _together(
+    runs: Mapping[str, Pictured], element: str | None, after: float, until: float | None
+) -> tuple[Pictured, float, float, dict[str, str | None]]:
+    """(the longest run, begin and end of the window, {label: contact to be shown}); raises SceneError."""
+    if not isinstance(runs, Mapping) or not runs:
+        raise SceneError(f"Argument `runs` must hold at least one run as {{label: run}}, but it is {short(runs)}.")
     longest = max(runs.values(), key=lambda run: float(run.nodes.time[-1]))
     begin, end = window(longest, after, until)
     shown: dict[str, str | None] = {}
@@ -231,40 +317,11 @@ def comparison(
         if element is not None and element not in names:
             raise SceneError(f'There is no element `{element}` in the run "{label}": {suggest(element, names)}')
         shown[label] = element or (names[0] if names else None)
-    with plt.rc_context(PAPER):
-        panels = [ax] * len(runs) if ax is not None else stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
-        for panel, style, (label, run) in zip(panels, line_styles(len(runs)), runs.items(), strict=True):
-            last = min(end, float(run.nodes.time[-1]))
-            if last > begin:
-                samples = _curve(run, begin, last)
-                _line(panel, samples.time, scalar(samples, signal), label, style if ax is not None else dict(LINES[0]))
-            contact = shown[label]
-            if ax is None:
-                if contact is not None:
-                    _bands(panel, run, contact, begin, last)
-                _event_lines(panel, run, begin, last)
-                panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
-        for panel in panels:
-            panel.set_xlim(begin, end)
-        quantity = f"{in_words(signal)} [{longest.unit(signal)}]"
-        if ax is not None:
-            rows = {
-                label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
-            }
-            height = _ribbon(ax, rows, begin, end)
-            legend_above(ax, height)
-            ax.set_ylabel(quantity)
-        else:
-            panels[0].figure.supylabel(quantity, fontsize=9.0)
-            if any(contact is not None for contact in shown.values()):
-                band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
-                panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
-        panels[-1].set_xlabel("time [s]")
-    return ax if ax is not None else np.array(panels)
+    return longest, begin, end, shown
 
 
 # ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
-def _curve(run: Pictured, begin: float, end: float) -> Samples:
+def _curve(run: Pictured, begin: float, end: float) -> Any:
     """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
     nodes = run.nodes
     long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
@@ -275,22 +332,9 @@ def _curve(run: Pictured, begin: float, end: float) -> Samples:
     row = np.repeat(np.arange(long.size), parts)
     index = np.arange(row.size) - np.repeat(np.cumsum(parts) - parts, parts)
     times = left[row] + (right - left)[row] * (index / parts[row])
-    inside = nodes.at(times)
     # the end of each step with the modes and held signals of that step: `at` would give what follows
-    cut = nodes.time[long + 1] > end
-    ends = nodes.states[long + 1].copy()
-    if cut.any():
-        ends[cut] = nodes.at(right[cut]).states
     order = np.argsort(np.concatenate([2 * row, 2 * np.arange(long.size) + 1]), kind="stable")
-    return Samples(
-        nodes.program,
-        np.concatenate([times, right])[order],
-        np.concatenate([inside.states, ends])[order],
-        np.concatenate([nodes.mode[long[row]], nodes.mode[long]])[order],
-        np.concatenate([nodes.held[long[row]], nodes.held[long]])[order],
-        nodes.parameters,
-        False,
-    )
+    return nodes.inside(long[np.concatenate([row, np.arange(long.size)])[order]], np.concatenate([times, right])[order])
 
 
 def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -306,41 +350,6 @@ def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return centre, both
 
 
-# --------------------------------------------------------------------------------------------------------------------------------- what to show
-def _interesting(run: Pictured) -> list[str]:
-    """Speeds, then torques and forces, then positions: at most three of a unit, none twice, none that only stands still."""
-    system, nodes = run.program.system, run.nodes
-    step = max(1, nodes.time.size // 400)
-    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
-    ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
-    own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
-    # what a part gives comes before the force and slip of its contact, which often repeat it
-    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
-    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
-    names = [name for name in (*system.signals, *system.inputs) if name not in own and name.partition(".")[0] not in laws] + sorted(own)
-    seen: list[np.ndarray] = []
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        unit = run.unit(name)
-        values = np.asarray(some[name])
-        if unit not in ranks or values.ndim != 1:
-            continue
-        size = np.abs(values).max(initial=0.0)
-        if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
-            continue
-        if name in own and groups.get(unit):
-            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
-                continue
-            groups[unit] = []  # a load that stands still makes room for what it presses
-        if len(groups.get(unit, [])) < 3:
-            seen.append(values)
-            groups.setdefault(unit, []).append(name)
-    moving = {unit: group for unit, group in groups.items() if any(np.ptp(some[name]) > 0 for name in group)}
-    chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
-    found = [name for unit in chosen for name in groups[unit]]
-    return found or [next(iter(system.states))]
-
-
 def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
     """Empty panels one above the other, over a common axis."""
     _, panels = plt.subplots(
@@ -349,7 +358,7 @@ def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False)
     return list(panels[:, 0])
 
 
-def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
+def _lines(ax: Any, samples: Any, names: Sequence[str]) -> int:
     """Draw signals, entries of vectors one by one; returns how many curves there are."""
     curves: list[tuple[str, np.ndarray]] = []
     for name in names:
@@ -459,42 +468,3 @@ def _arrows(ax: Any, x: np.ndarray, y: np.ndarray, slides: np.ndarray, color: st
                     zorder=3,
                 )
             )
-
-
-TRADE: Sequence[tuple[str, str, str, str]] = (
-    ("#12355b", "o", "-", "full"),
-    ("#6b6b6b", "s", "-", "full"),
-    ("#e07a1f", "^", "--", "full"),
-    ("#4f9d8f", "D", "--", "none"),
-    ("black", "x", ":", "full"),
-    ("#a23b72", "v", ":", "none"),
-    ("0.45", "P", "-.", "full"),
-    ("black", "*", "-.", "none"),
-    ("#a23b72", "<", "-", "full"),
-)
-"""Colour, mark, line and filling of the curves of a trade."""
-
-
-def work_precision(trade: Any, ax: Any = None) -> Any:
-    """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; what lies left of the grey edge is not known."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
-        curves: dict[str, list[Any]] = {}
-        several = len({point.plant for point in trade.points}) > 1
-        for point in trade.points:
-            if not point.failed:
-                curves.setdefault(f"{point.method}, {point.plant}" if several else point.method, []).append(point)
-        known = max(2.0 * trade.disagreement, 1e-16)
-        for (label, points), (colour, mark, line, fill) in zip(curves.items(), itertools.cycle(TRADE), strict=False):
-            good = [point for point in points if known < point.error < 1.0]
-            style = {"color": colour, "marker": mark, "linestyle": line, "fillstyle": fill, "markersize": 4.5, "linewidth": 1.1}
-            ax.loglog([point.error for point in good], [1e3 * point.seconds for point in good], label=label, **style)
-        ax.set(xlabel="error of the states, in parts of their size", ylabel="time [ms]")
-        low, high = ax.get_xlim()
-        low = min(low, known / 3.0)
-        ax.axvspan(low, known, color=BAND, lw=0)
-        ax.set_xlim(high, low)  # better to the right
-        ax.legend(frameon=False)
-        ax.set_title(textwrap.fill(trade.title, 64), fontsize=9)
-    return ax

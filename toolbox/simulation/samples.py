@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
 
@@ -32,6 +33,12 @@ class Recorded:
 
     if TYPE_CHECKING:
         names: Any
+        modes: Any
+        nodes: Any
+        contacts: Any
+        main_signals: Any
+
+        def approach(self, element: str) -> np.ndarray: ...
 
         def __getitem__(self, name: str) -> Any: ...
 
@@ -81,6 +88,54 @@ class Recorded:
     def _at_last(self, element: str) -> str:
         """Mode of an element at the end of the run."""
         raise NotImplementedError
+
+    def at(self, time: float | Sequence[float] | np.ndarray) -> Any:
+        """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
+        numbers = finite_array(time)
+        times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
+        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}.")
+        nodes = self.nodes
+        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
+        return nodes.inside(row, times, np.ndim(time) == 0)
+
+    def plot(self, *signals: str, ax: Any = None) -> Any:
+        """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
+        from toolbox.simulation.plot import traces
+
+        return traces(self, *signals, ax=ax)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
+        columns: dict[str, np.ndarray] = {}
+        for name in self.names:
+            values = self[name]
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files import tables
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
+        return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())
 
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
@@ -243,7 +298,7 @@ def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
 
 def check_run(run: Any) -> None:
     """Raise SceneError for anything but a trajectory."""
-    if not (isinstance(run, Recorded) and isinstance(run, Samples)):
+    if not isinstance(run, Recorded):
         raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
 
 

@@ -27,6 +27,7 @@ from toolbox.calibration.resting import resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start
@@ -228,7 +229,6 @@ class LeastSquares:
 
     def fit(self) -> Fit:
         from scipy.stats import t as student
-        from tqdm import tqdm
 
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
@@ -236,7 +236,7 @@ class LeastSquares:
         found: list[Any] = []
         trial = misfit.trial()
         reason: Exception | None = None
-        with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
+        with progress_bar(self.starts, "fit", unit="start") as bar:
             for begin in self._begins():
                 if len(found) == self.starts:
                     break

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import common, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.messages import LOG
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
@@ -101,9 +101,7 @@ def _goes_on() -> bool:
 
     found = all(find_spec(name) for name in ("zarr", "xarray"))
     if not found:
-        print(
-            "stickslip: without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'", file=sys.stderr
-        )
+        LOG.warning("without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'")
     return found
 
 

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from toolbox.messages import progress_bar
+
 
 def common(out: str, *, required: bool = False, scene: str = "the machine and its controllers", controller: str | None = "") -> argparse.ArgumentParser:
     """The arguments that most commands share, as a parent of their parsers: the scene, `--controller` and `--out`.
@@ -42,9 +44,7 @@ def file_stems(labels: Sequence[str]) -> list[str]:
 @contextmanager
 def progress(total: int) -> Iterator[Any]:
     """A bar on stderr, where that is a terminal, that appears after a second; yields a function of (cases done, what is going on)."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, delay=1.0, leave=False, disable=None, bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
+    with progress_bar(total, "", bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
 
         def reached(done: float, text: str) -> None:
             bar.set_description_str(text, refresh=False)

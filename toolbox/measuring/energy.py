@@ -12,7 +12,8 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import UnilateralContact
-from toolbox.simulation.samples import Recorded, Samples, check_run, output_function, window
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import Samples, check_run, output_function, window
 from toolbox.simulation.trajectory import Trajectory
 
 POINTS, WEIGHTS = np.polynomial.legendre.leggauss(8)

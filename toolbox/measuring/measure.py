@@ -21,7 +21,8 @@ from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
 from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
-from toolbox.simulation.samples import Recorded, scalar, window
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps

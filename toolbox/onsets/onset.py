@@ -23,6 +23,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
+from toolbox.messages import progress_bar
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -156,7 +157,8 @@ def onset(
     search.duration = PERIODS * search.period if duration is None else float(duration)
     sampled = any(isinstance(each, Sampled) for each in laws or [])
     tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
-    return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+    with progress_bar(None, "onset") as search.bar:
+        return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.html import table
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
@@ -332,11 +333,12 @@ def severity_map(
     front = Front(loop, points, shape)
     smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
     verdicts = inside[2].copy()
-    _changed(inside, front.spread(verdicts))
-    inside[2] = verdicts
-    with np.errstate(invalid="ignore"):
-        grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
-    _changed(smooth, front.settled(np.flatnonzero(grows)))
+    with progress_bar(None, "map, near borders") as front.bar:
+        _changed(inside, front.spread(verdicts))
+        inside[2] = verdicts
+        with np.errstate(invalid="ignore"):
+            grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
+        _changed(smooth, front.settled(np.flatnonzero(grows)))
     branches = [MapSide(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
     growth = growth.reshape(shape)
     names = ("smooth", "sticking")
@@ -347,7 +349,8 @@ def severity_map(
         """Whether smooth running is lost."""
         return loop.growth(points) > 0 if not loop.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
-    places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
+    with progress_bar(None, "map, borders") as front.bar:
+        places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
     borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
     borders = {"linear": linear.segments(linear.halved(lambda points: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}

@@ -11,7 +11,8 @@ from toolbox.files.html import table
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.severity import severity_of
 from toolbox.scenes.scene import Scene
-from toolbox.simulation.samples import Recorded, short
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import short
 
 SPEEDS = ("rad/s", "m/s")
 

@@ -20,6 +20,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
 from toolbox.scenes.scene import Scene
@@ -184,18 +185,17 @@ def work_precision(
     truth, used = _truth(first, "explicit")
     second, other = _truth(first, "stiff")
     disagreement = _difference(second, truth, signals)
-    from tqdm import tqdm
-
     settings = [
         (run, label, method, varied, setting, changes)
         for label, run in runs.items()
         for method in methods
         for varied, setting, changes in _settings(run, method, given, lengths, shares)
     ]
-    bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
-    points = [
-        _point(run, label, method, varied, setting, changes, truth, signals, repeats) for run, label, method, varied, setting, changes in bar
-    ]
+    points = []
+    with progress_bar(len(settings), "work and precision") as bar:
+        for run, label, method, varied, setting, changes in settings:
+            points.append(_point(run, label, method, varied, setting, changes, truth, signals, repeats))
+            bar.update()
     return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
 
 

@@ -25,7 +25,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.modelling.elements import UnilateralContact
-from toolbox.simulation.samples import Event, Modes, Recorded
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import Event, Modes
 
 DEGREES = (1, 2, 4, 8, 16, 32)
 """Degrees of the polynomials: the points of one are every second point of the next."""

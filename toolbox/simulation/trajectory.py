@@ -13,8 +13,9 @@ from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
 from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
+from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Event, Recorded, Samples, short
+from toolbox.simulation.samples import Event, Samples, short
 from toolbox.simulation.saved_run import SavedRun
 
 

@@ -25,6 +25,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.measuring import measure
+from toolbox.messages import progress_bar
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -269,7 +270,5 @@ def _objectives(given: Any, scenes: Sequence[Scene]) -> dict[str, Objective]:
 
 
 def _bar(runs: int, progress: bool) -> Any:
-    from tqdm import tqdm
-
     form = "{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}"
-    return tqdm(total=runs, delay=1.0, leave=False, disable=None if progress else True, desc="tuning", bar_format=form)
+    return progress_bar(runs, "tuning", bar_format=form, wanted=progress)

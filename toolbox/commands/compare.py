@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import plain
+from toolbox.commands.terminal import FORMATS, drawn_as, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
@@ -33,6 +33,7 @@ def add(commands: Any) -> None:
     comparison.add_argument("--after", type=plain, default=0.0, metavar="T", help="measure from this time on: seconds, or with a unit (0)")
     comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
     comparison.add_argument("--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced")
+    figure_format(comparison)
     comparison.set_defaults(action=run)
 
 
@@ -52,12 +53,12 @@ def run(given: argparse.Namespace) -> int:
     until = None if given.until is None else parse(given.until, "s", "--until")
     first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
     found = compare(first, second, signals=given.signal, after=after, until=until, labels=labels)  # type: ignore[arg-type]
-    files = COMPARE_FILES[:1] if scenes else COMPARE_FILES
+    files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
     with whole_folder(given.out, files, _earlier) if given.out else nullcontext() as folder:
         if folder is not None:
             (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
             if not scenes:
-                figures.draw_overlay(dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / "compare.png")
+                figures.draw_overlay(dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}")
     print(found)
     if given.out:
         print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")
@@ -70,4 +71,4 @@ def _earlier(path: Path) -> set[str]:
         text = (path / "compare.txt").read_text(encoding="utf-8")
     except (OSError, ValueError):
         return set()
-    return {name for name in COMPARE_FILES if (path / name).is_file()} if text.startswith(BEGINNING) else set()
+    return {name for name in drawn_as(COMPARE_FILES, *FORMATS) if (path / name).is_file()} if text.startswith(BEGINNING) else set()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, plain
+from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 from toolbox.messages import LOG
@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip sweep` and `stickslip map`."""
     many = commands.add_parser(
         "sweep",
-        parents=[common("folder for the results; that of an interrupted sweep is continued", required=True)],
+        parents=[common("folder for the results; that of an interrupted sweep is continued", required=True, drawn=False)],
         help="simulate a scene over many values of its numbers, on all cores",
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
@@ -192,12 +192,12 @@ def run_map(given: argparse.Namespace) -> int:
                 raise
             failures[label] = str(error)
             continue
-        names = MAP_FILES if goes_on else (*MAP_FILES, "map.npz")
+        names = drawn_as(MAP_FILES if goes_on else (*MAP_FILES, "map.npz"), given.format)
         with whole_folder(folder, names, _earlier_map, last=False) as made:
             if not goes_on:
                 found.save(made / "map.npz")
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-            figures.draw_found(found, found.title, made / "map.png")
+            figures.draw_found(found, found.title, made / f"map.{given.format}")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")
@@ -212,7 +212,7 @@ def _earlier_map(path: Path) -> set[str]:
             return set()
     except (OSError, ValueError):
         return set()
-    return {name for name in MAP_FILES if (path / name).is_file()}
+    return {name for name in drawn_as(MAP_FILES, *FORMATS) if (path / name).is_file()}
 
 
 def _closed(scene: Any, label: str) -> HybridSystem:

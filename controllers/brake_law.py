@@ -31,10 +31,10 @@ class BrakeLaw(Controller):
     friction: float = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
     margin: float | None = quantity(None, "1", "part of the border force that the law allows itself", above=0)
     lowest_force: float = quantity(100.0, "N", "lowest force of one pad", at_least=0)
-    highest_force: float = quantity(5000.0, "N", "highest force of one pad", above=0)
+    highest_force: float = quantity(5000.0, "N", "highest force of one pad", above=0, usual=(1.0, 1e6))
     force_rate: float | None = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
     inertia: float | None = quantity(None, "kg m2", "inertia I on the disc", above=0)
-    radius: float | None = quantity(None, "m", "effective radius r of the pads", above=0)
+    radius: float | None = quantity(None, "m", "effective radius r of the pads", above=0, usual=(0.01, 1.0))
     border: float | None = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
     growth: float | None = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
 

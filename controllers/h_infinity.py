@@ -31,7 +31,7 @@ class HInfinity(TorqueLimits):
     operating point.
     """
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
     bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
     torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)

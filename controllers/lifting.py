@@ -28,8 +28,8 @@ class Lifting(Controller):
     """
 
     law: Controller = field(default_factory=Controller)
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    to: float = quantity(12.0, "rad/s", "set-point that is lifted to", above=0)
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    to: float = quantity(12.0, "rad/s", "set-point that is lifted to", above=0, usual=(0.05, 40.0))
     swing: float = quantity(0.3, "1", "deviation of the top speed that counts as a swing, in parts of the lifted set-point", above=0)
     hold: float = quantity(15.0, "s", "time after the last swing for which the set-point stays up", above=0)
     rise: float = quantity(1.0, "rad/s2", "rate at which the set-point is lifted", above=0)

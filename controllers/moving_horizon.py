@@ -36,7 +36,7 @@ class MovingHorizon(Observer):
     estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
 
     window: int = 20
-    period: float = quantity(0.05, "s", "sample time", above=0)
+    period: float = quantity(0.05, "s", "sample time", above=0, usual=(1e-4, 5.0))
     delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
     torque_walk: float = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)

@@ -46,15 +46,15 @@ class Predictive(TorqueLimits):
 
     sensors: tuple[str, ...] = ("top.speed",)
     noise: tuple[float, ...] = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    period: float = quantity(0.1, "s", "sample time", above=0)
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    period: float = quantity(0.1, "s", "sample time", above=0, usual=(1e-4, 5.0))
     delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
     top_size: float = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
     bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
     torque_size: float = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
     move_size: float = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
-    highest_speed: float | None = quantity(None, "rad/s", "highest top speed", above=0)
+    highest_speed: float | None = quantity(None, "rad/s", "highest top speed", above=0, usual=(0.05, 40.0))
     highest_twist: float | None = quantity(None, "rad", "highest twist of the string, either way", above=0)
     soft: bool = True
     priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)

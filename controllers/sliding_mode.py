@@ -43,10 +43,10 @@ class SlidingSurface(TorqueLimits):
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed")
+    reference: float = quantity(8.0, "rad/s", "set-point of the speed", usual=(0.05, 40.0))
     surface: float = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
     reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
+    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, usual=(1.0, 1e5))
     drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
     late: int = 0
 

@@ -23,8 +23,8 @@ class TorqueLimits(Controller):
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
     drives: ClassVar[tuple[str, ...]] = ("top.torque",)
 
-    lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive")
-    highest_torque: float | None = quantity(None, "N m", "highest torque of the drive")
+    lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive", usual=(100.0, 1e6))
+    highest_torque: float | None = quantity(None, "N m", "highest torque of the drive", usual=(100.0, 1e6))
     torque_rate: float | None = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
 
     def check(self):

@@ -52,7 +52,7 @@ class TwoDisks(Component):
     stiffness: float = quantity(2000.0, "N m/rad", "stiffness of the stator mount", at_least=0)
     damping: float = quantity(0.5, "N m s/rad", "damping of the stator mount", at_least=0)
     normal_force: float = quantity(1000.0, "N", "normal force", at_least=0)
-    radius: float = quantity(0.1, "m", "effective radius of the contact", above=0)
+    radius: float = quantity(0.1, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def equations(self, signal):
@@ -95,7 +95,7 @@ class PressedDisks(Component):
     stator_inertia: float = quantity(0.02, "kg m2", "inertia of the stator", above=0)
     stiffness: float = quantity(2000.0, "N m/rad", "torsional stiffness of the stator mount", at_least=0)
     damping: float = quantity(0.5, "N m s/rad", "torsional damping of the stator mount", at_least=0)
-    radius: float = quantity(0.15, "m", "effective radius of the contact", above=0)
+    radius: float = quantity(0.15, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
     rotor_mass: float = quantity(2.0, "kg", "axial mass of the rotor", above=0)
     stator_mass: float = quantity(2.0, "kg", "axial mass of the stator", above=0)
     axial_stiffness: float = quantity(1e7, "N/m", "axial stiffness of the stator mount (assumed)", at_least=0)

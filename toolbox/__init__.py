@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from toolbox.errors import GrazingError as GrazingError
     from toolbox.errors import SceneError as SceneError
     from toolbox.errors import SimulationError as SimulationError
+    from toolbox.errors import UnusualValue as UnusualValue
     from toolbox.errors import ZenoError as ZenoError
     from toolbox.export.c_code import export_c as export_c
     from toolbox.export.c_code import to_control as to_control
@@ -142,6 +143,7 @@ __all__ = [
     "Trajectory",
     "Tuned",
     "UnilateralContact",
+    "UnusualValue",
     "Update",
     "WorkPrecision",
     "WorstCase",
@@ -199,7 +201,7 @@ _ROOMS = {
     "toolbox.contacts.contact_run": "ContactRun",
     "toolbox.contacts.problem": "ContactProblem",
     "toolbox.contacts.stepping": "press_contacts step_contacts",
-    "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
+    "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError UnusualValue ZenoError",
     "toolbox.export.c_code": "export_c to_control",
     "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",

@@ -10,13 +10,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from toolbox.commands import fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
 
 COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
@@ -53,6 +54,15 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 def script() -> NoReturn:
     """Run the command line as a process."""
     watch = Watch()
+    elsewhere = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, UnusualValue):  # the scene is at fault, not a line of code
+            complaint(f"warning: {message}", 0)
+        else:
+            elsewhere(message, category, *where, **more)
+
+    warnings.showwarning = show
     try:
         watch.begin()
         try:

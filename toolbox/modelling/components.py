@@ -296,7 +296,10 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
                 else:
                     changes[field.name] = float(values[offset])
                     offset += 1
-        return dataclasses.replace(node, **changes)
+        clone = copy.copy(node)  # not made anew: nobody typed these numbers, and nothing is left to convert
+        for name, value in changes.items():
+            object.__setattr__(clone, name, value)
+        return clone
 
     return rebuild(part)
 

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.units import in_si
+from toolbox.files.units import in_si, warn_unusual
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -59,6 +59,7 @@ def quantity(
     at_least: float | None = None,
     above: float | None = None,
     at_most: float | None = None,
+    usual: tuple[float, float] | None = None,
 ) -> Any:
     """Declare a numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
 
@@ -76,8 +77,11 @@ def quantity(
         What the number is, and its source.
     at_least, above, at_most
         Bounds: >=, > and <=.
+    usual
+        (low, high), sizes between which every number lies that is not 0 and not mistaken, in SI. Making a part with another one warns once
+        (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
     """
-    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most}
+    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -93,6 +97,8 @@ def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
         unit = field.metadata.get("unit")
         if unit is not None:
             value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
+            if field.metadata.get("usual") is not None:
+                warn_unusual(given, value, unit, field.metadata["usual"], type(part).__name__, field.name)
         if value is not given:
             object.__setattr__(part, field.name, value)
 

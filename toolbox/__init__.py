@@ -38,6 +38,10 @@ if TYPE_CHECKING:
     from toolbox.modelling.elements import DryFriction as DryFriction  # not in __all__: a star import must not shadow the module `time`
     from toolbox.modelling.elements import FrictionLaw as FrictionLaw
     from toolbox.modelling.elements import Hysteresis as Hysteresis
+    from toolbox.modelling.elements import OptionalQuantities as OptionalQuantities
+    from toolbox.modelling.elements import OptionalQuantity as OptionalQuantity
+    from toolbox.modelling.elements import Quantities as Quantities
+    from toolbox.modelling.elements import Quantity as Quantity
     from toolbox.modelling.elements import Relay as Relay
     from toolbox.modelling.elements import UnilateralContact as UnilateralContact
     from toolbox.modelling.elements import quantity as quantity
@@ -127,6 +131,10 @@ __all__ = [
     "Margins",
     "Observed",
     "Observer",
+    "OptionalQuantities",
+    "OptionalQuantity",
+    "Quantities",
+    "Quantity",
     "Recording",
     "Relay",
     "Sampled",
@@ -209,7 +217,8 @@ _ROOMS = {
     "toolbox.measuring.measure": "cycles overshoot settling severity stick_intervals",
     "toolbox.modelling.components": "Component Equations Update",
     "toolbox.modelling.composition": "compose",
-    "toolbox.modelling.elements": "DryFriction FrictionLaw Hysteresis Relay UnilateralContact quantity state time",
+    "toolbox.modelling.elements": "DryFriction FrictionLaw Hysteresis OptionalQuantities OptionalQuantity Quantities Quantity "
+    "Relay UnilateralContact quantity state time",
     "toolbox.modelling.hybrid_system": "HybridSystem",
     "toolbox.modelling.inputs": "ramp sine square step triangle",
     "toolbox.modelling.laws": "Controller Sampled Takeover",

@@ -20,7 +20,7 @@ from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import quantity, state
+from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.steady_states.linear import linearise
@@ -31,7 +31,7 @@ class _Turned(Component):
     """A shaft whose speed is imposed: it gives `motion` and forgets nothing but its angle."""
 
     motion: str = "top.speed"
-    start: float = quantity(0.0, "rad/s", "speed about which it is imposed")
+    start: Quantity = quantity(0.0, "rad/s", "speed about which it is imposed")
 
     def equations(self, signal: Any) -> Equations:
         angle = state("imposed.angle", "rad")

@@ -17,9 +17,15 @@ from decimal import Decimal
 from functools import cache
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError, UnusualValue, suggest
+
+if TYPE_CHECKING:
+    NumberOrText = float | Any  # to a type checker, because a function that has converted its argument goes on with a float of that name
+else:
+    NumberOrText = float | str
+    """An argument that takes a number in SI or text with a unit."""
 
 USUAL = (
     "1", "%", "rad", "deg", "s", "ms", "min", "h", "Hz", "kHz", "rad/s", "rad/s2", "deg/s", "rpm", "m", "mm", "km", "ft", "in", "m/s", "mm/s", "ft/s",

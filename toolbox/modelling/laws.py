@@ -134,10 +134,10 @@ class Sampled:
     """
 
     law: Controller | Callable[[float, Any], Any]
-    period: float
-    delay: float = 0.0
-    noise: Mapping[str, float] = field(default_factory=dict)
-    resolution: Mapping[str, float] = field(default_factory=dict)
+    period: Quantity = quantity(unit="s", meaning="sample time")
+    delay: Quantity = quantity(0.0, "s", "time from a sample until its outputs take effect")
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    resolution: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     measures: str | Sequence[str] | None = None
     drives: str | Sequence[str] | None = None

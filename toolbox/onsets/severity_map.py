@@ -25,6 +25,7 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
@@ -243,13 +244,13 @@ class SeverityMap:
 
 def severity_map(
     machine: HybridSystem | Scene,
-    over: Mapping[str, tuple[float, float]],
+    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     shape: tuple[int, int] = (50, 50),
-    duration: float | None = None,
-    after: float | None = None,
+    duration: NumberOrText | None = None,
+    after: NumberOrText | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: NumberOrText | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
@@ -272,7 +273,7 @@ def severity_map(
     machine
         A plant, or a scene.
     over
-        The two ranges {name: (low, high)} in SI; the first name gives the rows of all arrays.
+        The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
     duration, after
@@ -308,7 +309,7 @@ def severity_map(
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
         raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
-    axes = tuple(np.linspace(*over[name], n) for name, n in zip(loop.names, shape, strict=True))
+    axes = tuple(np.linspace(*ends, n) for ends, n in zip(loop.ranges, shape, strict=True))
     points = grid(dict(zip(loop.names, axes, strict=True))).points
     stages = iter(range(1000))
     count = 0

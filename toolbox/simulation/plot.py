@@ -20,6 +20,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText
 from toolbox.simulation.samples import Event, Samples, scalar, window
 from toolbox.simulation.style import (
     BAND,
@@ -71,7 +72,7 @@ class Pictured(Protocol):
         """(begin, end, mode) of one element."""
 
 
-def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
+def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
     """Draw signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
     Parameters

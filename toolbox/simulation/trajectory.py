@@ -12,6 +12,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.run import UNHURRIED, Budget
@@ -171,9 +172,9 @@ class Trajectory(Stays, Samples):
     def _at_last(self, element: str) -> str:
         return self._legends[element][int(self._last_mode[self._elements.index(element)])]
 
-    def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
+    def at(self, time: NumberOrText | Sequence[NumberOrText] | np.ndarray) -> Samples:
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
-        numbers = finite_array(time)
+        numbers = finite_array(in_si(time, "s", "time"))
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
             raise SceneError(

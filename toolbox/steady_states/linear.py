@@ -17,7 +17,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import in_si
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def equilibrium(
     plant: HybridSystem,
     *,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     start: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
@@ -138,7 +138,7 @@ def linearise(
     plant: HybridSystem,
     at: Mapping[str, Any] | Equilibrium | Samples | None = None,
     mode: Mapping[str, str] | None = None,
-    inputs: str | Sequence[str] | Mapping[str, float] | None = None,
+    inputs: str | Sequence[str] | Mapping[str, NumberOrText] | None = None,
     outputs: str | Sequence[str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,

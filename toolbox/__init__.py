@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
     from toolbox.export.from_control import from_control as from_control
+    from toolbox.files.unit_systems import units as units
     from toolbox.measuring.energy import energy_audit as energy_audit
     from toolbox.measuring.measure import cycles as cycles
     from toolbox.measuring.measure import overshoot as overshoot
@@ -198,6 +199,7 @@ __all__ = [
     "to_control",
     "triangle",
     "tune",
+    "units",
     "work_precision",
     "worst_case",
 ]
@@ -213,6 +215,7 @@ _ROOMS = {
     "toolbox.export.c_code": "export_c to_control",
     "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
+    "toolbox.files.unit_systems": "units",
     "toolbox.measuring.energy": "energy_audit",
     "toolbox.measuring.measure": "cycles overshoot settling severity stick_intervals",
     "toolbox.modelling.components": "Component Equations Update",

@@ -14,6 +14,7 @@ from toolbox.calibration.residuals import MeasuredLoop
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -118,8 +119,10 @@ class Fit:
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
+            factor, unit = reading(unit)
             part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
-            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
+            rows.append([name, f"{self.values[i] * factor:.6g}", f"{low * factor:.6g} .. {high * factor:.6g}", "" if unit == "1" else unit,
+                         f"deviation {part}"])  # fmt: skip
         widths = [max(len(row[i]) for row in rows) for i in range(5)]
         lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
         lines.append("")

@@ -19,6 +19,7 @@ from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
+from toolbox.files.unit_systems import SYSTEMS, units
 
 COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
 
@@ -35,7 +36,8 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             from toolbox.scenes.catalogue import load_parts
 
             load_parts(path)
-        return given.action(given)
+        with units(given.units):
+            return given.action(given)
     except SceneError as error:
         return complaint(str(error), 2)
     except BrokenPipeError:  # whoever read the output has had enough
@@ -91,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
         each.add_argument(
             "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
         )
+        each.add_argument("--units", choices=tuple(SYSTEMS), default="si", help="of what is printed and drawn; files of numbers stay SI (si)")
     return parser
 
 

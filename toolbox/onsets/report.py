@@ -14,6 +14,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import reading
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")
@@ -217,7 +218,8 @@ class Onset:
     @property
     def advice(self) -> str:
         """The working point in one sentence, with its margins to both borders."""
-        shown = f"{self.at:.6g} {self.unit}"
+        factor, unit = reading(self.unit)
+        shown = f"{self.at * factor:.6g} {unit}"
         if not self.values[0] <= self.at <= self.values[-1]:
             return f"The working point {shown} is outside of the range."
         words = {
@@ -241,21 +243,21 @@ class Onset:
         )
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
+        factor, unit = reading(self.unit).factor, reading(self.unit).tail
         lines = [
             f"Onset of stick-slip: {self.title}",
-            f"{self.parameter} from {self.values[0]:g} to {self.values[-1]:g}{unit}, judged by `{self.element}` and `{self.signal}`",
+            f"{self.parameter} from {self.values[0] * factor:.6g} to {self.values[-1] * factor:.6g}{unit}, judged by `{self.element}` and `{self.signal}`",
             "",
         ]
         rows = [
-            (f"Hopf point, {p.kind} loss", f"{p.value:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
+            (f"Hopf point, {p.kind} loss", f"{p.value * factor:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
             for p in self.hopf
         ]
         for name, borders in self._named:
-            rows += [(name, f"{b.value:.6g}", f"+- {b.tolerance:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
+            rows += [(name, f"{b.value * factor:.6g}", f"+- {b.tolerance * factor:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
             if not borders:
                 rows.append((name, "-", self._nowhere(name)))
-        rows += [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+        rows += [("bistable", f"{low * factor:.6g} .. {high * factor:.6g}", "smooth only until disturbed") for low, high in self.bistable]
         widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
         lines += [f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows]
         lines += ["", self.advice, ""]
@@ -263,7 +265,7 @@ class Onset:
         cells = [head]
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
-            cells.append((f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
+            cells.append((f"{value * factor:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
         widths = [max(len(row[i]) for row in cells) for i in range(7)]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
         checked = (
@@ -342,17 +344,18 @@ class Comparison:
         """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
         lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
         for label, found in self.onsets.items():
+            factor = reading(found.unit).factor
             inside = found.values[0] <= found.at <= found.values[-1]
             borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row]
             lines.append(
                 (
                     label,
-                    shown(min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
-                    shown(found.loss),
-                    shown(found.end),
-                    shown(found.breakaway),
-                    ", ".join(f"{low:.3g} .. {high:.3g}" for low, high in found.bistable) or "-",
-                    f"{found.at:.4g}",
+                    shown(factor * min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
+                    shown(factor * found.loss),
+                    shown(factor * found.end),
+                    shown(factor * found.breakaway),
+                    ", ".join(f"{low * factor:.3g} .. {high * factor:.3g}" for low, high in found.bistable) or "-",
+                    f"{found.at * factor:.4g}",
                     found.verdict(found.at) if inside else "outside",
                     f"{100 * min(borders):+.0f} %" if borders else "-",
                 )

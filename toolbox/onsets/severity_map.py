@@ -25,6 +25,7 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
@@ -121,12 +122,12 @@ class SeverityMap:
         }  # fmt: skip
 
     def __str__(self) -> str:
-        size = self.smooth.verdict.size
+        size, read = self.smooth.verdict.size, [reading(unit) for unit in self.units]
         lines = [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
-                f"  {name} from {axis[0]:g} to {axis[-1]:g} {'' if unit == '1' else unit}".rstrip() + f", {axis.size} values"
-                for name, unit, axis in zip(self.names, self.units, self.axes, strict=True)
+                f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
+                for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs of {self.duration:g} s, judged from {self.after:g} s, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
             "",
@@ -152,13 +153,13 @@ class SeverityMap:
             if not len(segments):
                 lines.append(f"    {titles[name]:<28} not in the map")
                 continue
-            ranges = [f"{segments[..., k].min():.5g} .. {segments[..., k].max():.5g} {self.units[k]}" for k in range(2)]
+            ranges = [f"{segments[..., k].min() * read[k].factor:.5g} .. {segments[..., k].max() * read[k].factor:.5g} {read[k].unit}" for k in range(2)]
             lines.append(f"    {titles[name]:<28} {ranges[0]:>29}   {ranges[1]:>30}")
         lines += [f"  note: {note}" for note in self.notes]
         if self.errors:
             lines.append(f"  {len(self.errors)} runs failed")
             for (branch, i, j), text in list(self.errors.items())[:3]:
-                lines.append(f"    {branch}, {self.axes[0][i]:.5g}, {self.axes[1][j]:.5g}: {text}")
+                lines.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
         return "\n".join(lines)
 
     __repr__ = __str__

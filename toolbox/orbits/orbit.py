@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.inputs import Table
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
@@ -124,8 +125,9 @@ class Cycle:
             for i in range(size or 1):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
-                    low, high = self.extremes(label)
-                    lines.append(f"  {label:<20} {low:.6g} .. {high:.6g} {unit}")
+                    factor, shown_in = reading(unit)
+                    low, high = (factor * end for end in self.extremes(label))
+                    lines.append(f"  {label:<20} {low:.6g} .. {high:.6g} {shown_in}")
         return "\n".join(lines)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
@@ -98,7 +99,7 @@ class Margins:
 
     def __str__(self) -> str:
         at = ", ".join(
-            f"{row.command} = {self.signals[row.command]:.4g} {self.units[row.command]}"
+            f"{row.command} = {self.signals[row.command] * reading(self.units[row.command]).factor:.4g} {reading(self.units[row.command]).unit}"
             for row in self.loops
             if row.command in self.signals
         )

@@ -30,10 +30,11 @@ from toolbox.simulation.style import (
     RESOLUTION,
     TONES,
     WIDTH,
-    axis_label,
+    axis_words,
     in_words,
     legend_above,
     line_styles,
+    name_axis,
 )
 
 
@@ -112,7 +113,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
             lines = _lines(panel, samples, group)
-            panel.set_ylabel(axis_label(group, unit))
+            name_axis(panel.yaxis, axis_words(group, unit), unit)
             panel.set_xlim(begin, end)
             top = panel is panels[0]
             if len(contacts) == 1:
@@ -185,8 +186,8 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        ax.set_xlabel(f"{in_words(x_signal)} [{run.unit(x_signal)}]")
-        ax.set_ylabel(f"{in_words(y_signal)} [{run.unit(y_signal)}]")
+        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal))
+        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal))
     return ax
 
 
@@ -247,16 +248,14 @@ def comparison(
                 panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
         for panel in panels:
             panel.set_xlim(begin, end)
-        quantity = f"{in_words(signal)} [{longest.unit(signal)}]"
+            name_axis(panel.yaxis, in_words(signal), longest.unit(signal))
         if ax is not None:
-            rows = {
-                label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
-            }
+            rows = {label: (run, contact) for label, run in runs.items() if (contact := shown[label]) is not None}
             height = _ribbon(ax, rows, begin, end)
             legend_above(ax, height)
-            ax.set_ylabel(quantity)
         else:
-            panels[0].figure.supylabel(quantity, fontsize=9.0)
+            panels[0].figure.supylabel(panels[0].get_ylabel(), fontsize=9.0)
+            plt.setp(panels, ylabel="")
             if any(contact is not None for contact in shown.values()):
                 band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
                 panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)

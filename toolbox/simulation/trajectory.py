@@ -12,6 +12,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
@@ -360,9 +361,9 @@ class Trajectory(Stays, Samples):
             for name, values in shown.items():
                 if values.ndim == 1:
                     values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(
-                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
-                    )
+                    factor, unit = reading(self.unit(name))
+                    low, high, last = (factor * value for value in (values.min(), values.max(), values[-1]))
+                    lines.append(f"    {name:<{width}} {low:>12.5g} .. {high:<12.5g} end {last:.5g} {unit}")
         return "\n".join(lines)
 
 

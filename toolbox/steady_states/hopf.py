@@ -25,6 +25,7 @@ import numpy as np
 
 from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -76,8 +77,9 @@ class HopfPoint:
         return "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
 
     def __str__(self) -> str:
+        factor, unit = reading(self.unit)
         return (
-            f"Hopf point at {self.parameter} = {self.value:.6g} {self.unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
+            f"Hopf point at {self.parameter} = {self.value * factor:.6g} {unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
             f"stability; residual {self.residual:.1e}"
         )
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, SceneError, quantity, state
+from toolbox import Controller, OptionalQuantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +23,9 @@ class TorqueLimits(Controller):
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
     drives: ClassVar[tuple[str, ...]] = ("top.torque",)
 
-    lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive")
-    highest_torque: float | None = quantity(None, "N m", "highest torque of the drive")
-    torque_rate: float | None = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
+    lowest_torque: OptionalQuantity = quantity(None, "N m", "lowest torque of the drive", usual=(100.0, 1e6))
+    highest_torque: OptionalQuantity = quantity(None, "N m", "highest torque of the drive", usual=(100.0, 1e6))
+    torque_rate: OptionalQuantity = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
 
     def check(self):
         if self.lowest_torque is not None and self.highest_torque is not None and self.lowest_torque >= self.highest_torque:

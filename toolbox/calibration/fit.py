@@ -27,6 +27,7 @@ from toolbox.calibration.resting import resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
@@ -51,7 +52,7 @@ def fit(
     machine: HybridSystem | Scene,
     data: Any,
     free: str | Sequence[str],
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
     *,
     columns: Mapping[str, str] | None = None,
     controller: Any = None,
@@ -196,7 +197,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for i, name in enumerate(names):
         if name in bounds:
-            pair = bounds[name]
+            pair = in_si(bounds[name], misfit.plant.unit(name), f"bounds.{name}")
             if len(pair) != 2 or not all(is_finite_number(value) for value in pair) or not pair[0] < pair[1]:
                 raise SceneError(
                     f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."

@@ -15,6 +15,7 @@ from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -136,8 +137,10 @@ class Fit:
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
+            factor, unit = reading(unit)
             part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
-            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
+            ends = f"{low * factor:.6g} .. {high * factor:.6g}"
+            rows.append([name, f"{self.values[i] * factor:.6g}", ends, "" if unit == "1" else unit, f"deviation {part}"])
         return rows
 
     def _remarks(self) -> list[str]:

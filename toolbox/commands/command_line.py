@@ -10,14 +10,16 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from toolbox.commands import compare, fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
+from toolbox.files.unit_systems import SYSTEMS, units
 
 COMMANDS = (study, simulate, compare, onset, sweep, tune, fit, tradeoff, listing)
 
@@ -34,7 +36,8 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             from toolbox.scenes.catalogue import load_parts
 
             load_parts(path)
-        return given.action(given)
+        with units(given.units):
+            return given.action(given)
     except SceneError as error:
         return complaint(str(error), 2)
     except BrokenPipeError:  # whoever read the output has had enough
@@ -53,6 +56,15 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
 def script() -> NoReturn:
     """Run the command line as a process."""
     watch = Watch()
+    elsewhere = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, UnusualValue):  # the scene is at fault, not a line of code
+            complaint(f"warning: {message}", 0)
+        else:
+            elsewhere(message, category, *where, **more)
+
+    warnings.showwarning = show
     try:
         watch.begin()
         try:
@@ -81,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
         each.add_argument(
             "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
         )
+        each.add_argument("--units", choices=tuple(SYSTEMS), default="si", help="of what is printed and drawn; files of numbers stay SI (si)")
     return parser
 
 

@@ -80,7 +80,7 @@ def run(given: argparse.Namespace) -> int:
                     continue
                 try:
                     onsets[label] = onset(
-                        scene, given.parameter, (number["from"], number["to"]), controller=label,  # type: ignore[arg-type]
+                        scene, given.parameter, (number["from"], number["to"]), controller=label,
                         values=given.values, tolerance=number["tolerance"], at=number["at"],
                     )  # fmt: skip
                 except (SceneError, SimulationError) as error:

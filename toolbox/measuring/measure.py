@@ -11,12 +11,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
 from toolbox.measuring.energy import gauss
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 # ------------------------------------------------------------------------------------------------------------------------- intervals of stick
-def stick_intervals(run: Recorded, element: str, after: float = 0.0, until: float | None = None) -> list[tuple[float, float]]:
+def stick_intervals(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[tuple[float, float]]:
     """Return (begin, end) [s] of every stay in stick, cut to the window.
 
     Begin and end are located events, not nodes.
@@ -61,7 +62,7 @@ def stick_intervals(run: Recorded, element: str, after: float = 0.0, until: floa
     return found
 
 
-def stuck_ratio(run: Recorded, element: str, after: float = 0.0, until: float | None = None) -> float:
+def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
     """Measure the part of the window that an element spends in stick, from 0 to 1.
 
     Takes what `stick_intervals` takes, and raises SceneError as it does.
@@ -84,7 +85,7 @@ class StickSlipPeriod:
         return self.slip + self.stick
 
 
-def cycles(run: Recorded, element: str, after: float = 0.0, until: float | None = None) -> list[StickSlipPeriod]:
+def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[StickSlipPeriod]:
     """Find every whole cycle of stick-slip of an element, from release to release.
 
     A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip.
@@ -117,7 +118,7 @@ def cycles(run: Recorded, element: str, after: float = 0.0, until: float | None 
     ]
 
 
-def extent(run: Recorded, signal: str, after: float = 0.0, until: float | None = None) -> Extent:
+def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Extent:
     """Measure the extrema and the time mean of a scalar signal, as accurately as the run.
 
     The mean is the Gauss-Legendre integral over every step, divided by the length of the window; at a jump both sides count as values.
@@ -149,7 +150,7 @@ def extent(run: Recorded, signal: str, after: float = 0.0, until: float | None =
     return Extent(low, high, min(max(mean, low), high), when_low, when_high)
 
 
-def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: float = 0.0, until: float | None = None) -> float:
+def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
     """Measure the time mean of (signal - target)^2, in the unit of the signal squared.
 
     It is the Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`.
@@ -179,11 +180,11 @@ def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: float
 def severity(
     run: Recorded,
     signal: str = "bit.speed",
-    after: float = 0.0,
+    after: NumberOrText = 0.0,
     definition: str = "half-range",
     *,
-    until: float | None = None,
-    reference: float | None = None,
+    until: NumberOrText | None = None,
+    reference: NumberOrText | None = None,
 ) -> float:
     """Measure the severity of stick-slip [1]: how far a speed swings, as a part of its mean or of a set-point.
 
@@ -220,6 +221,7 @@ def severity(
     """
     if not isinstance(definition, str) or definition not in SEVERITIES:
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
+    (reference,) = _in_unit(run, signal, reference=reference)
     if definition == "reference":
         if not is_finite_number(reference) or reference == 0:
             raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
@@ -232,12 +234,12 @@ def severity(
 def settling(
     run: Recorded,
     signal: str,
-    target: float,
+    target: NumberOrText,
     band: float = 0.02,
     *,
-    after: float = 0.0,
-    until: float | None = None,
-    size: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
+    size: NumberOrText | None = None,
 ) -> float:
     """Measure how long a signal takes to stay within |y - target| <= band * size for the rest of the window.
 
@@ -269,6 +271,7 @@ def settling(
         If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
     """
     begin, end = window(run, after, until)
+    target, size = _in_unit(run, signal, target=target, size=size)
     size = _size(target, size)
     if not is_finite_number(band) or not 0 < band < 1:
         raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
@@ -293,7 +296,7 @@ def settling(
     return high - begin
 
 
-def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: float = 0.0) -> float:
+def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberOrText = 0.0) -> float:
     """Find the time [s] at which a signal that is above `speed` first falls to it.
 
     The time is located to round-off.
@@ -342,7 +345,7 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: float =
 
 
 def overshoot(
-    run: Recorded, signal: str, target: float, *, after: float = 0.0, until: float | None = None, size: float | None = None
+    run: Recorded, signal: str, target: NumberOrText, *, after: NumberOrText = 0.0, until: NumberOrText | None = None, size: NumberOrText | None = None
 ) -> float:
     """Measure the largest excursion of a signal beyond its target, as a part of `size`.
 
@@ -372,6 +375,7 @@ def overshoot(
         If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
+    target, size = _in_unit(run, signal, target=target, size=size)
     size = _size(target, size)
     start = _value(run, signal, begin)
     found = extent(run, signal, begin, end)
@@ -381,7 +385,12 @@ def overshoot(
     return max(0.0, beyond) / size
 
 
-def _size(target: float, size: float | None) -> float:
+def _in_unit(run: Recorded, signal: str, **given: Any) -> list[Any]:
+    """What is given as text, as numbers in the unit of a signal."""
+    return [in_si(value, run.unit(signal), word) if isinstance(value, str) else value for word, value in given.items()]
+
+
+def _size(target: NumberOrText, size: float | None) -> float:
     if not is_finite_number(target):
         raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
     if size is None:
@@ -407,7 +416,7 @@ class Contact:
     speed: float
 
 
-def contact(run: Recorded, element: str, after: float = 0.0, until: float | None = None) -> Contact:
+def contact(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Contact:
     """Measure impacts, closed time, largest force and largest speed of approach of a `UnilateralContact`.
 
     An impact is a closing, or a bounce of a rigid contact.

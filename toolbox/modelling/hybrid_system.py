@@ -14,6 +14,7 @@ import numpy as np
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
@@ -136,7 +137,10 @@ class HybridSystem:
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
     def _repr_html_(self) -> str:
-        rows = [(name, _shown(self.parameter(name)), entry.unit if entry.unit != "1" else "", entry.meaning) for name, entry in self.parameters.items()]
+        rows = []
+        for name, entry in self.parameters.items():
+            factor, unit = reading(entry.unit)
+            rows.append((name, _shown(factor * self.parameter(name)), "" if unit == "1" else unit, entry.meaning))
         return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 
     @property

@@ -14,7 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
+from toolbox.files.unit_systems import reading
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis
 
 
 class DrawnVerdict(Protocol):
@@ -96,7 +97,6 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
     with plt.rc_context(PAPER):
         if ax is None:
             _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
-        unit = "" if found.unit == "1" else f" [{found.unit}]"
         for low, high in found.bistable:
             ax.axvspan(low, high, color="0.90", linewidth=0, zorder=0, label="bistable")
         for point in found.hopf:
@@ -121,7 +121,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
             ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
-        ax.set_xlabel(in_words(found.parameter) + unit)
+        name_axis(ax.xaxis, in_words(found.parameter), found.unit)
         ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])
         ax.set_ylim(bottom=0.0)
@@ -204,6 +204,9 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
 
 def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
     """(divisor, unit) in which an axis is read best."""
+    factor, shown = reading(unit)
+    if shown != unit:
+        return 1.0 / factor, shown
     large = float(np.abs(axis).max()) >= 1e4 and unit.split()[0].split("/")[0] in ("N", "Pa", "W", "J")
     return (1e3, f"k{unit}") if large else (1.0, unit)
 

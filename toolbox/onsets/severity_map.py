@@ -26,6 +26,8 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
@@ -123,11 +125,12 @@ class SeverityMap:
         }  # fmt: skip
 
     def __str__(self) -> str:
+        read = [reading(unit) for unit in self.units]
         lines = [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
-                f"  {name} from {axis[0]:g} to {axis[-1]:g} {'' if unit == '1' else unit}".rstrip() + f", {axis.size} values"
-                for name, unit, axis in zip(self.names, self.units, self.axes, strict=True)
+                f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
+                for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs of {self.duration:g} s, judged from {self.after:g} s, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
             "",
@@ -140,14 +143,18 @@ class SeverityMap:
         if self.errors:
             lines.append(f"  {len(self.errors)} runs failed")
             for (branch, i, j), text in list(self.errors.items())[:3]:
-                lines.append(f"    {branch}, {self.axes[0][i]:.5g}, {self.axes[1][j]:.5g}: {text}")
+                lines.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
         return "\n".join(lines)
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
         shares = table(f"Severity map of {self.title}", ("region", "share of the map [%]", "what the machine does"), self._share_rows())
-        ranges = [f"{name} from {axis[0]:g} to {axis[-1]:g} {unit}" for name, unit, axis in zip(self.names, self.units, self.axes, strict=True)]
+        read = [reading(unit) for unit in self.units]
+        ranges = [
+            f"{name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}"
+            for name, each, axis in zip(self.names, read, self.axes, strict=True)
+        ]
         notes = [f"{', '.join(ranges)}; {self.runs} runs of {self.duration:g} s, {len(self.errors)} failed", *self.notes]
         return shares + table("Borders", ("border", *self.names), self._border_rows(), notes)
 
@@ -161,8 +168,10 @@ class SeverityMap:
         titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
         rows = []
         for name, segments in self.borders.items():
-            ranges = [f"{segments[..., k].min():.5g} .. {segments[..., k].max():.5g} {self.units[k]}" for k in range(2)] if len(segments) else []
-            rows.append((titles[name], *(ranges or ("not in the map", ""))))
+            ranges = ["not in the map", ""]
+            for k, (factor, unit) in enumerate(map(reading, self.units)) if len(segments) else ():
+                ranges[k] = f"{segments[..., k].min() * factor:.5g} .. {segments[..., k].max() * factor:.5g} {unit}"
+            rows.append((titles[name], ranges[0], ranges[1]))
         return rows
 
     def border(self, name: str, along: float) -> np.ndarray:
@@ -246,13 +255,13 @@ class SeverityMap:
 
 def severity_map(
     machine: HybridSystem | Scene,
-    over: Mapping[str, tuple[float, float]],
+    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     shape: tuple[int, int] = (50, 50),
-    duration: float | None = None,
-    after: float | None = None,
+    duration: NumberOrText | None = None,
+    after: NumberOrText | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: NumberOrText | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
@@ -275,7 +284,7 @@ def severity_map(
     machine
         A plant, or a scene.
     over
-        The two ranges {name: (low, high)} in SI; the first name gives the rows of all arrays.
+        The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
     duration, after
@@ -311,7 +320,7 @@ def severity_map(
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
         raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
-    axes = tuple(np.linspace(*over[name], n) for name, n in zip(loop.names, shape, strict=True))
+    axes = tuple(np.linspace(*ends, n) for ends, n in zip(loop.ranges, shape, strict=True))
     points = grid(dict(zip(loop.names, axes, strict=True))).points
     stages = iter(range(1000))
     count = 0

@@ -12,6 +12,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.inputs import Table
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
@@ -143,7 +144,9 @@ class Cycle:
             for i in range(size or 1):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
-                    rows.append((label, *self.extremes(label), unit))
+                    factor, shown = reading(unit)
+                    low, high = self.extremes(label)
+                    rows.append((label, factor * low, factor * high, shown))
         return rows
 
 

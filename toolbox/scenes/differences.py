@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.severity import severity_of
 from toolbox.scenes.scene import Scene
@@ -59,10 +61,13 @@ class Differences:
         def word(value: Any) -> str:
             return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
-        return [
-            (row.name, word(row.first), word(row.second), "" if row.change is None else f"{row.change:+.4g}", "" if row.unit == "1" else row.unit)
-            for row in self.rows
-        ]
+        cells = []
+        for row in self.rows:
+            factor, unit = reading(row.unit)
+            first, second = (value * factor if isinstance(value, float) else value for value in row[2:])
+            change = "" if row.change is None else f"{row.change * factor:+.4g}"
+            cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
+        return cells
 
     def __str__(self) -> str:
         if not self.rows:
@@ -83,8 +88,8 @@ def compare(
     second: Any,
     *,
     signals: Sequence[str] | None = None,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
     labels: tuple[str, str] = ("first", "second"),
 ) -> Differences:
     """Compare two runs by their measures, or two scenes by their keys.
@@ -121,6 +126,7 @@ def compare(
     for word, run in (("first", first), ("second", second)):
         if not isinstance(run, Recorded):
             raise SceneError(f"Argument `{word}` must be a run or a scene, and both of the same kind, but it is {short(run)}.")
+    after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
     if signals is None:
         shown = dict.fromkeys([*first.main_signals, *second.main_signals])
         signals = [name for name in shown if name in first and name in second and first.unit(name) == second.unit(name)]

@@ -20,6 +20,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
@@ -116,7 +117,7 @@ class WorkPrecision:
 
 def work_precision(
     plant: HybridSystem | Scene | Mapping[str, HybridSystem],
-    duration: float | None = None,
+    duration: NumberOrText | None = None,
     *,
     methods: Sequence[str] = ("explicit", "stiff", "time-stepping", "smoothed"),
     accuracies: Iterable[float] = ACCURACIES,
@@ -165,6 +166,7 @@ def work_precision(
         If no truth can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
+    duration = in_si(duration, "s", "duration")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     if len(plants) > 1 and not signals:

@@ -18,6 +18,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText
 from toolbox.simulation.samples import Event, scalar, short, window
 from toolbox.simulation.style import (
     BAND,
@@ -27,10 +28,11 @@ from toolbox.simulation.style import (
     RESOLUTION,
     TONES,
     WIDTH,
-    axis_label,
+    axis_words,
     in_words,
     legend_above,
     line_styles,
+    name_axis,
 )
 
 
@@ -73,7 +75,7 @@ class Pictured(Protocol):
         """(begin, end, mode) of one element."""
 
 
-def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
+def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
     """Draw signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
     Parameters
@@ -113,7 +115,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
             lines = _lines(panel, samples, group)
-            panel.set_ylabel(axis_label(group, unit))
+            name_axis(panel.yaxis, axis_words(group, unit), unit)
             panel.set_xlim(begin, end)
             top = panel is panels[0]
             if len(contacts) == 1:
@@ -135,8 +137,8 @@ def phase_plane(
     element: str | None = None,
     ax: Any = None,
     *,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
 ) -> Any:
     """Draw one signal against another; where `element` sticks the line is thick, the start is a ring, and arrows show the direction.
 
@@ -186,8 +188,8 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        ax.set_xlabel(f"{in_words(x_signal)} [{run.unit(x_signal)}]")
-        ax.set_ylabel(f"{in_words(y_signal)} [{run.unit(y_signal)}]")
+        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal))
+        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal))
     return ax
 
 
@@ -197,8 +199,8 @@ def comparison(
     element: str | None = None,
     ax: Any = None,
     *,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
 ) -> Any:
     """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax`, as `overlay` does.
 
@@ -239,7 +241,9 @@ def comparison(
             _event_lines(panel, run, begin, last)
             panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
             panel.set_xlim(begin, end)
-        panels[0].figure.supylabel(f"{in_words(signal)} [{longest.unit(signal)}]", fontsize=9.0)
+            name_axis(panel.yaxis, in_words(signal), longest.unit(signal))
+        panels[0].figure.supylabel(panels[0].get_ylabel(), fontsize=9.0)
+        plt.setp(panels, ylabel="")
         if any(contact is not None for contact in shown.values()):
             band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
             panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
@@ -252,8 +256,8 @@ def overlay(
     *signals: str,
     element: str | None = None,
     ax: Any = None,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
 ) -> Any:
     """Draw signals of several runs over one another: one panel per signal, one colour per run, and above them a ribbon of modes per run.
 
@@ -294,7 +298,7 @@ def overlay(
                     samples = _curve(run, begin, last)
                     _line(panel, samples.time, scalar(samples, name), label, style)
             panel.set_xlim(begin, end)
-            panel.set_ylabel(f"{in_words(name)} [{longest.unit(name)}]")
+            name_axis(panel.yaxis, in_words(name), longest.unit(name))
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
         panels[-1].set_xlabel("time [s]")
@@ -304,7 +308,7 @@ def overlay(
 
 
 def _together(
-    runs: Mapping[str, Pictured], element: str | None, after: float, until: float | None
+    runs: Mapping[str, Pictured], element: str | None, after: NumberOrText, until: NumberOrText | None
 ) -> tuple[Pictured, float, float, dict[str, str | None]]:
     """(the longest run, begin and end of the window, {label: contact to be shown}); raises SceneError."""
     if not isinstance(runs, Mapping) or not runs:

@@ -11,6 +11,8 @@ import numpy as np
 from toolbox.arguments import finite_array
 from toolbox.errors import SceneError
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.simulation.samples import Stays, short
 
 
@@ -44,7 +46,8 @@ class Recorded(Stays):
             values = np.asarray(self[name])
             if values.ndim == 1:
                 values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                rows.append((name, float(values.min()), float(values.max()), float(values[-1]), self.unit(name)))
+                factor, unit = reading(self.unit(name))
+                rows.append((name, *(factor * float(value) for value in (values.min(), values.max(), values[-1])), unit))
         return rows
 
     def __str__(self) -> str:
@@ -68,9 +71,9 @@ class Recorded(Stays):
         headings = ("signal", "smallest", "largest", "at the end", "unit")
         return "".join([*tables, table("Signals at the recorded times", headings, self._ranges())])
 
-    def at(self, time: float | Sequence[float] | np.ndarray) -> Any:
+    def at(self, time: NumberOrText | Sequence[NumberOrText] | np.ndarray) -> Any:
         """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
-        numbers = finite_array(time)
+        numbers = finite_array(in_si(time, "s", "time"))
         times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
         if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
             raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}.")

@@ -8,7 +8,10 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+
+from toolbox.files.unit_systems import reading
 
 # loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
 plt.switch_backend(matplotlib.get_backend())
@@ -65,14 +68,30 @@ def in_words(name: str) -> str:
     return name.replace(".", " ").replace("_", " ")
 
 
-def axis_label(names: Sequence[str], unit: str) -> str:
-    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
+def axis_words(names: Sequence[str], unit: str) -> str:
+    """What an axis is called: `bit speed` for one signal, the word they share for several: `speed`."""
     if len(names) == 1:
-        return f"{in_words(names[0])} [{unit}]"
+        return in_words(names[0])
     tails = {name.rpartition(".")[2] for name in names}
     kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
-    word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
-    return f"{word} [{unit}]".strip()
+    return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
+
+
+def name_axis(axis: Any, words: str, unit: str) -> None:
+    """Label an axis of matplotlib with its quantity, read in the chosen units: the data stay SI, the ticks stand at round numbers of the other unit."""
+    factor, shown = reading(unit)
+    axis.set_label_text(f"{words} [{shown}]".strip())
+    if shown == unit:
+        return
+
+    class Places(MaxNLocator):
+        """Round numbers of the other unit."""
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            return np.asarray(super().tick_values(vmin * factor, vmax * factor)) / factor
+
+    axis.set_major_locator(Places(nbins="auto", steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value * factor:.6g}"))
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:

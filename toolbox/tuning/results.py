@@ -13,6 +13,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.scene import Scene
 
@@ -200,15 +201,17 @@ class Tuned:
         """(name, given, tuned, range) of the free numbers, and (name, given, tuned, change) of the objectives."""
         numbers = []
         for free, number in zip(self.free, best.numbers, strict=True):
-            words = f"{free.low:g} .. {free.high:g}{', log' if free.logarithmic else ''}"
-            numbers.append([_labelled(free.name, free.unit), plain_number(free.given), plain_number(number), words])
+            factor, unit = reading(free.unit)
+            words = f"{free.low * factor:.6g} .. {free.high * factor:.6g}{', log' if free.logarithmic else ''}"
+            numbers.append([_labelled(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
         values = []
         for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
-            old, new = self.counted(self.before)[j], self.counted(best)[j]
+            factor, unit = reading(unit)
+            old, new = factor * self.counted(self.before)[j], factor * self.counted(best)[j]
             values.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
             if len(self.scenes) > 1:
                 values += [
-                    [f"  {label}", _short(before[j]), _short(after[j]), _gain(before[j], after[j])]
+                    [f"  {label}", _short(factor * before[j]), _short(factor * after[j]), _gain(before[j], after[j])]
                     for label, before, after in zip(self.scenes, self.before.values, best.values, strict=True)
                 ]
         return numbers, values
@@ -225,10 +228,13 @@ class Tuned:
         if len(front) > 15:  # spread over the front, with its ends and the best
             chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
             front = [front[i] for i in sorted(chosen)]
-        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
-        rows = [["", *names, *(_labelled(each.name, each.unit) for each in self.free)]]
+        goals, own = [reading(unit) for unit in self.units], [reading(each.unit) for each in self.free]
+        names = [_labelled(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
+        rows = [["", *names, *(_labelled(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
         for trial in front:
-            rows.append([_TUNED if trial is best else "", *map(_short, self.counted(trial)), *map(plain_number, trial.numbers)])
+            found = [_short(value * each.factor) for value, each in zip(self.counted(trial), goals, strict=True)]
+            numbers = [plain_number(number, each.factor) for number, each in zip(trial.numbers, own, strict=True)]
+            rows.append([_TUNED if trial is best else "", *found, *numbers])
         return rows
 
     def plot(self, ax: Any = None) -> Any:
@@ -290,9 +296,9 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def plain_number(number: float | None) -> str:
-    """A number in six digits; None is left to the design of the law."""
-    return "by design" if number is None else f"{number:.6g}"
+def plain_number(number: float | None, factor: float = 1.0) -> str:
+    """A number in six digits, times a factor; None is left to the design of the law."""
+    return "by design" if number is None else f"{number * factor:.6g}"
 
 
 def _short(value: float) -> str:

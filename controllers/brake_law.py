@@ -64,6 +64,11 @@ class BrakeLaw(Controller):
         now = ca.if_else(begun > 0.5, following, speed)
         return now, {begun: 1.0, following: ca.fmax(now - self.deceleration * period, 0.0)}
 
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the force, for whoever draws it."""
+        return {"brake.force": (self.lowest_force, self.highest_force)}
+
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""
         if self.margin is not None:

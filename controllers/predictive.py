@@ -184,6 +184,11 @@ class PredictiveLaw:
         """Itself: it is designed."""
         return self
 
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the torque, for whoever draws it."""
+        return self.law.signal_limits
+
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""
         raise NotImplementedError

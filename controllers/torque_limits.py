@@ -43,6 +43,11 @@ class TorqueLimits(Controller):
         """The limits by name, for a law that designs another one."""
         return {"lowest_torque": self.lowest_torque, "highest_torque": self.highest_torque, "torque_rate": self.torque_rate}
 
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the torque, for whoever draws it."""
+        return {"top.torque": (self.lowest_torque, self.highest_torque)}
+
     def clipped(self, wanted: Any) -> Any:
         """The torque wanted, cut to what the drive can give."""
         if self.lowest_torque is not None:

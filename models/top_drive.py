@@ -62,6 +62,15 @@ class TopDrive(Component):
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
 
+    @property
+    def signal_limits(self):
+        """The limits of the torque of the motor, and of that on the string where nothing stands between them, for whoever draws them."""
+        if self.torque_limit is None:
+            return {}
+        motor = (-self.torque_limit, self.torque_limit)
+        direct = self.motor_inertia is None and self.efficiency is None
+        return {f"{self.name or 'drive'}.torque": motor} | ({"top.torque": (self.ratio * motor[0], self.ratio * motor[1])} if direct else {})
+
     def equations(self, signal):
         top_speed = signal("top.speed", "rad/s")
         flow, elements, losses, stored = {}, [], {}, None

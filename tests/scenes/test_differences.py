@@ -81,7 +81,7 @@ def test_overlaid_runs_have_a_colour_each_and_a_panel_per_signal(runs, tmp_path)
     saved = {label: Trajectory.load(run.save(tmp_path / f"{label}.npz")) for label, run in runs.items()}
     for shown in (runs, {"slow": runs["slow"], "fast": saved["fast"]}):
         axes = plot.overlay(shown, "bit.speed", "top.torque", after=5.0)
-        assert [ax.get_ylabel() for ax in axes] == ["bit speed [rad/s]", "top torque [N m]"]
+        assert [ax.get_ylabel() for ax in axes] == ["bit speed [rad/s]", "top torque [kN m]"]
         for ax in axes:
             assert [line.get_label() for line in ax.get_lines()] == ["slow", "fast"]
             assert len({line.get_color() for line in ax.get_lines()}) == 2

@@ -76,6 +76,6 @@ def _write(axes: Any, title: str | None, path: Path) -> None:
 
     figure = np.ravel(axes)[0].figure
     if title is not None:
-        figure.suptitle(textwrap.fill(title, int(11 * figure.get_figwidth())))  # letters of this size that fit into an inch
+        figure.suptitle(textwrap.fill(title, int(13 * figure.get_figwidth())), fontsize=10.0)  # letters of this size that fit into an inch
     figure.savefig(path, dpi=150)
     plt.close(figure)

@@ -95,6 +95,11 @@ class Component:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
 
     @property
+    def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that the part keeps a signal within, for whoever draws it; None is no limit."""
+        return {}
+
+    @property
     def routes(self) -> Mapping[str, str]:
         """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
 

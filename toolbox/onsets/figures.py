@@ -14,8 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.unit_systems import reading
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
 
 
 class DrawnVerdict(Protocol):
@@ -204,11 +203,8 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
 
 def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
     """(divisor, unit) in which an axis is read best."""
-    factor, shown = reading(unit)
-    if shown != unit:
-        return 1.0 / factor, shown
-    large = float(np.abs(axis).max()) >= 1e4 and unit.split()[0].split("/")[0] in ("N", "Pa", "W", "J")
-    return (1e3, f"k{unit}") if large else (1.0, unit)
+    factor, shown = reading_of(unit, float(np.abs(axis).max()))
+    return 1.0 / factor, shown
 
 
 def lines_of(segments: np.ndarray) -> list[np.ndarray]:

@@ -19,7 +19,10 @@ def main_signals(run: Any) -> list[str]:
     # what a part gives comes before the force and slip of its contact, which often repeat it
     # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
     laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
-    names = [name for name in (*system.signals, *system.inputs) if name not in own and name.partition(".")[0] not in laws] + sorted(own)
+    plant = run.run.plant  # what a sampled law remembers, and says of itself, is not what the machine does
+    parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)}
+    names = [name for name in (*system.signals, *system.inputs) if name not in own and (part := name.partition(".")[0]) in parts and part not in laws]
+    names += sorted(own)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}
     for name in names:

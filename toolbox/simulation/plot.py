@@ -19,13 +19,13 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText
+from toolbox.simulation.curves import draw_limits, draw_line, draw_signals, part_colours, sampled, scale_robustly
 from toolbox.simulation.samples import Event, scalar, short, window
 from toolbox.simulation.style import (
     BAND,
     LINES,
     MANY_EVENTS,
     PAPER,
-    RESOLUTION,
     TONES,
     WIDTH,
     axis_words,
@@ -53,6 +53,10 @@ class Pictured(Protocol):
     @property
     def main_signals(self) -> list[str]:
         """Names of the signals that say most."""
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that a drive keeps signals within."""
 
     @property
     def nodes(self) -> Any:
@@ -108,19 +112,21 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         raise SceneError(
             f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
         )
-    samples = _curve(run, begin, end)
+    samples = sampled(run, begin, end)
     elements = list(run.modes)
-    contacts = run.contacts
+    contacts, looks = run.contacts, part_colours(run)
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
-            lines = _lines(panel, samples, group)
-            name_axis(panel.yaxis, axis_words(group, unit), unit)
+            lines = draw_signals(panel, samples, group, looks)
             panel.set_xlim(begin, end)
+            scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit)
+            draw_limits(panel, run.limits, group, looks)
+            name_axis(panel.yaxis, axis_words(group, unit), unit)
             top = panel is panels[0]
             if len(contacts) == 1:
                 _bands(panel, run, contacts[0], begin, end)
-            _event_lines(panel, run, begin, end)
+            _event_lines(panel, run, begin, end, [name for name in elements if len(contacts) != 1 or name != contacts[0]])
             height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
                 legend_above(panel, height)
@@ -164,7 +170,7 @@ def phase_plane(
         element = names[0]
     if element is not None and element not in names:
         raise SceneError(f"There is no element `{element}`: {suggest(element, names)}")
-    samples = _curve(run, begin, end)
+    samples = sampled(run, begin, end)
     x, y = scalar(samples, x_signal), scalar(samples, y_signal)
     sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
     with plt.rc_context(PAPER):
@@ -174,7 +180,7 @@ def phase_plane(
         points = np.stack([x, y], axis=1)
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         both = sticks[:-1] & sticks[1:]
-        color = LINES[0]["color"]
+        color = part_colours(run).get(y_signal.partition(".")[0], LINES[0])["color"]
         ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
         if both.any():
             starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
@@ -228,17 +234,18 @@ def comparison(
     if ax is not None:
         return overlay(runs, signal, element=element, ax=ax, after=after, until=until)
     longest, begin, end, shown = _together(runs, element, after, until)
+    look = part_colours(longest).get(signal.partition(".")[0], LINES[0]) | {"linestyle": "-"}
     with plt.rc_context(PAPER):
         panels = stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
         for panel, (label, run) in zip(panels, runs.items(), strict=True):
             last = min(end, float(run.nodes.time[-1]))
             if last > begin:
-                samples = _curve(run, begin, last)
-                _line(panel, samples.time, scalar(samples, signal), label, dict(LINES[0]))
+                samples = sampled(run, begin, last)
+                draw_line(panel, samples.time, scalar(samples, signal), label, look)
             contact = shown[label]
             if contact is not None:
                 _bands(panel, run, contact, begin, last)
-            _event_lines(panel, run, begin, last)
+            _event_lines(panel, run, begin, last, [name for name in run.modes if name != contact])
             panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
             panel.set_xlim(begin, end)
             name_axis(panel.yaxis, in_words(signal), longest.unit(signal))
@@ -291,13 +298,14 @@ def overlay(
         raise SceneError(f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}.")
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
+        lasting = {label: sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin}
+        styles = dict(zip(runs, line_styles(len(runs)), strict=True))
         for panel, name in zip(panels, names, strict=True):
-            for style, (label, run) in zip(line_styles(len(runs)), runs.items(), strict=True):
-                last = min(end, float(run.nodes.time[-1]))
-                if last > begin:
-                    samples = _curve(run, begin, last)
-                    _line(panel, samples.time, scalar(samples, name), label, style)
+            curves = {label: (samples.time, scalar(samples, name)) for label, samples in lasting.items()}
+            for label, (time, values) in curves.items():
+                draw_line(panel, time, values, label, styles[label])
             panel.set_xlim(begin, end)
+            scale_robustly(panel, list(curves.values()), longest.unit(name))
             name_axis(panel.yaxis, in_words(name), longest.unit(name))
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
@@ -324,68 +332,12 @@ def _together(
     return longest, begin, end, shown
 
 
-# ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
-def _curve(run: Pictured, begin: float, end: float) -> Any:
-    """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
-    nodes = run.nodes
-    long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
-    left, right = np.maximum(nodes.time[long], begin), np.minimum(nodes.time[long + 1], end)
-    parts = np.maximum(1, np.ceil((right - left) / (end - begin) * RESOLUTION)).astype(int)
-    # corners of a cycle need points even where the whole picture is coarse
-    parts = np.maximum(parts, 1 if long.size > RESOLUTION else 6)
-    row = np.repeat(np.arange(long.size), parts)
-    index = np.arange(row.size) - np.repeat(np.cumsum(parts) - parts, parts)
-    times = left[row] + (right - left)[row] * (index / parts[row])
-    # the end of each step with the modes and held signals of that step: `at` would give what follows
-    order = np.argsort(np.concatenate([2 * row, 2 * np.arange(long.size) + 1]), kind="stable")
-    return nodes.inside(long[np.concatenate([row, np.arange(long.size)])[order]], np.concatenate([times, right])[order])
-
-
-def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve, or for very many points its smallest and largest value in each of many columns, which looks the same."""
-    columns = 2 * RESOLUTION
-    if time.size <= 8 * columns:
-        return time, values
-    edges = np.searchsorted(time, np.linspace(time[0], time[-1], columns + 1)[:-1])
-    edges = np.unique(edges)
-    centre = np.repeat(time[edges], 2)
-    both = np.empty(2 * edges.size)
-    both[::2], both[1::2] = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-    return centre, both
-
-
 def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
     """Empty panels one above the other, over a common axis."""
     _, panels = plt.subplots(
         rows, 1, sharex=True, sharey=sharey, squeeze=False, figsize=(WIDTH, 0.75 + height * rows + extra), layout="constrained"
     )
     return list(panels[:, 0])
-
-
-def _lines(ax: Any, samples: Any, names: Sequence[str]) -> int:
-    """Draw signals, entries of vectors one by one; returns how many curves there are."""
-    curves: list[tuple[str, np.ndarray]] = []
-    for name in names:
-        values = np.asarray(samples[name])
-        if values.ndim == 1:
-            curves.append((in_words(name), values))
-        else:
-            curves += [(f"{in_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
-    many = len(curves) > 8  # then the first and the last name the row of shades between them
-    for i, ((label, values), style) in enumerate(zip(curves, line_styles(len(curves)), strict=True)):
-        named = not many or i in (0, len(curves) - 1)
-        if many:
-            style = style | {"linestyle": "-", "linewidth": 0.9}
-        _line(ax, samples.time, values, label if named else "_" + label, style)
-    return len(curves)
-
-
-def _line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict[str, Any]) -> None:
-    """One curve against time, thinner where it swings so often that its strokes would merge."""
-    rounded = np.rint(values * (100.0 / (np.ptp(values) or 1.0)))  # what cannot be seen does not count as a swing
-    turns = int(np.count_nonzero(np.diff(np.sign(rounded[1:] - rounded[:-1])[rounded[1:] != rounded[:-1]])))
-    width = style["linewidth"] * min(1.0, max(0.25, 60 / max(turns, 1)))
-    ax.plot(*_thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))
 
 
 def _bands(ax: Any, run: Pictured, element: str, begin: float, end: float) -> None:
@@ -396,12 +348,17 @@ def _bands(ax: Any, run: Pictured, element: str, begin: float, end: float) -> No
     )
 
 
-def _event_lines(ax: Any, run: Pictured, begin: float, end: float) -> None:
-    """A hairline at every event; fainter where there are many, none where they would only darken the picture."""
-    times = np.unique([event.time for event in run.events if begin <= event.time <= end])
-    if 0 < times.size <= 10 * MANY_EVENTS:
-        strength = 0.55 * min(1.0, MANY_EVENTS / times.size)
-        ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.4, alpha=strength, zorder=0.5)
+def _event_lines(ax: Any, run: Pictured, begin: float, end: float, elements: Sequence[str]) -> None:
+    """Dotted hairlines at the events of elements, each with dots of its own; fainter where there are many, none where they would only darken the picture.
+
+    Those of the contact whose stick is shaded are the edges of its bands.
+    """
+    for i, element in enumerate(elements):
+        times = np.unique([event.time for event in run.events if event.element == element and begin <= event.time <= end])
+        if 0 < times.size <= 10 * MANY_EVENTS:
+            strength = 0.7 * min(1.0, MANY_EVENTS / times.size)
+            dots = (0, (1 + 2 * (i % 4), 2))
+            ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5)
 
 
 def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end: float) -> float:
@@ -438,7 +395,7 @@ def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end
     handles = [Patch(label=mode, linewidth=0, **TONES[mode]) for mode in TONES if mode in present]
     legend = Legend(
         ax, handles, [str(handle.get_label()) for handle in handles], loc="lower right", bbox_to_anchor=(1.0, height), bbox_transform=in_panel,
-        ncols=3, frameon=False, borderaxespad=0.1, handlelength=1.6, handleheight=0.8, columnspacing=1.2, fontsize=8.0,
+        ncols=max(len(handles), 1), frameon=False, borderaxespad=0.1, handlelength=1.6, handleheight=0.8, columnspacing=1.2, fontsize=8.0,
     )  # fmt: skip
     ax.add_artist(legend)
     legend.set_clip_on(False)  # otherwise the layout makes no room for it

@@ -27,6 +27,7 @@ class Recorded(Stays):
         nodes: Any
         contacts: Any
         main_signals: Any
+        limits: Any
 
         def approach(self, element: str) -> np.ndarray: ...
 

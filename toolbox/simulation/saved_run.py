@@ -9,7 +9,8 @@ Keys of the npz file: `time` [s] and `end` [s]; one array per signal, named by i
 slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`,
 `event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal. `step.time` [s] and `step.mode`: nodes, of which each begins a step with
 its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per step. `contacts`,
-`main`: names of the elements with friction and of the signals that a plot shows; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
+`main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for
+no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
 `report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
@@ -56,6 +57,9 @@ def write(run: Any, target: Path) -> Path:
     written |= {f"step.{name}": points for name, points in values.items()}
     written["contacts"] = np.array(run.contacts, dtype=np.str_)
     written["main"] = np.array(run.main_signals, dtype=np.str_)
+    limits = {name: [np.nan if end is None else end for end in ends] for name, ends in run.limits.items()}
+    written["limit.names"] = np.array(list(limits), dtype=np.str_)
+    written["limit.values"] = np.array(list(limits.values())).reshape(-1, 2)
     for element in run.program.system.elements:
         if isinstance(element, UnilateralContact):
             written[f"approach.{element.name}"] = run.approach(element.name)
@@ -232,6 +236,8 @@ class SavedRun(Recorded):
         The steps of the run.
     contacts, main_signals
         Names of the elements with friction, and of the signals that a plot shows.
+    limits
+        {signal: (lowest, highest)} that the drive and the laws keep signals within.
     accuracy
         Accuracy of the run.
     """
@@ -254,6 +260,10 @@ class SavedRun(Recorded):
         self.nodes = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
         self.contacts: list[str] = arrays["contacts"].tolist()
         self.main_signals: list[str] = arrays["main"].tolist()
+        self.limits: dict[str, tuple[float | None, float | None]] = {
+            name: (None if np.isnan(low) else low, None if np.isnan(high) else high)
+            for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
+        }
         self.accuracy = float(arrays["accuracy"])
         self._report: list[str] = arrays["report"].tolist()
         self._error = float(arrays["error"])

@@ -27,6 +27,9 @@ LINES: Sequence[dict[str, Any]] = (
     {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
 )
 
+REPEATED: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+"""Dashes of the first, second, ... curve of one part in a panel."""
+
 TONES: dict[str, dict[str, Any]] = {
     "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
     "slip": {"facecolor": "0.88", "edgecolor": "0.88"},
@@ -77,9 +80,19 @@ def axis_words(names: Sequence[str], unit: str) -> str:
     return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
 
 
-def name_axis(axis: Any, words: str, unit: str) -> None:
-    """Label an axis of matplotlib with its quantity, read in the chosen units: the data stay SI, the ticks stand at round numbers of the other unit."""
+def reading_of(unit: str, size: float) -> tuple[float, str]:
+    """(factor, unit) in which numbers of this size are read best: in the chosen units, and in thousands of them where they are large, such as kN m."""
     factor, shown = reading(unit)
+    large = size * factor >= 1e4 and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+    return (factor / 1e3, f"k{shown}") if large else (factor, shown)
+
+
+def name_axis(axis: Any, words: str, unit: str) -> None:
+    """Label an axis of matplotlib with its quantity, read in the chosen units, and in thousands of them where numbers are large.
+
+    The data stay SI, the ticks stand at round numbers of the other unit.
+    """
+    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()))
     axis.set_label_text(f"{words} [{shown}]".strip())
     if shown == unit:
         return
@@ -109,3 +122,5 @@ def legend_above(ax: Any, above: float) -> None:
         loc="lower left", bbox_to_anchor=(0.0, above), bbox_transform=place, ncols=4, frameon=False, borderaxespad=0.1, handlelength=2.2,
         columnspacing=1.2,
     )  # fmt: skip
+    for handle in ax.get_legend().get_lines():
+        handle.set_linewidth(max(handle.get_linewidth(), 1.3))  # of a curve that is thin because it swings

@@ -176,6 +176,17 @@ class Trajectory(Recorded, Samples):
 
         return main_signals(self)
 
+    @property
+    def limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that the drive and the laws keep signals within; None is no limit."""
+        found: dict[str, tuple[float | None, float | None]] = {}
+        for part in (*self.run.system.parts, *self.run.laws):
+            for name, (low, high) in getattr(law_of(part), "signal_limits", {}).items():
+                lowest, highest = found.get(name, (None, None))
+                lows, highs = ([end for end in ends if end is not None] for ends in ((low, lowest), (high, highest)))
+                found[name] = (max(lows, default=None), min(highs, default=None))
+        return found
+
     def approach(self, element: str) -> np.ndarray:
         """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
         elements = {each.name: each for each in self.program.system.elements if isinstance(each, UnilateralContact)}

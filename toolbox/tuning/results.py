@@ -239,13 +239,17 @@ class Tuned:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the front, or the best value so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
-        from toolbox.tuning.figures import tuning_diagram  # here, because matplotlib is slow to import
+        from toolbox.simulation.style import reading_of  # here, because matplotlib is slow to import
+        from toolbox.tuning.figures import tuning_diagram
 
-        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
         tried = np.array([self.counted(trial) for trial in self.trials])
-        front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(names))
-        best = np.array(self.counted(self.best)) if len(front) else None
-        return tuning_diagram(names, tried, front, np.array(self.counted(self.before)), best, ax)
+        front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(self.objectives))
+        sizes = np.abs(front).max(axis=0, initial=0.0)
+        read = [reading_of(unit, float(size)) for unit, size in zip(self.units, sizes, strict=True)]
+        names = [_labelled(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
+        factors = np.array([factor for factor, _ in read])
+        best = factors * self.counted(self.best) if len(front) else None
+        return tuning_diagram(names, factors * tried, factors * front, factors * self.counted(self.before), best, ax)
 
     def save(self, path: str | Path) -> Path:
         """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""

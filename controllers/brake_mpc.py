@@ -68,6 +68,11 @@ class PlannedStop:
     measures = BrakeMPC.measures
     drives = BrakeMPC.drives
 
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the force, for whoever draws it."""
+        return self.law.signal_limits
+
     def __init__(self, law: BrakeMPC, lag: float):
         self.law: Any = law
         N = law.horizon

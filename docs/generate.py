@@ -1,4 +1,4 @@
-"""Write the pages that follow from the code: the reference of public names and the sources that docstrings cite.
+"""Write the pages that follow from the code: the reference of public names, the keys of a scene file, and the sources that docstrings cite.
 
 python docs/generate.py          (a test says when the pages are no longer up to date)
 """
@@ -94,12 +94,23 @@ def reference_page(package: str, says: str) -> str:
     return "\n".join(lines)
 
 
+def scene_page() -> str:
+    """The page of the keys of a scene file."""
+    keys = importlib.import_module("toolbox.scenes.keys")
+    lines = ["# Keys of a scene file", "", "Numbers are SI, or text with a unit. `stickslip list scene` prints this page on a terminal.", ""]
+    for table, entries in keys.KEYS.items():
+        lines += [f"## {'At the head of the file' if table == 'scene' else f'`{table}`'}", "", "| key | unit | without it | meaning |", "|---|---|---|---|"]
+        lines += [f"| `{key.name}` | {key.unit} | {key.default} | {key.meaning} |" for key in entries]
+        lines.append("")
+    return "\n".join(lines)
+
+
 def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
     references = {
         FOLDER / "reference" / f"{name.rpartition('.')[2]}.md": reference_page(name, says) for name, says in (PACKAGES | AUTHORS).items()
     }
-    return {FOLDER / "sources.md": sources_page(), **references}
+    return {FOLDER / "sources.md": sources_page(), FOLDER / "reference" / "scene.md": scene_page(), **references}
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ COMMANDS = (study, simulate, compare, onset, sweep, tune, fit, tradeoff, listing
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:
     """Run the command line and return its exit code; the errors of a user are one line on stderr. watch: of a process that is ended by an interrupt."""
-    words = NOTHING
+    words, given = NOTHING, argparse.Namespace()
     try:
         given = _parser().parse_args(arguments)
         words = given.words(given)
@@ -39,7 +40,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         with units(given.units):
             return given.action(given)
     except SceneError as error:
-        return complaint(str(error), 2)
+        return complaint(_by_option(str(error), given), 2)
     except BrokenPipeError:  # whoever read the output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -51,6 +52,18 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         if watch is not None:
             watch.interrupted(words)
         return complaint(words, INTERRUPTED)
+
+
+def _by_option(text: str, given: argparse.Namespace) -> str:
+    """An error in which an argument of a Python function goes by the option that gave it; what the scene gave keeps the name of its key."""
+    found = re.match(r"Arguments? `([a-z_]+)`", text)
+    if found is None or "parser" not in given:
+        return text
+    spelled = given.spelled.get(found[1])
+    name = found[1]
+    if spelled is None and name in given and getattr(given, name) != given.parser.get_default(name):
+        spelled = "--" + name.replace("_", "-")
+    return text if spelled is None else text[: found.start(1)] + spelled + text[found.end(1) :]
 
 
 def script() -> NoReturn:
@@ -84,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
-    parser.set_defaults(words=lambda given: NOTHING)
+    parser.set_defaults(words=lambda given: NOTHING, spelled={})
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
@@ -93,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
         each.add_argument(
             "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
         )
+        each.set_defaults(parser=each)
         each.add_argument("--units", choices=tuple(SYSTEMS), default="si", help="of what is printed and drawn; files of numbers stay SI (si)")
     return parser
 

@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
     comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
     comparison.add_argument("--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced")
     figure_format(comparison)
-    comparison.set_defaults(action=run)
+    comparison.set_defaults(action=run, spelled={"signals": "--signal", "first": "FIRST", "second": "SECOND"})
 
 
 def run(given: argparse.Namespace) -> int:

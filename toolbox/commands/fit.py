@@ -44,7 +44,7 @@ def add(commands: Any) -> None:
     )
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
-    calibration.set_defaults(action=run)
+    calibration.set_defaults(action=run, spelled={"free": "--free", "bounds": "--free", "columns": "--column", "data": "DATA"})
 
 
 def run(given: argparse.Namespace) -> int:

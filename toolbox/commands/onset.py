@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
-    border.set_defaults(action=run)
+    border.set_defaults(action=run, spelled={"between": "--from` and `--to"})
 
 
 def run(given: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
                 "folder for the results; an earlier study in it is replaced, other files stay",
                 required=True,
                 controller=None,
-                scene="what to simulate; see `toolbox/scenes/scene_file.py` and studies/scenes for the keys",
+                scene="what to simulate; see `stickslip list scene` for the keys, and studies/scenes",
             )
         ],
         help="simulate every controller of a scene; table, figures and data",

@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
         help="a run for every row of a table whose headings are names with units, in place of --vary",
     )
     many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
-    many.set_defaults(action=run, words=lambda given: GOES_ON)
+    many.set_defaults(action=run, spelled={"measures": "--measure", "bounds": "--vary"}, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
@@ -68,7 +68,7 @@ def add(commands: Any) -> None:
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
-    chart.set_defaults(action=run_map, words=lambda given: GOES_ON)
+    chart.set_defaults(action=run_map, spelled={"over": "--x` and `--y"}, words=lambda given: GOES_ON)
 
 
 def run(given: argparse.Namespace) -> int:

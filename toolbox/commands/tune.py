@@ -58,7 +58,7 @@ def add(commands: Any) -> None:
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
     )
     figure_format(tuning)
-    tuning.set_defaults(action=run, words=_words)
+    tuning.set_defaults(action=run, spelled={"bounds": "--free", "controller": "--controller"}, words=_words)
 
 
 def run(given: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText
-from toolbox.simulation.curves import draw_limits, draw_line, draw_signals, part_colours, sampled, scale_robustly
+from toolbox.simulation import curves
 from toolbox.simulation.samples import Event, scalar, short, window
 from toolbox.simulation.style import (
     BAND,
@@ -112,16 +112,16 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         raise SceneError(
             f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
         )
-    samples = sampled(run, begin, end)
+    samples = curves.sampled(run, begin, end)
     elements = list(run.modes)
-    contacts, looks = run.contacts, part_colours(run)
+    contacts, looks = run.contacts, curves.part_colours(run)
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
-            lines = draw_signals(panel, samples, group, looks)
+            lines = curves.draw_signals(panel, samples, group, looks)
             panel.set_xlim(begin, end)
-            scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit)
-            draw_limits(panel, run.limits, group, looks)
+            curves.scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit)
+            curves.draw_limits(panel, run.limits, group, looks)
             name_axis(panel.yaxis, axis_words(group, unit), unit)
             top = panel is panels[0]
             if len(contacts) == 1:
@@ -170,7 +170,7 @@ def phase_plane(
         element = names[0]
     if element is not None and element not in names:
         raise SceneError(f"There is no element `{element}`: {suggest(element, names)}")
-    samples = sampled(run, begin, end)
+    samples = curves.sampled(run, begin, end)
     x, y = scalar(samples, x_signal), scalar(samples, y_signal)
     sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
     with plt.rc_context(PAPER):
@@ -180,7 +180,7 @@ def phase_plane(
         points = np.stack([x, y], axis=1)
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         both = sticks[:-1] & sticks[1:]
-        color = part_colours(run).get(y_signal.partition(".")[0], LINES[0])["color"]
+        color = curves.part_colours(run).get(y_signal.partition(".")[0], LINES[0])["color"]
         ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
         if both.any():
             starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
@@ -234,14 +234,14 @@ def comparison(
     if ax is not None:
         return overlay(runs, signal, element=element, ax=ax, after=after, until=until)
     longest, begin, end, shown = _together(runs, element, after, until)
-    look = part_colours(longest).get(signal.partition(".")[0], LINES[0]) | {"linestyle": "-"}
+    look = curves.part_colours(longest).get(signal.partition(".")[0], LINES[0]) | {"linestyle": "-"}
     with plt.rc_context(PAPER):
         panels = stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
         for panel, (label, run) in zip(panels, runs.items(), strict=True):
             last = min(end, float(run.nodes.time[-1]))
             if last > begin:
-                samples = sampled(run, begin, last)
-                draw_line(panel, samples.time, scalar(samples, signal), label, look)
+                samples = curves.sampled(run, begin, last)
+                curves.draw_line(panel, samples.time, scalar(samples, signal), label, look)
             contact = shown[label]
             if contact is not None:
                 _bands(panel, run, contact, begin, last)
@@ -298,14 +298,14 @@ def overlay(
         raise SceneError(f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}.")
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
-        lasting = {label: sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin}
+        lasting = {label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin}
         styles = dict(zip(runs, line_styles(len(runs)), strict=True))
         for panel, name in zip(panels, names, strict=True):
-            curves = {label: (samples.time, scalar(samples, name)) for label, samples in lasting.items()}
-            for label, (time, values) in curves.items():
-                draw_line(panel, time, values, label, styles[label])
+            drawn = {label: (samples.time, scalar(samples, name)) for label, samples in lasting.items()}
+            for label, (time, values) in drawn.items():
+                curves.draw_line(panel, time, values, label, styles[label])
             panel.set_xlim(begin, end)
-            scale_robustly(panel, list(curves.values()), longest.unit(name))
+            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name))
             name_axis(panel.yaxis, in_words(name), longest.unit(name))
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))

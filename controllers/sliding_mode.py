@@ -15,6 +15,7 @@ it shows the impedance k / lam, and one number sets both this and the rate lam a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -46,7 +47,7 @@ class SlidingSurface(TorqueLimits):
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", usual=(0.05, 40.0))
     surface: Quantity = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
     reaching: Quantity = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, usual=(1.0, 1e5))
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, usual=(1e-3, math.inf))
     drag: OptionalQuantity = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
     late: int = 0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -28,7 +29,7 @@ class AxialChain(Component):
     are chosen.
     """
 
-    mass: Quantities = quantity((34_000.0,), "kg", "masses, top first", above=0, usual=(1.0, 1e7))
+    mass: Quantities = quantity((34_000.0,), "kg", "masses, top first", above=0, usual=(1e-3, math.inf))
     stiffness: Quantities = quantity((4e6,), "N/m", "stiffness of the hoisting lines, if any, then between neighbours", at_least=0)
     damping: Quantities = quantity((4e4,), "N s/m", "damping beside every stiffness", at_least=0)
     drag: Quantity = quantity(0.0, "1/s", "viscous drag per mass", at_least=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from models.friction import Exponential
@@ -28,7 +29,7 @@ class DiscBrake(Component):
     only this much is known here: a reconstruction.
     """
 
-    inertia: Quantity = quantity(36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0, usual=(1e-3, 1e5))
+    inertia: Quantity = quantity(36.0, "kg m2", "inertia I of disc, wheel and a quarter of the car", above=0, usual=(1e-3, math.inf))
     radius: Quantity = quantity(0.12, "m", "effective radius r of the pads", above=0, usual=(0.01, 1.0))
     pad_mass: Quantity = quantity(10.0, "kg", "mass m of pads, caliper and what swings with them", above=0)
     stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness k that holds the caliper", at_least=0)

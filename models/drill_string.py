@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -27,8 +28,8 @@ class TorsionalChain(Component):
     `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
     """
 
-    inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0, usual=(0.01, 1e10))
-    stiffness: Quantities = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0, usual=(1.0, 1e8))
+    inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
+    stiffness: Quantities = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0, usual=(1.0, math.inf))
     damping: Quantities = quantity((23.2,), "N m s/rad", "damping between neighbours", at_least=0)
     top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top inertia", at_least=0)
     bit_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)

@@ -22,7 +22,7 @@ from toolbox.authoring import is_finite_number
 class DrillString(TorsionalChain):
     """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
 
-    depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0, usual=(0.1, 20_000.0))
+    depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
 
     def check(self):
         super().check()

@@ -225,7 +225,8 @@ _ROOMS = {
     "toolbox.measuring.measure": "cycles, overshoot, settling, severity, stick_intervals",
     "toolbox.modelling.components": "Component, Equations, Update",
     "toolbox.modelling.composition": "compose",
-    "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, OptionalQuantities, OptionalQuantity, Quantities, Quantity, Relay, UnilateralContact, quantity, state, time",
+    "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, OptionalQuantities, OptionalQuantity, Quantities, Quantity, "
+    "Relay, UnilateralContact, quantity, state, time",
     "toolbox.modelling.hybrid_system": "HybridSystem",
     "toolbox.modelling.inputs": "ramp, sine, square, step, triangle",
     "toolbox.modelling.laws": "Controller, Sampled, Takeover",

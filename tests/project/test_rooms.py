@@ -9,8 +9,7 @@ import pytest
 
 FLOORS = (
     "errors", "faces", "arguments", "messages", "files", "modelling", "compilation", "simulation", "contacts", "measuring", "prediction", "steady_states",
-    "scenes",
-    "lanes", "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
+    "scenes", "lanes", "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""
 

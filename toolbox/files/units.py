@@ -126,10 +126,12 @@ def _unusual(typed: Any, number: float, unit: str, usual: tuple[float, float], n
     low, high = usual
     others = MISTAKEN.get(unit, ())
     sizes = {other: parse(f"1 {other}", unit) for other in others}
+    first = sizes[others[0]] if others else 1.0
     told = f"`{typed}` = {number:.4g} {unit}" if isinstance(typed, str) else f"{number:.4g} {unit}"
     if others and not isinstance(typed, str):
-        told += f", which is {number / sizes[others[0]]:.3g} {others[0]}"
-    bounds = f"{low:g} to {high:g} {unit}" + (f" ({low / sizes[others[0]]:.3g} to {high / sizes[others[0]]:.3g} {others[0]})" if others else "")
+        told += f", which is {number / first:.3g} {others[0]}"
+    known = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+    bounds = f"{known} {unit}" + (f" ({low / first:.3g} to {high / first:.3g} {others[0]})" if others and high < math.inf else "")
     meant = [other for other in others if low <= abs(number) * sizes[other] <= high and not isinstance(typed, str)]
     asked = " or ".join(f"`{number:.4g} {other}` = {number * sizes[other]:.3g} {unit}" for other in meant)
     return f"Argument `{name}` is {told}; usual is {bounds}" + (f". Did you mean {asked}?" if meant else ".")

@@ -118,8 +118,8 @@ def quantity(
     at_least, above, at_most
         Bounds: >=, > and <=.
     usual
-        (low, high), sizes between which every number lies that is not 0 and not mistaken, in SI. Making a part with another one warns once
-        (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
+        (low, high) in SI: sizes between which every number lies that is neither 0 nor mistaken, `math.inf` for no upper end. Making a part with another one
+        warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
     """
     metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual}
     return dataclasses.field(default=default, metadata=metadata)
@@ -137,10 +137,17 @@ def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
         unit = field.metadata.get("unit")
         if unit is not None:
             value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
-            if field.metadata.get("usual") is not None:
+            if field.metadata.get("usual") is not None and not _below(value, field.metadata):
                 warn_unusual(given, value, unit, field.metadata["usual"], type(part).__name__, field.name)
         if value is not given:
             object.__setattr__(part, field.name, value)
+
+
+def _below(value: Any, bounds: Mapping[str, Any]) -> bool:
+    """Whether numbers are below a bound, which is said of them when the plant is composed."""
+    least = bounds.get("above") if bounds.get("at_least") is None else bounds["at_least"]
+    numbers = value if isinstance(value, tuple) else (value,)
+    return least is not None and any(isinstance(number, (int, float)) and number < least for number in numbers)
 
 
 TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}

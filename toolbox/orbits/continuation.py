@@ -79,8 +79,9 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
-    unit = unit_of(cycle.run, parameter)
-    span, towards = in_si(span, unit, "span"), in_si(towards, unit, "towards")
+    if isinstance(towards, str) or (isinstance(span, Sequence) and any(isinstance(end, str) for end in span)):
+        unit = unit_of(cycle.run, parameter)
+        span, towards = in_si(span, unit, "span"), in_si(towards, unit, "towards")
     if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
         raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
     if not is_finite_number(step) or not step > 0:
@@ -91,7 +92,7 @@ def follow(
     whole("points", points, 1)
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    branch = Branch(parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

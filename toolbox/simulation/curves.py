@@ -78,7 +78,8 @@ def draw_signals(ax: Any, samples: Any, names: Sequence[str], looks: Mapping[str
 
 def draw_line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict[str, Any]) -> None:
     """One curve against time, thinner where it swings so often that its strokes would merge."""
-    rounded = np.rint(values * (100.0 / (np.ptp(values) or 1.0)))  # what cannot be seen does not count as a swing
+    size = max(float(np.ptp(values)), 1e-6 * float(np.abs(values).max(initial=0.0)), 1e-300)
+    rounded = np.rint(values * (100.0 / size))  # what cannot be seen does not count as a swing
     turns = int(np.count_nonzero(np.diff(np.sign(rounded[1:] - rounded[:-1])[rounded[1:] != rounded[:-1]])))
     width = style["linewidth"] * min(1.0, max(0.25, 60 / max(turns, 1)))
     ax.plot(*thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))

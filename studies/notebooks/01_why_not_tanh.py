@@ -19,7 +19,7 @@ from casadi import exp, fabs, tanh
 from scipy.optimize import brentq, minimize_scalar
 
 from models import BitRock, wells
-from toolbox import Component, Equations, Quantity, compose, plot, quantity, ramp, simulate
+from toolbox import Component, Equations, compose, plot, quantity, ramp, simulate
 
 rock = BitRock()
 law, load = rock.friction, rock.weight * rock.radius
@@ -35,7 +35,7 @@ print(f"static torque of the bit: {static:.0f} N m")
 class TanhRock(Component):
     """Rock torque W R_b mu(|w|) tanh(w / epsilon), without a contact."""
 
-    epsilon: Quantity = quantity(0.1, "rad/s", "width", above=0)
+    epsilon: float = quantity(0.1, "rad/s", "width", above=0)
 
     def equations(self, signal):
         speed = signal("bit.speed", "rad/s")

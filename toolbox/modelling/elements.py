@@ -64,19 +64,26 @@ if TYPE_CHECKING:
         def __get__(self, part: Any, kind: Any = None) -> _Read: ...
         def __set__(self, part: Any, value: _Read | Any) -> None: ...
 
-    Quantity = _Field[float]
-    OptionalQuantity = _Field[float | None]
-    Quantities = _Field[tuple[float, ...]]
-    OptionalQuantities = _Field[tuple[float, ...] | None]
 else:
-    Quantity = float
-    """Annotation of a field declared with `quantity`: it takes a number in SI or text with a unit, and reads as a float."""
-    OptionalQuantity = float | None
-    """A `Quantity` that may be None."""
-    Quantities = tuple[float, ...]
-    """Annotation of a field that takes a row of numbers or texts, and reads as a tuple of floats."""
-    OptionalQuantities = tuple[float, ...] | None
-    """`Quantities` that may be None."""
+
+    class _Field:
+        """At run time, what the field reads as."""
+
+        def __class_getitem__(cls, read: Any) -> Any:
+            return read
+
+
+Quantity = _Field[float]
+"""Annotation of a field declared with `quantity`: it takes a number in SI or text with a unit, and reads as a float."""
+
+OptionalQuantity = _Field[float | None]
+"""Annotation of a `Quantity` that may be None."""
+
+Quantities = _Field[tuple[float, ...]]
+"""Annotation of a field that takes a row of numbers or texts, and reads as a tuple of floats."""
+
+OptionalQuantities = _Field[tuple[float, ...] | None]
+"""Annotation of `Quantities` that may be None."""
 
 _ANNOTATIONS = {
     "Quantity": "float", "OptionalQuantity": "float | None", "Quantities": "tuple[float, ...]", "OptionalQuantities": "tuple[float, ...] | None",

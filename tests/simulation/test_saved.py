@@ -24,6 +24,7 @@ def closed_figures():
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 RUNS = {
     "sampled drive": (RIG, 30.0, {"controller": PI(reference=9.0), "sample_time": 0.01}),
+    "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))), 20.0, {"start": {"block.position": 1.0}}),
     "bounces": (compose(Ball(stiffness=1e4, damping=20.0)), 3.0, {"start": {"ball.height": 1.0}}),

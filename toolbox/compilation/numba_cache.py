@@ -7,8 +7,8 @@ LLVM and numpy. Nothing has to be declared, so that nothing can be forgotten, an
 its checksum and its name carries that number, so that a damaged file, or one that another process is just writing, is no more than a file that is not there.
 
 Small functions for compiled loops alone are `inlined`: they are a part of each loop and not cached by themselves. Nor are they given what Python would
-call them through: for a function of fifty arrays that takes longer to compile than the function. Without it the event loop compiles in two thirds of
-the time.
+call them through: for a function of fifty arrays that takes longer to compile than the function. Without it, without machine code of their own
+(`toolbox.compilation.loop_parts`) and without counting references, the event loop compiles in a third of the time.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
+from toolbox.compilation.loop_parts import PartCompiler
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
 
@@ -40,19 +41,20 @@ OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "CPU_NAME", 
 """Settings of numba, of the environment, that change machine code."""
 
 
-def inlined(function: Any) -> Any:
-    """A function for compiled loops alone, which becomes a part of each of them."""
-    return numba.njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+def inlined(function: Any = None, **options: Any) -> Any:
+    """A function for compiled loops alone, which becomes a part of each of them; else as `called`."""
+    return called(function, forceinline=True, **options)
 
 
 def called(function: Any = None, **options: Any) -> Any:
     """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer.
 
-    options: of `numba.njit`.
+    It takes its arrays on loan, without counting references, and makes none, unless it says `_nrt=True`.  options: of `numba.njit`.
     """
     if function is None:
         return lambda given: called(given, **options)
-    return numba.njit(**{"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options})(function)
+    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler, "_nrt": False}
+    return numba.njit(**{"nogil": True, "error_model": "numpy", **alone, **options})(function)
 
 
 def cached(function: Any = None, **options: Any) -> Any:
@@ -63,7 +65,8 @@ def cached(function: Any = None, **options: Any) -> Any:
     function
         The function; without it a decorator is returned.
     options
-        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity.
+        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity. With `_nrt=False` it
+        takes its arrays on loan, without counting references: it is compiled and called faster, and can make no arrays.
     """
     if function is None:
         return lambda given: cached(given, **options)

@@ -23,6 +23,7 @@ import casadi as ca
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
+from toolbox.messages import LOG
 
 FLAGS = "contract nsz arcp"
 """Fast-math flags: fused multiply-add and reciprocals, never reassociation; NaN and infinity keep their meaning."""
@@ -312,8 +313,8 @@ def _write_atomically(path: Path, image: bytes) -> None:
         _make_room(path.parent)
         with replaced(path) as file:
             file.write(image)
-    except (OSError, SceneError):
-        pass
+    except (OSError, SceneError) as error:
+        LOG.debug("machine code is not kept, so that it is made again: %s", error)
 
 
 def _make_room(directory: Path, most: int = 4096) -> None:

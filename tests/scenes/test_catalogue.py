@@ -158,6 +158,7 @@ def test_a_broken_package_leaves_the_others_alone_and_is_named_when_something_is
 
 def test_without_any_registered_package_the_error_says_to_install_one(register, monkeypatch):
     monkeypatch.setattr(catalogue, "entry_points", lambda group: [])
+    monkeypatch.setattr(catalogue, "_LOADED", {})  # a test of `--load` may have left some
     assert catalogue.parts() == []
     with pytest.raises(SceneError, match="install stickslip-toolbox"):
         catalogue.part("BitRock")

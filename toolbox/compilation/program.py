@@ -178,13 +178,14 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     rates, excited = [], []
     holding = [system.m[i] for i, element in enumerate(elements) if element.holds]
     along = ca.vertcat(system.x, system.t)
-    for i, element in enumerate(elements):
-        values = (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
-        for value in values if element.holds else ():
-            (stuck,) = ca.substitute([value], holding, [ca.SX(0)] * len(holding))
-            if ca.depends_on(ca.jacobian(stuck, along), along):
-                rates.append(form.sticks[i] * ca.mtimes(ca.jacobian(value, along), ca.vertcat(form.field, 1)))
-                excited.append(i)
+    chosen = [(i, value) for i, element in enumerate(elements) if element.holds for value in _hiding(form, i, element)]
+    if not chosen:
+        return system.x, [], form
+    (stuck,) = ca.substitute([ca.vertcat(*[value for _, value in chosen])], holding, [ca.SX(0)] * len(holding))
+    for k, (i, value) in enumerate(chosen):
+        if ca.depends_on(ca.jacobian(stuck[k], along), along):
+            rates.append(form.sticks[i] * ca.mtimes(ca.jacobian(value, along), ca.vertcat(form.field, 1)))
+            excited.append(i)
     if not rates:
         return system.x, [], form
     hidden = ca.SX.sym("hidden", len(rates))
@@ -194,6 +195,11 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
     wider = dataclasses.replace(form, projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
+
+
+def _hiding(form: Switching, i: int, element: Any) -> tuple[ca.SX, ...]:
+    """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
+    return (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
 
 
 @dataclass(frozen=True, eq=False)

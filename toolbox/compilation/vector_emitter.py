@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache
 
+import casadi as ca
 import numpy as np
 
-from toolbox.compilation.emitter import FLAGS, Body, literal
+from toolbox.compilation.emitter import FLAGS, Body, inlined_call, literal
 
 LARGEST_ANGLE = 1e6
 """Arguments of sin and cos beyond which libm reduces them."""
@@ -65,6 +66,10 @@ class VectorBody(Body):
             self.intrinsics |= needs
             return self.value(f"call {self.type} @vector_{name}({typed})")
         return self.lane_by_lane(name, *args)
+
+    def called(self, function: ca.Function, values: Sequence[str]) -> list[str]:
+        """The results of a function that casadi calls, from its instructions: every lane has modes of its own, so that no rows are left out."""
+        return inlined_call(self, function, values)
 
     def lane_by_lane(self, name: str, *args: str) -> str:
         """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""

@@ -12,6 +12,7 @@ continuous there. Kinks inside fabs, fmin and fmax are written with their side a
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,6 +27,7 @@ from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
+from toolbox.modelling.elimination import calls
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
@@ -440,6 +442,7 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     function = ca.Function("scan", symbols, [expression]) if symbols else None
     if function is None or not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
         return expression, ca.SX(0, 1), ca.SX(0, 1)
+    called = calls(function)
     work: dict[int, tuple[ca.SX, ca.SX]] = {}
     sides: list[ca.SX] = []
     arguments: list[ca.SX] = []
@@ -461,6 +464,9 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
             work[target[0]] = (ca.SX(function.instruction_constant(k)),) * 2
         elif op == ca.OP_OUTPUT:
             out.nz[target[1]] = work[args[0]][1]
+        elif op == ca.OP_CALL:
+            was, now = (_called(called[k], [work[i][side] for i in args]) for side in (0, 1))
+            work |= zip(target, zip(was, now, strict=True), strict=True)
         else:
             plain = [work[i][0] for i in args]
             new = [work[i][1] for i in args]
@@ -476,3 +482,10 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
                 now = ca.SX.unary(op, *new) if len(args) == 1 else ca.SX.binary(op, *new)
             work[target[0]] = (was, now)
     return out, ca.vertcat(*sides), ca.vertcat(*arguments)
+
+
+def _called(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
+    """The nonzeros of the results of a function, from those of its arguments one after the other."""
+    given = iter(values)
+    arguments = [ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())]
+    return [result.nz[k] for result in function.call(arguments) for k in range(result.nnz())]

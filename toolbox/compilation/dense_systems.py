@@ -10,9 +10,7 @@ pivots. Zeros outside the triangles let every loop run over whole blocks.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
-from contextlib import contextmanager
+from toolbox.compilation.loop_text import LoopText
 
 BLOCK = 8
 """Numbers of a block: one register of 512 bits."""
@@ -30,56 +28,11 @@ def factor_size(n: int) -> int:
     return (2 * n + 1) * blocks(n) * BLOCK
 
 
-class _Text:
-    """Text of one function with counted loops."""
-
-    def __init__(self) -> None:
-        self.lines = ["entry:"]
-        self.block = "entry"
-        self.numbers = itertools.count()
-
-    def value(self, text: str) -> str:
-        name = f"%v{next(self.numbers)}"
-        self.lines.append(f"  {name} = {text}")
-        return name
-
-    def start(self, label: str) -> None:
-        """Begin a block of instructions."""
-        self.lines.append(f"{label}:")
-        self.block = label
-
-    def go(self, label: str) -> None:
-        self.lines.append(f"  br label %{label}")
-
-    @contextmanager
-    def loop(self, first: str, end: str, down: bool = False) -> Iterator[str]:
-        """Run with a counter from first to end - 1, or down from end - 1 to first."""
-        q = f"l{next(self.numbers)}"
-        before = self.block
-        self.go(f"{q}_test")
-        self.lines.append(f"{q}_test:")
-        self.lines.append(f"  %{q} = phi i64 [{end if down else first}, %{before}], [%{q}_next, %{q}_end]")
-        self.lines.append(f"  %{q}_more = icmp {'sgt' if down else 'slt'} i64 %{q}, {first if down else end}")
-        self.lines.append(f"  br i1 %{q}_more, label %{q}_body, label %{q}_done")
-        self.start(f"{q}_body")
-        yield self.value(f"sub i64 %{q}, 1") if down else f"%{q}"
-        self.go(f"{q}_end")
-        self.lines.append(f"{q}_end:")
-        self.lines.append(f"  %{q}_next = {'sub' if down else 'add'} i64 %{q}, 1")
-        self.go(f"{q}_test")
-        self.start(f"{q}_done")
-
-    def at(self, pointer: str, index: str) -> str:
-        return self.value(f"getelementptr double, ptr {pointer}, i64 {index}")
+class _Text(LoopText):
+    """The same, with blocks of numbers."""
 
     def vector_at(self, pointer: str, block: str) -> str:
         return self.value(f"getelementptr {_V}, ptr {pointer}, i64 {block}")
-
-    def load(self, place: str, kind: str = "double") -> str:
-        return self.value(f"load {kind}, ptr {place}, align 8")
-
-    def store(self, value: str, place: str, kind: str = "double") -> None:
-        self.lines.append(f"  store {kind} {value}, ptr {place}, align 8")
 
     def spread(self, number: str) -> str:
         """A number in every place of a block."""
@@ -93,9 +46,6 @@ class _Text:
             place = self.vector_at(target, c)
             product = self.value(f"fmul contract {_V} {many}, {self.load(self.vector_at(source, c), _V)}")
             self.store(self.value(f"fsub contract {_V} {self.load(place, _V)}, {product}"), place, _V)
-
-    def function(self, name: str, arguments: str) -> str:
-        return "\n".join([f"define void @{name}({arguments}) nounwind {{", *self.lines, "  ret void", "}"])
 
 
 _V = f"<{BLOCK} x double>"
@@ -167,4 +117,4 @@ def _solve() -> str:
 
 def module_text() -> str:
     """The LLVM module of both functions."""
-    return "\n".join([_factor(), _solve()])
+    return "\n".join([_factor(), _solve()]).replace("define internal", "define")

@@ -63,7 +63,7 @@ class Body:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.count = 0
-        self.intrinsics: set[str] = set()
+        self.declarations: set[str] = set()
         self.products: dict[tuple[str, float], str] = {}
         self.factors: dict[tuple[str, ...], str] = {}
 
@@ -100,7 +100,7 @@ class Body:
 
     def call(self, name: str, *args: str) -> str:
         """Call a scalar function, an LLVM intrinsic or a libm function."""
-        self.intrinsics.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
+        self.declarations.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
         return self.value(f"call {FLAGS} double @{name}({', '.join('double ' + a for a in args)})")
 
     def truth(self, flag: str) -> str:
@@ -157,8 +157,7 @@ class Body:
 
     def factored(self, n: int, matrix: Sequence[str], target: str) -> str:
         """Write the factors of a matrix, given column by column, to a place in memory; returns the place."""
-        self.intrinsics.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
-        self.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 64 {target}, i8 0, i64 {8 * factor_size(n)}, i1 false)")
+        self.clear(target, factor_size(n))
         zero, length = self.number(0.0), blocks(n) * BLOCK
         for j in range(n):
             for i in range(n):
@@ -167,9 +166,14 @@ class Body:
         self.run("dense_factor", ("i64", f"{n}"), ("i64", f"{blocks(n)}"), ("ptr", target))
         return target
 
+    def clear(self, pointer: str, size: int) -> None:
+        """Fill an array of doubles with zeros."""
+        self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
+        self.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 64 {pointer}, i8 0, i64 {8 * size}, i1 false)")
+
     def run(self, name: str, *arguments: tuple[str, str]) -> None:
         """Call a function that returns nothing, with (type, value) of each argument."""
-        self.intrinsics.add(f"declare void @{name}({', '.join(kind for kind, _ in arguments)}) nounwind")
+        self.declarations.add(f"declare void @{name}({', '.join(kind for kind, _ in arguments)}) nounwind")
         self.lines.append(f"  call void @{name}({', '.join(f'{kind} {value}' for kind, value in arguments)})")
 
 

@@ -23,14 +23,22 @@ import casadi as ca
 from toolbox.compilation.emitter import Body, compiled_for, function_text, inline, literal
 from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
+from toolbox.compilation.rolled import rolled_body, rolled_slope
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.taylor import Taylor, polynomial_body
 from toolbox.modelling.elements import Element
+from toolbox.modelling.elimination import calls, size_solved
 from toolbox.modelling.switching import Switching
 
 UNROLLED = 600
 """Steps with at most this many state-stage products are written without loops."""
+
+LONG = 20_000
+"""Instructions of all stages beyond which they are not written out either."""
+
+ROLLED = 1_500
+"""Instructions of a function beyond which it is written as loops over equal rows."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ def kernel_of(
     texts: list[str] = []
     stages = len(pair.a) if isinstance(pair, (Pair, Rosenbrock)) else 0
     table = n
-    cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
+    cost = stages * (_operations(rhs) + n * stages) + _operations(field)
     if isinstance(pair, Theta):
         assert flow is not None
         trial = trial_step(pair, t, x, p, flow, elements, form)
@@ -104,26 +112,24 @@ def kernel_of(
         bodies["step"] = polynomial_body(pair, n, form.guards.numel())
         cost = bodies["series"].count + bodies["step"].count
         table = (pair.order + 1) * (n + form.guards.numel())
-    elif n * len(pair.b) <= UNROLLED:
+    elif n * len(pair.b) <= UNROLLED and rhs.n_instructions() * len(pair.b) <= LONG:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
         step, inner = _looped_step(pair, rhs, field, n)
         bodies["step"] = step
         texts.append(inner)
-    bodies["field"] = plain_body(field, n)
-    bodies["project"] = plain_body(project, 0)
-    bodies["probe"] = plain_body(probe, 0)
-    bodies["burden"] = plain_body(burden, 0)
+    for name, function in (("field", field), ("project", project), ("probe", probe), ("burden", burden)):
+        bodies[name] = _body(name, function, n if name == "field" else 0)
     if form.impulse is not None:
         held, elastic, results = form.impulse
-        bodies["impulse"] = plain_body(ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]), 0)
+        bodies["impulse"] = _body("impulse", ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]))
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
         bodies[f"update_{i}"] = plain_body(update, 0)
     declared: set[str] = set()
     for name, body in bodies.items():
         texts.append(function_text(name, body))
-        declared |= body.intrinsics
+        declared |= body.declarations
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
@@ -154,6 +160,26 @@ def _arguments(body: Body, function: ca.Function) -> list[list[str]]:
     for i in range(1, function.n_in()):
         values.append([body.load(pointers[i], j) for j in range(function.numel_in(i))])
     return values
+
+
+def _operations(function: ca.Function) -> int:
+    """Instructions of a function, with those of the dense systems that it solves, once there are factors."""
+    return function.n_instructions() + sum(2 * size_solved(called.name())[0] ** 2 for called in calls(function).values())
+
+
+def _body(name: str, function: ca.Function, offset: int = 0) -> Body:
+    """The function of `plain_body`, as loops where it is long."""
+    return plain_body(function, offset) if function.n_instructions() <= ROLLED else rolled_body(name, function, offset)
+
+
+def _slope(body: Body, rhs: ca.Function) -> tuple[dict[str, Body], str]:
+    """The functions that give the slopes of a stage, called with a pointer as k: what is the same in all stages is computed once, by `body`."""
+    if rhs.n_instructions() <= ROLLED:
+        return {"slope": plain_body(rhs, 0)}, "%k"
+    once, each, size = rolled_slope(rhs)
+    kept = body.value(f"alloca [{size} x double], align 64")
+    body.lines.append(f"  call void @once(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {kept})")
+    return {"once": once, "slope": each}, kept
 
 
 def plain_body(function: ca.Function, offset: int) -> Body:
@@ -210,10 +236,11 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
     body = Body()
     stage = body.value(f"alloca [{n} x double], align 64")
     slopes = ["%k"] + [body.value(f"alloca [{n} x double], align 64") for _ in pair.b[1:]]
+    inner, kept = _slope(body, rhs)
     for s in range(1, len(pair.b)):
         _loop(body, n, stage, "%x", pair.a[s], slopes[:s])
         now = body.combination("%t", "%h", [pair.c[s]], [literal(1.0)])
-        body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {slopes[s]})")
+        body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr {kept}, ptr %p, ptr %m, ptr {slopes[s]})")
     _loop(body, n, stage, "%x", pair.b, slopes)
     end = body.add("%t", "%h")
     body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
@@ -225,13 +252,13 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
             _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
         base += n
-    return body, _internal(body, {"slope": plain_body(rhs, 0), "ends": plain_body(field, n)})
+    return body, _internal(body, inner | {"ends": _body("ends", field, n)})
 
 
 def _internal(body: Body, inner: dict[str, Body]) -> str:
     """The text of functions that only `body` calls."""
     for function in inner.values():
-        body.intrinsics |= function.intrinsics
+        body.declarations |= function.declarations
     return "\n".join(function_text(name, function).replace("define void", "define internal void") for name, function in inner.items())
 
 
@@ -283,13 +310,14 @@ def _implicit_step(
     body = Body()
     matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size + 1, n, *[n] * len(method.a)))
     rate = body.value(f"fdiv double {literal(1.0)}, %h")
+    inner, kept = _slope(body, rhs)
     body.lines.append(f"  call void @prepare(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {matrix})")
     for s, (nodes, a, c, weight) in enumerate(zip(method.alpha, method.a, method.c, method.slope_weights, strict=True)):
         slope = "%k"
         if s:
             _loop(body, n, stage, "%x", a, u[:s], literal(1.0))
             now = body.combination("%t", "%h", [nodes], [literal(1.0)])
-            body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
+            body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr {kept}, ptr %p, ptr %m, ptr {u[s]})")
             slope = u[s]
         _loop(body, n, u[s], slope, c, u[:s], rate)
         if forced and weight:
@@ -303,7 +331,7 @@ def _implicit_step(
     # where some mode grows too fast for the step, which the estimate would not show, there is none
     sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
     _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
-    inner = {"slope": plain_body(rhs, 0), "ends": plain_body(field, n), "prepare": prepare, "solve": back}
+    inner |= {"ends": _body("ends", field, n), "prepare": prepare, "solve": back}
     text = _internal(body, inner)
     body.count += sum(function.count for function in inner.values())
     return body, text

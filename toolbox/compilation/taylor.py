@@ -167,7 +167,7 @@ def _horner(body: Body, column: int, size: int, width: int, order: int) -> tuple
 
 def _call(body: Body, what: str, size: int, *values: str) -> str:
     kind, name = _kind(size), f"llvm.{what}.f64" if size == 1 else f"llvm.{what}.v{size}f64"
-    body.intrinsics.add(f"declare {kind} @{name}({', '.join([kind] * len(values))}) nounwind readnone willreturn")
+    body.declarations.add(f"declare {kind} @{name}({', '.join([kind] * len(values))}) nounwind readnone willreturn")
     return body.value(f"call {kind} @{name}({', '.join(f'{kind} {value}' for value in values)})")
 
 

@@ -98,7 +98,7 @@ def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] 
     found = program.outputs.get(key)
     if found is None:
         body = plain_body(with_derivatives(program, signals, bounds), 0)
-        text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
+        text = "\n".join([function_text("signals", body), *sorted(body.declarations)])
         found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
     return found
 

@@ -28,7 +28,7 @@ def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """
     solution = ca.SX(ca.densify(right))
     rest = []
-    for group in _groups(matrix.sparsity()):
+    for group in coupled_groups(matrix.sparsity()):
         if len(group) >= LARGE and _is_dense(matrix[group, group].sparsity()):
             solution[group] = dense_solver(len(group))(ca.densify(matrix[group, group]), ca.densify(right[group]))
         else:
@@ -41,7 +41,7 @@ def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return solution
 
 
-def _groups(pattern: ca.Sparsity) -> list[list[int]]:
+def coupled_groups(pattern: ca.Sparsity) -> list[list[int]]:
     """The unknowns, by those that depend on each other directly or through others."""
     both = (ca.DM(pattern, 1) + ca.DM(pattern, 1).T + ca.DM.eye(pattern.size1())).sparsity()
     _, order, ends = both.scc()

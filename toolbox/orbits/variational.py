@@ -165,7 +165,7 @@ class VariationalEquations:
         rows, entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
         function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
         body = plain_body(function, 0)
-        text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
+        text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair
         assert isinstance(pair, Pair)  # runs that step implicitly are made again

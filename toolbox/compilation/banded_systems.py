@@ -9,6 +9,7 @@ its inverse; b rows of zeros stand before the first.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -43,40 +44,51 @@ class Banded:
         return self.values.numel() - len(self.others) * (2 * self.width + 1)
 
 
-def banded(jacobian: ca.SX, diagonal: ca.SX) -> Banded | None:
-    """The matrix D - J with a diagonal D; None where what is left is no narrow band."""
-    n = jacobian.shape[0]
-    apart, others = _apart(jacobian.sparsity())
+class Split(NamedTuple):
+    """Unknowns that are eliminated first, none of which depends on another, and the others in their order, which leaves a band of this half width."""
+
+    apart: list[int]
+    others: list[int]
+    width: int
+
+
+def split(pattern: ca.Sparsity) -> Split | None:
+    """How the unknowns of a matrix of this pattern are eliminated; None where what is left is no narrow band."""
+    apart, others = _apart(pattern)
     if not others:
         return None
+    whole = ca.DM(pattern, 1)
+    left = (whole[others, others] + ca.mtimes(whole[others, apart], whole[apart, others]) + ca.DM.eye(len(others))).sparsity()
+    order, width = _band_order(left)
+    return Split(apart, [others[k] for k in order], width) if width <= WIDEST else None
+
+
+def banded(jacobian: ca.SX, diagonal: ca.SX, parts: Split) -> Banded:
+    """The matrix D - J with a diagonal D, as its pattern is split."""
+    apart, others, width = parts
+    n, s, m, row = jacobian.shape[0], len(apart), len(others), 2 * width + 1
     matrix = diagonal * ca.SX.eye(n) - jacobian
-    pivots = ca.vertcat(*[matrix[i, i] for i in apart])
+    pivots = ca.diag(matrix[apart, apart]) if s else ca.SX(0, 1)
     inverse = 1 / pivots
     beside, above = matrix[others, apart], matrix[apart, others]
-    above = ca.sparsify(ca.mtimes(ca.diag(inverse), above)) if apart else above
-    left = ca.sparsify(matrix[others, others] - ca.mtimes(beside, above)) if apart else matrix[others, others]
-    order, width = _band_order(left.sparsity())
-    if width > WIDEST:
-        return None
-    left, beside, above = left[order, order], beside[order, :], above[:, order]
-    others = [others[k] for k in order]
-    m, row = len(others), 2 * width + 1
-    places: list[ca.SX] = [ca.SX(0)] * (row * (width + m))
-    for k, (i, j) in enumerate(zip(*left.sparsity().get_triplet(), strict=True)):
-        places[row * (width + i) + j - i + width] = left.nz[k]
-    values = ca.vertcat(pivots, inverse, beside.nz[:], above.nz[:], *places)
+    left = matrix[others, others]
+    if s:
+        above = ca.sparsify(ca.mtimes(ca.diag(inverse), above))
+        left = ca.sparsify(left - ca.mtimes(beside, above))
+    rows, columns = (np.array(part, int) for part in left.sparsity().get_triplet())
+    places = row * (width + rows) + columns - rows + width
+    order = np.argsort(places)
+    band = ca.SX(ca.Sparsity.triplet(row * (width + m), 1, places[order].tolist(), [0] * rows.size), left.nz[order.tolist()])
+    values = ca.vertcat(pivots, inverse, beside.nz[:], above.nz[:], ca.densify(band))
 
     symbols, right, found = ca.SX.sym("values", values.numel()), ca.SX.sym("right", n), ca.SX.sym("others", m)
-    s = len(apart)
     ends = np.cumsum([s, s, beside.nnz(), above.nnz()])
-    by = ca.SX(beside.sparsity(), symbols[ends[1] : ends[2]])
-    up = ca.SX(above.sparsity(), symbols[ends[2] : ends[3]])
     first = symbols[s : 2 * s] * right[apart]
-    reduced = right[others] - ca.mtimes(by, first) if s else right[others]
-    solution = ca.SX(n, 1)
+    reduced, solution = right[others], ca.SX(n, 1)
     solution[others] = found
     if s:
-        solution[apart] = first - ca.mtimes(up, found)
+        reduced -= ca.mtimes(ca.SX(beside.sparsity(), symbols[ends[1] : ends[2]]), first)
+        solution[apart] = first - ca.mtimes(ca.SX(above.sparsity(), symbols[ends[2] : ends[3]]), found)
     return Banded(
         apart, others, width, values,
         ca.Function("reduced", [symbols, right], [ca.densify(reduced)]),
@@ -186,5 +198,5 @@ def _number(text: LoopText, value: str) -> str:
 
 
 def _lesser(text: LoopText, a: str, b: str) -> str:
-    """The lesser of two numbers, NaN where one is."""
+    """The lesser of two numbers, b where they do not compare."""
     return text.value(f"select i1 {text.value(f'fcmp olt double {a}, {b}')}, double {a}, double {b}")

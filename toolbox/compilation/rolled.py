@@ -25,6 +25,9 @@ from toolbox.modelling.elimination import calls, size_solved
 FEWEST = 4
 """Cells of one shape from which they become a loop."""
 
+NUMBERS = ("%t", "%h")
+"""Arguments that are numbers."""
+
 FACTOR, SOLVE, PART = -1, -2, -3
 """Operations beside those of casadi: factors of a dense matrix, a solution with them, one entry of it."""
 
@@ -113,7 +116,7 @@ class Graph:
 class Rolled:
     """An SX function as loops over cells of one shape.
 
-    function: of the inputs whose arrays `pointers` names, with "" for an input that is one number;  fixed: inputs that do not change between calls.
+    function: of the inputs whose arrays `pointers` names, or the number itself for %t and %h;  fixed: inputs that do not change between calls.
     """
 
     def __init__(self, function: ca.Function, pointers: Sequence[str], fixed: Sequence[int] = ()):
@@ -190,10 +193,10 @@ class Rolled:
         return (tuple(code), tuple(self.kind(a) for a in outside)), tuple(outside)
 
     def kind(self, node: int) -> str:
-        """Where a node is read: the pointer of an input, "%number", "%constant" or "%cell"."""
+        """Where a node is read: the pointer of an input, a number by its name, "%constant" or "%cell"."""
         op = self.nodes[node].op
         if op == ca.OP_INPUT:
-            return self.pointers[self.nodes[node].args[0]] or "%number"
+            return self.pointers[self.nodes[node].args[0]]
         return "%constant" if op == ca.OP_CONST else "%cell"
 
     def _place(self) -> int:
@@ -221,7 +224,7 @@ class Rolled:
         return entry.args[1] if entry.op == ca.OP_INPUT else self.slot[node]
 
 
-POINTERS = ("", "%x", "%p", "%m", "%k")
+POINTERS = ("%t", "%x", "%p", "%m", "%k")
 """Where the arguments (t, x, p, m and, for updates and impacts, k) of a function of a kernel are."""
 
 
@@ -253,7 +256,7 @@ class RolledBody(Body):
 
     def write(self, rolled: Rolled, cells: str, target: str, offset: int, parts: tuple[bool, ...] = (True, False)) -> None:
         """Write the cells, those that are fixed or not as `parts` says, and the results from an offset in an array on."""
-        self.rolled, self.cells = rolled, cells
+        self.rolled, self.cells, self.known = rolled, cells, {}
         for group in rolled.groups:
             if group.fixed not in parts:
                 continue
@@ -268,18 +271,12 @@ class RolledBody(Body):
             else:
                 self._loop(group, target, offset)
         if False in parts:
-            for node, places in rolled.targets.items():
-                if rolled.is_leaf(node):
-                    for place in places:
-                        self.store(self._read(node), target, offset + place)
-            self._zeros(target, offset)
-
-    def _zeros(self, target: str, offset: int) -> None:
-        """Results that casadi does not write are zero."""
-        written = {place for places in self.rolled.targets.values() for place in places}
-        for place in range(self.rolled.graph.size):
-            if place not in written:
-                self.store(self.number(0.0), target, offset + place)
+            leaves = [(node, offset + place) for node, places in rolled.targets.items() if rolled.is_leaf(node) for place in places]
+            written = {place for places in rolled.targets.values() for place in places}
+            missing = [offset + place for place in range(rolled.graph.size) if place not in written]  # results that casadi leaves out are zero
+            zero = rolled.graph.constant(0.0)
+            leaves += [(zero, place) for place in missing]
+            self._copy([node for node, _ in leaves], target, [place for _, place in leaves])
 
     def _computed(self, code: tuple, values: Sequence[str]) -> str:
         made: list[str] = []
@@ -298,8 +295,8 @@ class RolledBody(Body):
         kind = self.rolled.kind(node)
         if kind == "%constant":
             return self.number(self.rolled.nodes[node].number)
-        if kind == "%number":
-            return "%t"
+        if kind in NUMBERS:
+            return kind
         place = self.rolled.at(node)
         if (kind, place) not in self.known:
             self.known[kind, place] = self.load(self.cells if kind == "%cell" else kind, place)
@@ -321,13 +318,18 @@ class RolledBody(Body):
         self.run("dense_solve", ("i64", f"{n}"), ("i64", f"{blocks(n)}"), ("ptr", self._pointer(self.cells, self.rolled.slot[node.args[0]])), ("ptr", place))
 
     def _gather(self, nodes: Sequence[int], target: str, places: Sequence[int]) -> None:
-        """Copy values that are no neighbours to places of an array that holds zeros."""
+        """Copy values that are not zero to places of an array that holds zeros."""
+        entries = [self.rolled.nodes[node] for node in nodes]
+        kept = [k for k, entry in enumerate(entries) if entry.op != ca.OP_CONST or entry.number]
+        self._copy([nodes[k] for k in kept], target, [places[k] for k in kept])
+
+    def _copy(self, nodes: Sequence[int], target: str, places: Sequence[int]) -> None:
+        """Copy values to places of an array."""
         kinds: dict[str, list[tuple[int, int]]] = defaultdict(list)
         for node, place in zip(nodes, places, strict=True):
-            if self.rolled.kind(node) != "%constant" or self.rolled.nodes[node].number:
-                kinds[self.rolled.kind(node)].append((node, place))
+            kinds[self.rolled.kind(node)].append((node, place))
         for kind, pairs in kinds.items():
-            if len(pairs) < FEWEST or kind == "%number":
+            if len(pairs) < FEWEST or kind in NUMBERS:
                 for node, place in pairs:
                     self.store(self._read(node), target, place)
                 continue
@@ -344,7 +346,7 @@ class RolledBody(Body):
         before = {}
         for k, kind in enumerate(kinds):  # what all cells read is read once
             column = [reads[k] for reads in group.reads]
-            if kind == "%number" or len({self._same(node) for node in column}) == 1:
+            if kind in NUMBERS or len({self._same(node) for node in column}) == 1:
                 before[k] = self._read(column[0])
         with self._counted(count) as label:
             values = [before[k] if k in before else self._operand(kind, [reads[k] for reads in group.reads], label) for k, kind in enumerate(kinds)]
@@ -375,6 +377,8 @@ class RolledBody(Body):
 
     def _operand(self, kind: str, nodes: Sequence[int], label: str) -> str:
         """What the cells of a loop read in one place of their formula."""
+        if kind == "%constant" and len({self.number(self.rolled.nodes[node].number) for node in nodes}) == 1:
+            return self.number(self.rolled.nodes[nodes[0]].number)
         if kind == "%constant":
             return self._load_at(self._table("double", [self.number(self.rolled.nodes[node].number) for node in nodes]), f"%{label}i")
         return self._load_at(self.cells if kind == "%cell" else kind, self._index([self.rolled.at(node) for node in nodes], label))

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, inline
 from toolbox.compilation.emitter import function_text as scalar_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody, function_text
 from toolbox.lanes.events import carries_events, settling

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program
 from toolbox.simulation.samples import Samples

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.calls import borrowed_all, call
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
 from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program

@@ -43,6 +43,11 @@ def slope_bodies(body: Body, rhs: ca.Function) -> tuple[dict[str, Body], str]:
     return {"once": once, "slope": each}, kept
 
 
+def end_bodies(field: ca.Function, n: int) -> tuple[dict[str, Body], str]:
+    """The function that a step calls at its end, and its name: that of the kernel itself where it is in loops."""
+    return ({"ends": plain_body(field, n)}, "ends") if field.n_instructions() <= ROLLED else ({}, "field")
+
+
 def plain_body(function: ca.Function, offset: int) -> Body:
     """The instructions that evaluate a function of the arguments of every kernel and write its values from an offset on."""
     body = Body()

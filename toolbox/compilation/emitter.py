@@ -59,6 +59,7 @@ class Body:
     type = "double"
     truths = "i1"
     suffix = "f64"
+    attributes = "nounwind"
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -191,10 +192,10 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
     no translation.
     """
     work: dict[int, str] = {}
-    called = calls(function)
+    operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    called = calls(function, operations)
     outputs = [[body.number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        op = function.instruction_id(k)
+    for k, op in enumerate(operations):
         args = function.instruction_input(k)
         target = function.instruction_output(k)
         if op == ca.OP_INPUT:
@@ -256,7 +257,7 @@ SIGNATURE = "double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr %y"
 
 def function_text(name: str, body: Body) -> str:
     """One exported function with the common signature."""
-    return "\n".join([f"define void @{name}({SIGNATURE}) nounwind {{", "entry:", *body.lines, "  ret void", "}"])
+    return "\n".join([f"define void @{name}({SIGNATURE}) {body.attributes} {{", "entry:", *body.lines, "  ret void", "}"])
 
 
 def cache_directory() -> Path:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from toolbox.compilation.banded_systems import Banded, banded, factor_text, least_text, solve_text, split
-from toolbox.compilation.bodies import body_of, internal_text, loop_over, slope_bodies
+from toolbox.compilation.bodies import end_bodies, internal_text, loop_over, slope_bodies
 from toolbox.compilation.emitter import Body, inline, literal
 from toolbox.compilation.rolled import Rolled, RolledBody
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
@@ -136,14 +136,15 @@ def implicit_step(
             loop_over(body, n, u[s], u[s], (weight,), (matrix,), "%h")
         body.lines.append(f"  call void @solve(double %t, double %h, ptr {matrix}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
     loop_over(body, n, stage, stage, (1.0,), u[-1:], literal(1.0))
+    last, ends = end_bodies(field, n)
     end = body.add("%t", "%h")
-    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    body.lines.append(f"  call void @{ends}(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
     loop_over(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
     # where some mode grows too fast for the step, which the estimate would not show, there is none
     sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
     loop_over(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
-    inner |= {"ends": body_of("ends", field, n), "prepare": prepare, "solve": back}
+    inner |= last | {"prepare": prepare, "solve": back}
     text += internal_text(body, inner)
     body.count += sum(function.count for function in inner.values())
     return body, text

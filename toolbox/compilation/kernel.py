@@ -20,7 +20,7 @@ from typing import Any
 
 import casadi as ca
 
-from toolbox.compilation.bodies import arguments_of, body_of, internal_text, loop_over, operations, plain_body, slope_bodies
+from toolbox.compilation.bodies import arguments_of, body_of, end_bodies, internal_text, loop_over, operations, plain_body, slope_bodies
 from toolbox.compilation.emitter import Body, compiled_for, function_text, inline, literal
 from toolbox.compilation.implicit_step import implicit_size, implicit_step, linear_algebra
 from toolbox.compilation.moreau_jean import Theta, trial_step
@@ -200,14 +200,15 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
         now = body.combination("%t", "%h", [pair.c[s]], [literal(1.0)])
         body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr {kept}, ptr %p, ptr %m, ptr {slopes[s]})")
     loop_over(body, n, stage, "%x", pair.b, slopes)
+    last, ends = end_bodies(field, n)
     end = body.add("%t", "%h")
-    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    body.lines.append(f"  call void @{ends}(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
     loop_over(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
-    last = body.value(f"getelementptr double, ptr %y, i64 {n}")
+    slope = body.value(f"getelementptr double, ptr %y, i64 {n}")
     for weights in (pair.error, pair.error_low):
         if weights:
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
-            loop_over(body, n, target, "", weights, [*slopes, last][: len(weights)])
+            loop_over(body, n, target, "", weights, [*slopes, slope][: len(weights)])
         base += n
-    return body, internal_text(body, inner | {"ends": body_of("ends", field, n)})
+    return body, internal_text(body, inner | last)

@@ -210,6 +210,10 @@ def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tupl
     if not chosen:
         return [], []
     (stuck,) = _stuck(elements, [ca.vertcat(*[value for _, value in chosen])])
+    if len(chosen) > MANY:  # one by one takes a time that grows as the square
+        bent = _bent(stuck, along)
+        found = [pair for k, pair in enumerate(chosen) if k in bent]
+        return [i for i, _ in found], [value for _, value in found]
     found = [(i, value) for k, (i, value) in enumerate(chosen) if ca.depends_on(ca.jacobian(stuck[k], along), along)]
     return [i for i, _ in found], [value for _, value in found]
 
@@ -220,21 +224,27 @@ def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list
     balance, bounds = _stuck(elements, [form.balance, ca.vertcat(*[element.static for element in elements])])
     everything = ca.vertcat(along, force)
 
-    def bent(equations: ca.SX) -> set[int]:
-        slopes = ca.jacobian(equations, everything)
-        curved = ca.jacobian_sparsity(slopes.nz[:], everything).get_triplet()[0] if slopes.nnz() else []
-        rows = slopes.sparsity().row()
-        return {rows[k] for k in curved}
-
-    curved = bent(balance)
+    curved = _bent(balance, everything)
     forces = {i for group in coupled_groups(ca.jacobian_sparsity(balance, force)) if curved & set(group) for i in group}
-    limits = bent(bounds) | {i for i, j in zip(*ca.jacobian_sparsity(ca.densify(bounds), force).get_triplet(), strict=True) if j in forces}
+    limits = _bent(bounds, everything) | {i for i, j in zip(*ca.jacobian_sparsity(ca.densify(bounds), force).get_triplet(), strict=True) if j in forces}
     found = []
     for i, element in enumerate(elements):
         if element.holds:
             hides = (i in forces,) if element.unilateral else (i in forces, i in limits)
             found += [(i, value) for value, hidden in zip(_hiding(form, i, element), hides, strict=True) if hidden]
     return [i for i, _ in found], [value for _, value in found]
+
+
+def _bent(expressions: ca.SX, along: ca.SX) -> set[int]:
+    """Rows that are nonlinear in these symbols."""
+    slopes = ca.jacobian(expressions, along)
+    curved = ca.jacobian_sparsity(slopes.nz[:], along).get_triplet()[0] if slopes.nnz() else []
+    rows = slopes.sparsity().row()
+    return {rows[k] for k in curved}
+
+
+MANY = 100
+"""Forces and bounds beyond which they are looked at together."""
 
 
 def _stuck(elements: list[Any], expressions: list[ca.SX]) -> list[ca.SX]:

@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -32,8 +33,7 @@ FACTOR, SOLVE, PART = -1, -2, -3
 """Operations beside those of casadi: factors of a dense matrix, a solution with them, one entry of it."""
 
 
-@dataclass
-class Node:
+class Node(NamedTuple):
     """A value: an operation on other nodes. Of inputs `args` is (input, place), of a part of a solution (solution, place)."""
 
     op: int
@@ -61,25 +61,27 @@ class Graph:
         self.factors: dict[tuple[int, ...], int] = {}
         self.outputs: list[tuple[int, int]] = []
         work: dict[int, int] = {}
-        called = calls(function)
+        operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+        called = calls(function, operations)
         first = [0]
         for i in range(function.n_out()):
             first.append(first[-1] + function.nnz_out(i))
         self.size = first[-1]
-        for k in range(function.n_instructions()):
-            op, args, target = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        nodes = self.nodes
+        for k, op in enumerate(operations):
+            if op == ca.OP_CONST:
+                work[function.instruction_output(k)[0]] = self.constant(function.instruction_constant(k))
+                continue
+            args, target = function.instruction_input(k), function.instruction_output(k)
             if op == ca.OP_OUTPUT:
                 self.outputs.append((first[target[0]] + target[1], work[args[0]]))
-            elif op == ca.OP_INPUT:
-                work[target[0]] = self._new(op, (args[0], args[1]))
-            elif op == ca.OP_CONST:
-                work[target[0]] = self.constant(function.instruction_constant(k))
             elif op in (ca.OP_ASSIGN, ca.OP_LIFT):
                 work[target[0]] = work[args[0]]
             elif op == ca.OP_CALL:
                 work |= zip(target, self._called(called[k], [work[a] for a in args]), strict=True)
             else:
-                work[target[0]] = self._new(op, tuple(work[a] for a in args))
+                nodes.append(Node(op, tuple(args) if op == ca.OP_INPUT else tuple([work[a] for a in args])))
+                work[target[0]] = len(nodes) - 1
 
     def _new(self, op: int, args: tuple[int, ...], number: float = 0.0) -> int:
         self.nodes.append(Node(op, args, number))
@@ -158,45 +160,57 @@ class Rolled:
 
     def _groups(self, owner: list[int], fixed: set[int]) -> list[Group]:
         """Cells by level, in which nothing waits, and shape."""
-        nodes = self.nodes
+        nodes, targets = self.nodes, self.targets
         members: dict[int, list[int]] = defaultdict(list)
         level, constant = [0] * len(nodes), [False] * len(nodes)
         found: dict[tuple, Group] = {}
-        for i, node in enumerate(nodes):
-            if node.op == ca.OP_INPUT:
-                constant[i] = node.args[0] in fixed
-            elif node.op == ca.OP_CONST:
-                constant[i] = True
-            elif node.op == PART:
-                level[i], constant[i] = level[node.args[0]], constant[node.args[0]]
-            elif owner[i] != -1:
-                members[owner[i]].append(i)
-            if owner[i] != i or self.is_leaf(i):
+        for i, (op, args, _) in enumerate(nodes):
+            if op == ca.OP_INPUT:
+                constant[i] = args[0] in fixed
                 continue
-            code, reads = self._shape(members.pop(i))
-            level[i] = 1 + max((level[a] for a in reads), default=0)
-            constant[i] = bool(fixed) and i not in self.targets and all(constant[a] for a in reads)
-            key = (level[i], constant[i], i in self.targets, code)
-            group = found.setdefault(key, Group(level[i], constant[i], code))
+            if op == ca.OP_CONST:
+                constant[i] = True
+                continue
+            if op == PART:
+                level[i], constant[i] = level[args[0]], constant[args[0]]
+                continue
+            if owner[i] != i:
+                if owner[i] != -1:
+                    members[owner[i]].append(i)
+                continue
+            inside = members.pop(i, [])
+            inside.append(i)
+            code, reads = self._shape(inside)
+            level[i] = 1 + max([level[a] for a in reads], default=0)
+            constant[i] = bool(fixed) and i not in targets and all(constant[a] for a in reads)
+            key = (level[i], constant[i], i in targets, code)
+            group = found.get(key)
+            if group is None:
+                group = found[key] = Group(level[i], constant[i], code)
             group.roots.append(i)
             group.reads.append(reads)
         return sorted(found.values(), key=lambda group: group.level)
 
     def _shape(self, members: Sequence[int]) -> tuple[tuple, tuple[int, ...]]:
         """(operations in order with operands as numbers from 0 or, of what is read from elsewhere, from -1 down, and the kinds of these; those nodes)."""
-        inside = {node: k for k, node in enumerate(members)}
-        outside: dict[int, int] = {}
+        where: dict[int, int] = {}
+        outside: list[int] = []
         code: list = []
-        for node in members:
-            where = tuple(inside[a] if a in inside else -1 - outside.setdefault(a, len(outside)) for a in self.nodes[node].args)
-            code.append((self.nodes[node].op, where))
-        return (tuple(code), tuple(self.kind(a) for a in outside)), tuple(outside)
+        for k, node in enumerate(members):
+            op, args, _ = self.nodes[node]
+            for a in args:
+                if a not in where:
+                    outside.append(a)
+                    where[a] = -len(outside)
+            code.append((op, *[where[a] for a in args]))
+            where[node] = k
+        return (tuple(code), tuple([self.kind(a) for a in outside])), tuple(outside)
 
     def kind(self, node: int) -> str:
         """Where a node is read: the pointer of an input, a number by its name, "%constant" or "%cell"."""
-        op = self.nodes[node].op
+        op, args, _ = self.nodes[node]
         if op == ca.OP_INPUT:
-            return self.pointers[self.nodes[node].args[0]]
+            return self.pointers[args[0]]
         return "%constant" if op == ca.OP_CONST else "%cell"
 
     def _place(self) -> int:
@@ -248,6 +262,8 @@ def rolled_slope(rhs: ca.Function) -> tuple[RolledBody, RolledBody, int]:
 class RolledBody(Body):
     """Text of one function whose instructions are those of a `Rolled`, in loops."""
 
+    attributes = "nounwind noinline"  # so that a value is the same number wherever the function is called
+
     def __init__(self, name: str) -> None:
         super().__init__()
         self.name = name
@@ -280,7 +296,7 @@ class RolledBody(Body):
 
     def _computed(self, code: tuple, values: Sequence[str]) -> str:
         made: list[str] = []
-        for op, where in code:
+        for op, *where in code:
             made.append(operation(self, op, [made[a] if a >= 0 else values[-1 - a] for a in where]))
         return made[-1]
 

@@ -9,6 +9,7 @@ is one node of the expressions, which casadi evaluates and differentiates like a
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -114,10 +115,11 @@ def size_solved(name: str) -> tuple[int, bool]:
     return (int(size), bool(head)) if head in ("", "fwd1_") and size.isdigit() else (0, False)
 
 
-def calls(function: ca.Function) -> dict[int, ca.Function]:
-    """{place of the instruction: function called there} of an SX function."""
-    places = [k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CALL]
-    if not places:
+def calls(function: ca.Function, operations: Sequence[int] | None = None) -> dict[int, ca.Function]:
+    """{place of the instruction: function called there} of an SX function; operations: of its instructions, where they are known."""
+    if operations is None:
+        operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    if ca.OP_CALL not in operations:
         return {}
     nodes = function.instructions_sx()
-    return {k: nodes[k].which_function() for k in places}
+    return {k: nodes[k].which_function() for k, operation in enumerate(operations) if operation == ca.OP_CALL}

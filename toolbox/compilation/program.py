@@ -14,7 +14,7 @@ from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
-from toolbox.modelling.elimination import LARGE, calls, coupled_groups
+from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
@@ -177,7 +177,7 @@ def _forced(t: ca.SX, form: Switching, elements: list[Any]) -> bool:
 
 def _called(form: Switching) -> bool:
     """Whether forces are solved for in calls, whose derivatives seem to depend on all that the forces depend on."""
-    return bool(form.balance.numel() >= LARGE and calls(ca.Function("forces", ca.symvar(form.force), [form.force])))
+    return bool(form.balance.numel() and calls(ca.Function("forces", ca.symvar(form.force), [form.force])))
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:

@@ -304,8 +304,8 @@ class RolledBody(Body):
         place = self.rolled.slot[root]
         self.store(value, self.cells, place)
         self.known["%cell", place] = value
-        for result in self.rolled.targets.get(root, ()):
-            self.store(value, target, offset + result)
+        results = [offset + result for result in self.rolled.targets.get(root, ())]
+        self._copy([root] * len(results), target, results)
 
     def _read(self, node: int) -> str:
         kind = self.rolled.kind(node)
@@ -372,9 +372,8 @@ class RolledBody(Body):
             common = min(map(len, results))
             for q in range(common):
                 self._store_at(value, target, self._index([offset + result[q] for result in results], label))
-        for root, result in zip(group.roots, results, strict=True):  # few have more results than their companions
-            for place in result[common:]:
-                self.store(self._read(root), target, offset + place)
+        more = [(root, offset + place) for root, result in zip(group.roots, results, strict=True) for place in result[common:]]
+        self._copy([root for root, _ in more], target, [place for _, place in more])
 
     @contextmanager
     def _counted(self, count: int) -> Iterator[str]:

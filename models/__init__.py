@@ -1,41 +1,75 @@
 """Physics: one mechanism per file, parameters with units and sources."""
 
-from models import closed_forms, oscillators, wells
-from models.axial import AxialChain
-from models.bar import OscillatorOnBar
-from models.belt import Absorber, Block, BlockOnBelt, BlocksOnBelt
-from models.bit_rock import BitRock
-from models.bristle_contact import BristleContact, parabolic_shares
-from models.bristles import Dahl, Dankowicz, LuGre
-from models.damper import FrictionDamper
-from models.disc_brake import DiscBrake
-from models.disk_stack import DiskStack
-from models.disks import PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius
-from models.dither import averaged_friction, tangential_dither
-from models.drag_bit import DragBit
-from models.drill_string import TorsionalChain
-from models.elastic.body import ElasticBody
-from models.elastic.meshes import block_mesh, body_of_mesh
-from models.elastic.pad import ElasticPad
-from models.elastic.reduction import ReducedBody
-from models.elastic.slider import ElasticSlider
-from models.elastic_rock import ElasticRock
-from models.flow_line import FlowLine, OutletRCR
-from models.friction import Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition
-from models.gears import GearNetwork
-from models.hand_arm import HandArm
-from models.hysteretic_bit_rock import HystereticBitRock, SmoothHystereticBitRock
-from models.lateral import WhirlingCollar, whirl_ratio
-from models.sections import Section, read_sections
-from models.shaft import shaft_frequencies
-from models.sliders import InclinedSlider, PlateContact, Slider
-from models.smooth_bit_rock import SmoothBitRock
-from models.squeal import SquealingPad
-from models.string_on_wall import sliding_resultant, string_on_wall
-from models.survey import Survey, read_survey
-from models.tabulated_string import DrillString
-from models.top_drive import TopDrive
-from models.torsional_pendulum import TorsionalPendulum
+from typing import TYPE_CHECKING
+
+from toolbox.authoring import face
+
+if TYPE_CHECKING:
+    from models import closed_forms as closed_forms
+    from models import oscillators as oscillators
+    from models import wells as wells
+    from models.axial import AxialChain as AxialChain
+    from models.bar import OscillatorOnBar as OscillatorOnBar
+    from models.belt import Absorber as Absorber
+    from models.belt import Block as Block
+    from models.belt import BlockOnBelt as BlockOnBelt
+    from models.belt import BlocksOnBelt as BlocksOnBelt
+    from models.bit_rock import BitRock as BitRock
+    from models.bristle_contact import BristleContact as BristleContact
+    from models.bristle_contact import parabolic_shares as parabolic_shares
+    from models.bristles import Dahl as Dahl
+    from models.bristles import Dankowicz as Dankowicz
+    from models.bristles import LuGre as LuGre
+    from models.damper import FrictionDamper as FrictionDamper
+    from models.disc_brake import DiscBrake as DiscBrake
+    from models.disk_stack import DiskStack as DiskStack
+    from models.disks import PressedDisks as PressedDisks
+    from models.disks import TwoDisks as TwoDisks
+    from models.disks import uniform_pressure_radius as uniform_pressure_radius
+    from models.disks import uniform_wear_radius as uniform_wear_radius
+    from models.dither import averaged_friction as averaged_friction
+    from models.dither import tangential_dither as tangential_dither
+    from models.drag_bit import DragBit as DragBit
+    from models.drill_string import TorsionalChain as TorsionalChain
+    from models.elastic.body import ElasticBody as ElasticBody
+    from models.elastic.meshes import block_mesh as block_mesh
+    from models.elastic.meshes import body_of_mesh as body_of_mesh
+    from models.elastic.pad import ElasticPad as ElasticPad
+    from models.elastic.reduction import ReducedBody as ReducedBody
+    from models.elastic.slider import ElasticSlider as ElasticSlider
+    from models.elastic_rock import ElasticRock as ElasticRock
+    from models.flow_line import FlowLine as FlowLine
+    from models.flow_line import OutletRCR as OutletRCR
+    from models.friction import Coulomb as Coulomb
+    from models.friction import CubicStribeck as CubicStribeck
+    from models.friction import Drop as Drop
+    from models.friction import Exponential as Exponential
+    from models.friction import GaussianStribeck as GaussianStribeck
+    from models.friction import Hyperbolic as Hyperbolic
+    from models.friction import RationalStribeck as RationalStribeck
+    from models.friction import Tabulated as Tabulated
+    from models.friction import Transition as Transition
+    from models.gears import GearNetwork as GearNetwork
+    from models.hand_arm import HandArm as HandArm
+    from models.hysteretic_bit_rock import HystereticBitRock as HystereticBitRock
+    from models.hysteretic_bit_rock import SmoothHystereticBitRock as SmoothHystereticBitRock
+    from models.lateral import WhirlingCollar as WhirlingCollar
+    from models.lateral import whirl_ratio as whirl_ratio
+    from models.sections import Section as Section
+    from models.sections import read_sections as read_sections
+    from models.shaft import shaft_frequencies as shaft_frequencies
+    from models.sliders import InclinedSlider as InclinedSlider
+    from models.sliders import PlateContact as PlateContact
+    from models.sliders import Slider as Slider
+    from models.smooth_bit_rock import SmoothBitRock as SmoothBitRock
+    from models.squeal import SquealingPad as SquealingPad
+    from models.string_on_wall import sliding_resultant as sliding_resultant
+    from models.string_on_wall import string_on_wall as string_on_wall
+    from models.survey import Survey as Survey
+    from models.survey import read_survey as read_survey
+    from models.tabulated_string import DrillString as DrillString
+    from models.top_drive import TopDrive as TopDrive
+    from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
 
 __all__ = [
     "Absorber",
@@ -104,3 +138,44 @@ __all__ = [
     "wells",
     "whirl_ratio",
 ]
+
+_FILES = {
+    "models.axial": "AxialChain",
+    "models.bar": "OscillatorOnBar",
+    "models.belt": "Absorber, Block, BlockOnBelt, BlocksOnBelt",
+    "models.bit_rock": "BitRock",
+    "models.bristle_contact": "BristleContact, parabolic_shares",
+    "models.bristles": "Dahl, Dankowicz, LuGre",
+    "models.damper": "FrictionDamper",
+    "models.disc_brake": "DiscBrake",
+    "models.disk_stack": "DiskStack",
+    "models.disks": "PressedDisks, TwoDisks, uniform_pressure_radius, uniform_wear_radius",
+    "models.dither": "averaged_friction, tangential_dither",
+    "models.drag_bit": "DragBit",
+    "models.drill_string": "TorsionalChain",
+    "models.elastic.body": "ElasticBody",
+    "models.elastic.meshes": "block_mesh, body_of_mesh",
+    "models.elastic.pad": "ElasticPad",
+    "models.elastic.reduction": "ReducedBody",
+    "models.elastic.slider": "ElasticSlider",
+    "models.elastic_rock": "ElasticRock",
+    "models.flow_line": "FlowLine, OutletRCR",
+    "models.friction": "Coulomb, CubicStribeck, Drop, Exponential, GaussianStribeck, Hyperbolic, RationalStribeck, Tabulated, Transition",
+    "models.gears": "GearNetwork",
+    "models.hand_arm": "HandArm",
+    "models.hysteretic_bit_rock": "HystereticBitRock, SmoothHystereticBitRock",
+    "models.lateral": "WhirlingCollar, whirl_ratio",
+    "models.sections": "Section, read_sections",
+    "models.shaft": "shaft_frequencies",
+    "models.sliders": "InclinedSlider, PlateContact, Slider",
+    "models.smooth_bit_rock": "SmoothBitRock",
+    "models.squeal": "SquealingPad",
+    "models.string_on_wall": "sliding_resultant, string_on_wall",
+    "models.survey": "Survey, read_survey",
+    "models.tabulated_string": "DrillString",
+    "models.top_drive": "TopDrive",
+    "models.torsional_pendulum": "TorsionalPendulum",
+}
+"""{file: what is imported from it, when it is first asked for}: a script pays for what it uses."""
+
+__getattr__, __dir__ = face(globals(), _FILES, ("closed_forms", "oscillators", "wells",))

@@ -37,7 +37,7 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, Exponential, GaussianStribeck, wells
-from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, Takeover, compose, simulate, sweep
+from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, Takeover, compose, margins, simulate, sweep
 from toolbox.measuring import measures
 
 WEIGHT = 97_347.0
@@ -296,6 +296,19 @@ class TakenOver:
         torque = min(max(wanted, LIMITS["lowest_torque"]), LIMITS["highest_torque"])
         self.angle += self.period * (error + (torque - wanted) / self.drive.proportional)
         return torque
+
+
+def disk_margins(of: Callable[[float], Any], reference: float, period: float = 0.01) -> tuple[float, float, str]:
+    """The disk margin of a law at a set-point [rad/s] on the declared rig, the smallest over one error of the rig at a time, and which; nan without a slope."""
+    declared = margins(PLANT, Sampled(of(reference), period, DELAY), measured=False).disk_margin
+    if np.isnan(declared):
+        return declared, declared, ""
+    found = []
+    for rig in SINGLES:
+        inputs = {"bit.weight": rig.numbers["bit.weight"]}
+        sampled = Sampled(of(reference), period, rig.delay)
+        found.append((margins(PLANT, sampled, inputs=inputs, parameters=rig.parameters, measured=False).disk_margin, rig.name))
+    return declared, *min(found)
 
 
 # --- the search

@@ -1,10 +1,11 @@
 """The language of stick and slip: compose a plant, simulate it, measure it."""
 
 import sys
-from importlib import import_module
 from importlib.util import LazyLoader, find_spec, module_from_spec
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from toolbox.faces import face
 
 if TYPE_CHECKING:
     from toolbox.calibration.fit import fit as fit
@@ -198,63 +199,51 @@ _ROOMS = {
     "toolbox.calibration.results": "Fit",
     "toolbox.contacts.contact_run": "ContactRun",
     "toolbox.contacts.problem": "ContactProblem",
-    "toolbox.contacts.stepping": "press_contacts step_contacts",
-    "toolbox.errors": "AccuracyError BudgetError GrazingError SceneError SimulationError ZenoError",
-    "toolbox.export.c_code": "export_c to_control",
+    "toolbox.contacts.stepping": "press_contacts, step_contacts",
+    "toolbox.errors": "AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError",
+    "toolbox.export.c_code": "export_c, to_control",
     "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
     "toolbox.measuring.energy": "energy_audit",
-    "toolbox.measuring.measure": "cycles overshoot settling severity stick_intervals",
-    "toolbox.modelling.components": "Component Equations Update",
+    "toolbox.measuring.measure": "cycles, overshoot, settling, severity, stick_intervals",
+    "toolbox.modelling.components": "Component, Equations, Update",
     "toolbox.modelling.composition": "compose",
-    "toolbox.modelling.elements": "DryFriction FrictionLaw Hysteresis Relay UnilateralContact quantity state time",
+    "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time",
     "toolbox.modelling.hybrid_system": "HybridSystem",
-    "toolbox.modelling.inputs": "ramp sine square step triangle",
-    "toolbox.modelling.laws": "Controller Sampled Takeover",
-    "toolbox.modelling.observers": "Observed Observer",
+    "toolbox.modelling.inputs": "ramp, sine, square, step, triangle",
+    "toolbox.modelling.laws": "Controller, Sampled, Takeover",
+    "toolbox.modelling.observers": "Observed, Observer",
     "toolbox.modelling.regularisation": "smoothed",
     "toolbox.onsets.onset": "onset",
-    "toolbox.onsets.severity_map": "SeverityMap severity_map",
-    "toolbox.orbits.branch": "Bifurcation Branch",
+    "toolbox.onsets.severity_map": "SeverityMap, severity_map",
+    "toolbox.orbits.branch": "Bifurcation, Branch",
     "toolbox.orbits.continuation": "follow",
     "toolbox.orbits.limit_cycle": "limit_cycle",
-    "toolbox.orbits.orbit": "Cycle CycleError",
-    "toolbox.orbits.sensitivity": "Sensitivity sensitivity",
+    "toolbox.orbits.orbit": "Cycle, CycleError",
+    "toolbox.orbits.sensitivity": "Sensitivity, sensitivity",
     "toolbox.robustness.absorber": "absorber_limit",
     "toolbox.robustness.limits": "performance_limit",
-    "toolbox.robustness.margins": "Margins margins",
-    "toolbox.robustness.worst_case": "WorstCase cycle_phases worst_case",
+    "toolbox.robustness.margins": "Margins, margins",
+    "toolbox.robustness.worst_case": "WorstCase, cycle_phases, worst_case",
     "toolbox.scenes.scene": "Scene",
-    "toolbox.scenes.work_precision": "WorkPrecision work_precision",
-    "toolbox.simulation.methods": "Automatic EventExact Explicit Implicit Smoothing TaylorSeries TimeStepping",
+    "toolbox.scenes.work_precision": "WorkPrecision, work_precision",
+    "toolbox.simulation.methods": "Automatic, EventExact, Explicit, Implicit, Smoothing, TaylorSeries, TimeStepping",
     "toolbox.simulation.run": "Budget",
     "toolbox.simulation.samples": "Event",
     "toolbox.simulation.simulate": "simulate",
     "toolbox.simulation.trajectory": "Trajectory",
     "toolbox.steady_states.equilibria": "equilibria",
-    "toolbox.steady_states.hopf": "hopf_curve hopf_points",
-    "toolbox.steady_states.impedance": "impedance reflection",
-    "toolbox.steady_states.linear": "equilibrium linearise",
+    "toolbox.steady_states.hopf": "hopf_curve, hopf_points",
+    "toolbox.steady_states.impedance": "impedance, reflection",
+    "toolbox.steady_states.linear": "equilibrium, linearise",
     "toolbox.steady_states.poles": "pole_locus",
-    "toolbox.sweeps.sweep": "Sweep sweep",
+    "toolbox.sweeps.sweep": "Sweep, sweep",
     "toolbox.tuning.results": "Tuned",
     "toolbox.tuning.tune": "tune",
 }
-"""{file: the public names that it defines}: a name is imported when it is first asked for, so that a script pays for what it uses."""
+"""{file: what is imported from it, when it is first asked for}: a script pays for what it uses."""
 
-_HOMES = {name: file for file, names in _ROOMS.items() for name in names.split()}
-
-
-def __getattr__(name: str) -> Any:
-    """A public name, imported from its file."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(import_module(_HOMES[name]), name)
-    return found
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+__getattr__, __dir__ = face(globals(), _ROOMS)
 
 
 def _lazy(name: str) -> ModuleType:

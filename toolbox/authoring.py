@@ -8,32 +8,35 @@ Everything here is public: it changes only with a line in the changelog. `models
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
+    packages    face
     control     zero_order_hold
-
-What needs numba or the machinery of predictions is imported when it is first asked for, so that a part costs nothing but its equations.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from toolbox.arguments import finite_array, is_finite_number
-from toolbox.compilation.notices import announced
-from toolbox.errors import suggest
-from toolbox.export.c_code import Declared, written
-from toolbox.files.tables import Column, Table
-from toolbox.files.tables import read as read_table
-from toolbox.modelling.components import check_fields
-from toolbox.modelling.elements import State
-from toolbox.modelling.regularisation import regularised
-from toolbox.simulation.deadline import time_left
-from toolbox.simulation.samples import window
+from toolbox.faces import face
 
 if TYPE_CHECKING:
-    from toolbox.compilation.numba_cache import cached
-    from toolbox.prediction.rollout import Rollout
+    from toolbox.arguments import finite_array as finite_array
+    from toolbox.arguments import is_finite_number as is_finite_number
+    from toolbox.compilation.notices import announced as announced
+    from toolbox.compilation.numba_cache import cached as cached
+    from toolbox.errors import suggest as suggest
+    from toolbox.export.c_code import Declared as Declared
+    from toolbox.export.c_code import written as written
+    from toolbox.files.tables import Column as Column
+    from toolbox.files.tables import Table as Table
+    from toolbox.files.tables import read as read_table
+    from toolbox.modelling.components import check_fields as check_fields
+    from toolbox.modelling.elements import State as State
+    from toolbox.modelling.regularisation import regularised as regularised
+    from toolbox.prediction.rollout import Rollout as Rollout
     from toolbox.prediction.rollout_loop import advance as advance_rollout
-    from toolbox.robustness.loop import zero_order_hold
+    from toolbox.robustness.loop import zero_order_hold as zero_order_hold
+    from toolbox.simulation.deadline import time_left as time_left
+    from toolbox.simulation.samples import window as window
 
 __all__ = [
     "Column",
@@ -45,6 +48,7 @@ __all__ = [
     "announced",
     "cached",
     "check_fields",
+    "face",
     "finite_array",
     "is_finite_number",
     "read_table",
@@ -56,23 +60,22 @@ __all__ = [
     "zero_order_hold",
 ]
 
+_FILES = {
+    "toolbox.arguments": "finite_array, is_finite_number",
+    "toolbox.compilation.notices": "announced",
+    "toolbox.compilation.numba_cache": "cached",
+    "toolbox.errors": "suggest",
+    "toolbox.export.c_code": "Declared, written",
+    "toolbox.files.tables": "Column, Table, read as read_table",
+    "toolbox.modelling.components": "check_fields",
+    "toolbox.modelling.elements": "State",
+    "toolbox.modelling.regularisation": "regularised",
+    "toolbox.prediction.rollout": "Rollout",
+    "toolbox.prediction.rollout_loop": "advance as advance_rollout",
+    "toolbox.robustness.loop": "zero_order_hold",
+    "toolbox.simulation.deadline": "time_left",
+    "toolbox.simulation.samples": "window",
+}
+"""{file: what is imported from it, when it is first asked for}: a part costs nothing but its equations."""
 
-def __getattr__(name: str) -> Any:
-    """A name that is imported when it is first asked for."""
-    if name == "cached":
-        from toolbox.compilation.numba_cache import cached
-
-        return cached
-    if name == "Rollout":
-        from toolbox.prediction.rollout import Rollout
-
-        return Rollout
-    if name == "advance_rollout":
-        from toolbox.prediction.rollout_loop import advance
-
-        return advance
-    if name == "zero_order_hold":
-        from toolbox.robustness.loop import zero_order_hold
-
-        return zero_order_hold
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = face(globals(), _FILES)

@@ -9,7 +9,8 @@ Laws with "tuned" in their label have the gains of `studies/data/gains.json`; th
 with "lifting" in it lift their own set-point while the top swings (`controllers.Lifting`).
 
 Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised;  settling (into 5 %, for good) and overshoot of the bit speed from the takeover at
-8 rad/s on the declared rig, and there the standard deviation of the torque over its mean under noise;  99th percentile of the processor time of a sample.
+8 rad/s on the declared rig, and there the standard deviation of the torque over its mean under noise;  disk margin at 4 rad/s on the declared rig and the
+smallest over one error of the rig at a time ('-' for laws without a slope);  99th percentile of the processor time of a sample.
 
     python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...]      (the table and drives.csv; goes on where it was stopped)
     python -m studies drives --tune FAMILY ... [--runs N]                               (the gains, see `studies.gains`)
@@ -63,6 +64,7 @@ from studies.protocol import (
     Rig,
     TakenOver,
     cycle,
+    disk_margins,
     lowest,
     plant_with,
     rock_torques,
@@ -74,6 +76,8 @@ __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", 
 
 COMMON = 8.0
 """Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
+LOW = 4.0
+"""Set-point of the disk margins [rad/s]: where drilling is unstable without a law."""
 LATE = round(DELAY / 0.01)
 PREDICTIVE = ("linear MPC", "nonlinear MPC")
 
@@ -133,7 +137,8 @@ def groups_of(law: Law) -> dict[str, Group]:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s]."""
+    """A line of the table: set-points [rad/s] by group and way (nan for none), settling [s] (inf for never), overshoot and ripple as parts, step [s],
+    disk margin of the declared rig and of the worst (nan for none)."""
 
     label: str
     lowest: Mapping[str, tuple[float, float]]
@@ -141,6 +146,7 @@ class Row:
     overshoot: float
     ripple: float
     step: float
+    margins: tuple[float, float]
 
 
 def row(law: Law, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = None) -> Row:
@@ -162,7 +168,8 @@ def row(law: Law, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = No
     noisy = run_of(law, COMMON, Rig("declared"))
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    return Row(law.label, found, settling, float(speed.max() / COMMON - 1.0), ripple, step_time(law, COMMON))  # type: ignore[arg-type]
+    declared, worst, _ = disk_margins(law.of, LOW, law.period)
+    return Row(law.label, found, settling, float(speed.max() / COMMON - 1.0), ripple, step_time(law, COMMON), (declared, worst))  # type: ignore[arg-type]
 
 
 def _takeover(law: Law, reference: float, phase: float = 0.0) -> float:
@@ -235,15 +242,17 @@ def update_times(run: Trajectory) -> list[float]:
 def table(rows: Sequence[Row]) -> str:
     """The rows as text."""
     names = list(rows[0].lowest)
-    head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}{'step p99':>11}"
-    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}"
+    head = f"{'controller':<26}" + "".join(f"{name:>14}" for name in names) + f"{'settling':>11}{'overshoot':>11}{'ripple':>9}"
+    head += f"{'disk margin':>18}{'step p99':>11}"
+    under = f"{'':<26}" + f"{'direct/raised':>14}" * len(names) + f"{'at 8 rad/s':>31}{'declared / worst':>18}"
     lines = [head, under, "-" * len(head)]
     for each in rows:
         speeds = [" / ".join(f"{value:.1f}" if value == value else "none" for value in each.lowest[name]) for name in names]
+        margins = " / ".join("-" if np.isnan(value) else f"{value:.2f}" for value in each.margins)
         settling = f"{each.settling:.1f} s" if np.isfinite(each.settling) else "never"
         lines.append(
             f"{each.label:<26}" + "".join(f"{text:>14}" for text in speeds)
-            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{1e6 * each.step:>8.1f} us"
+            + f"{settling:>11}{100 * each.overshoot:>9.0f} %{100 * each.ripple:>7.1f} %{margins:>18}{1e6 * each.step:>8.1f} us"
         )  # fmt: skip
     return "\n".join(lines)
 
@@ -265,7 +274,8 @@ def write_rows(rows: Sequence[Any], path: Path) -> None:
 def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names."""
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
-    return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step}
+    return {"label": each.label, **speeds, "settling": each.settling, "overshoot": each.overshoot, "ripple": each.ripple, "step": each.step,
+            "disk margin": each.margins[0], "worst disk margin": each.margins[1]}  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

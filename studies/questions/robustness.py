@@ -35,14 +35,12 @@ import numpy as np
 
 from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, SlidingMode, SoftTorque, StiffPI, SuperTwisting, ZTorque
 from controllers.observers import Kalman
-from models import BitRock, wells
 from studies import gains
-from studies.protocol import SINGLES
-from toolbox import Margins, Observed, Sampled, absorber_limit, compose, margins, performance_limit
+from studies.protocol import DELAY, PLANT, disk_margins
+from toolbox import Margins, Observed, Sampled, absorber_limit, margins, performance_limit
 from toolbox.files import tables
 
-PLANT = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
-PERIOD, DELAY = 0.01, 0.03
+PERIOD = 0.01
 LATE = round(DELAY / PERIOD)
 SPEEDS = (3.0, 3.5, 4.0, 5.0, 6.5, 8.0)
 WORKING = 6.5
@@ -81,12 +79,7 @@ def found_at(label: str, speed: float, **arguments: Any) -> Margins:
 
 def worst_at(label: str, speed: float) -> tuple[float, str]:
     """The smallest disk margin of a law at a set-point [rad/s] over one error of the rig at a time, and which: the robust rigs of `studies.protocol`."""
-    found = []
-    for rig in SINGLES:
-        law = Sampled(LAWS[label](speed), PERIOD, rig.delay)
-        inputs = {"bit.weight": rig.numbers["bit.weight"]}
-        found.append((margins(PLANT, law, inputs=inputs, parameters=rig.parameters, measured=False).disk_margin, rig.name))
-    return min(found)
+    return disk_margins(LAWS[label], speed)[1:]
 
 
 def worst_table(speeds: Sequence[float] = SPEEDS) -> str:

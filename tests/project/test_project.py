@@ -8,16 +8,19 @@ import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
 import controllers
 import models
 import toolbox
+from toolbox import authoring
+from toolbox.faces import imported as imported_names
 
 FORBIDDEN = {"toolbox": {"models", "controllers"}, "models": {"controllers"}, "controllers": {"models"}}
 FORBIDDEN = {package: others | {"studies", "tests"} for package, others in FORBIDDEN.items()}
-CALLED = ("import_module(_HOMES[name])", "importlib.import_module(name)")
+CALLED = ("import_module(file)", "import_module(f\"{package['__name__']}.{name}\")", "importlib.import_module(name)")
 """Imports by a call: of the public names, and of a user's own file (`--load`)."""
 HEAVY = ("control", "scipy", "osqp", "matplotlib", "numba", "llvmlite", "pint", "pandas", "tqdm", "tomli_w")
 
@@ -38,12 +41,23 @@ def imported(tree):
             assert ast.unparse(node) in CALLED, "imports are written down, so that this test sees them"
 
 
-def test_the_face_finds_every_public_name_where_its_imports_for_types_say_it_is(root):
-    tree = ast.parse((root / "toolbox" / "__init__.py").read_text())
-    written = {alias.name: node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module.startswith("toolbox.")
-               for alias in node.names}  # fmt: skip
-    assert written == toolbox._HOMES
-    assert set(toolbox.__all__) | {"time"} == set(written)
+FACES = [(toolbox, "_ROOMS", {"time"}, set()), (models, "_FILES", set(), set()), (controllers, "_FILES", set(), set()), (authoring, "_FILES", set(), {"face"})]
+
+
+@pytest.mark.parametrize(("face", "homes", "left_out", "own"), FACES, ids=[face[0].__name__ for face in FACES])
+def test_a_face_finds_every_public_name_where_its_imports_for_types_say_it_is(face, homes, left_out, own):
+    tree = ast.parse(Path(face.__file__).read_text())
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    written = {(node.module, alias.name, alias.asname or alias.name) for node in block.body for alias in node.names}
+    modules = {name for file, name, _ in written if file == face.__name__}
+    assert {each for each in written if each[1] not in modules} == {
+        (file, name, public) for file, names in vars(face)[homes].items() for name, public in imported_names(names).items()
+    }
+    assert set(face.__all__) | left_out == {public for _, _, public in written} | own
+    for name in face.__all__:
+        assert getattr(face, name) is not None and name in dir(face)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        face.nothing  # noqa: B018
 
 
 @pytest.mark.parametrize("package", FORBIDDEN)

@@ -48,7 +48,7 @@ BRAKE = compose(DiscBrake())
 BELT = compose(BlockOnBelt())
 LAWS = sorted(
     name
-    for name, kind in vars(controllers).items()
+    for name, kind in ((name, getattr(controllers, name)) for name in controllers.__all__)
     if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, Controller)
     and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
 )

@@ -15,6 +15,10 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
  CLOSE, BUDGET, CULPRIT, STARTED, NODES, LOCATED, MERGED, COUPLED, IMPLICIT, BOUNDS, SERIES, OPENED, INTS) = range(31)  # fmt: skip
 
 
+FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICIT, TWO_ERRORS)
+"""What the formulas of a step set, other than sizes."""
+
+
 # --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
 FRICTION, RIGID, SWITCH = range(3)
 
@@ -34,13 +38,15 @@ class Work(NamedTuple):
     """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
 
     ints, reals: see the indices above;  x, k: state and its slope, which begins a table of coefficients where steps are Taylor series;  p, m:
-    parameters and modes;  y, z: output of machine code;  s, q: spares;
+    parameters and modes;  y, z: output of machine code;
+    x_other, p_other, m_other: another point for machine code, such as one moved by round-off, one along a step, or modes that are tried; m_other holds
+    slips before a jump too, and in an impact the elements that take part without sliding, then 1 for restitution;
     scale, noise: size of each state so far and round-off of its slope;  group, group_scale: states of one unit share a floor;
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
     loader: the unilateral contact without which a friction has no load, or -1;
-    held: elements that take part in an impact without sliding, then 1 for restitution;  bounced: rigid contacts that have just left again;
+    bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with
     period and delay in `clocks`, controller states and behind them the noise of the sample in `memory`, the key of each noise
@@ -55,8 +61,9 @@ class Work(NamedTuple):
     m: np.ndarray
     y: np.ndarray
     z: np.ndarray
-    s: np.ndarray
-    q: np.ndarray
+    x_other: np.ndarray
+    p_other: np.ndarray
+    m_other: np.ndarray
     scale: np.ndarray
     noise: np.ndarray
     group: np.ndarray
@@ -77,7 +84,6 @@ class Work(NamedTuple):
     initial: np.ndarray
     attached: np.ndarray
     loader: np.ndarray
-    held: np.ndarray
     bounced: np.ndarray
     rec_t: np.ndarray
     rec_x: np.ndarray
@@ -96,3 +102,12 @@ class Work(NamedTuple):
     memory: np.ndarray
     keys: np.ndarray
     queue: np.ndarray
+
+
+class Nodes(NamedTuple):
+    """The recorded nodes of a run: time, shape (nt,), and one row each of the states, the modes and what is held."""
+
+    time: np.ndarray
+    states: np.ndarray
+    mode: np.ndarray
+    held: np.ndarray

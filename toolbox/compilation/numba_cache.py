@@ -18,6 +18,7 @@ import dis
 import hashlib
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -93,6 +94,18 @@ class MachineCode(FunctionCache):
         fields = [(kind.instance_class.__qualname__, kind.instance_class._fields) for kind in signature if hasattr(kind, "instance_class")]
         key = hashlib.sha256(repr((signature, fields, codegen.magic_tuple())).encode()).hexdigest()
         return Path(self.cache_path) / f"{self._name_now()}.{key[:16]}.code"
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """The machine code that is kept for a signature, or None.
+
+        Numba's own method gets ready to compile first, which takes a quarter of a second that a loop which is kept does not need; where there is none, numba
+        does so when it begins to compile.
+        """
+        from numba.core.runtime import rtsys
+
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target_context)
 
     def _load_overload(self, signature: Any, target_context: Any) -> Any:
         import pickle
@@ -204,7 +217,7 @@ def read_outside(plain: FunctionType | None) -> Iterator[tuple[str, Any]]:
         return
     names = _names(plain.__code__)
     waiting = [(name, plain.__globals__[name]) for name in names if name in plain.__globals__]
-    waiting += [(name, sys.modules[name]) for name in names if name in sys.modules and _imports(plain.__code__, name)]
+    waiting += [(name, sys.modules[name]) for name in names if name in sys.modules and name in _imported(plain.__code__)]
     waiting += [(name, cell.cell_contents) for name, cell in zip(plain.__code__.co_freevars, plain.__closure__ or (), strict=True)]
     waiting += [(f"default {k}", value) for k, value in enumerate(plain.__defaults__ or ())]
     waiting += [(f"default {name}", value) for name, value in sorted((plain.__kwdefaults__ or {}).items())]
@@ -226,10 +239,11 @@ def _names(code: CodeType) -> list[str]:
     return sorted({*code.co_names, *inner})
 
 
-def _imports(code: CodeType, module: str) -> bool:
-    """Whether a function or one inside it imports a module."""
-    here = any(each.opname == "IMPORT_NAME" and each.argval == module for each in dis.get_instructions(code))
-    return here or any(_imports(constant, module) for constant in code.co_consts if isinstance(constant, CodeType))
+@cache
+def _imported(code: CodeType) -> frozenset[str]:
+    """Modules that a function and those inside it import."""
+    here = {each.argval for each in dis.get_instructions(code) if each.opname == "IMPORT_NAME"}
+    return frozenset(here.union(*[_imported(constant) for constant in code.co_consts if isinstance(constant, CodeType)]))
 
 
 def _text(value: Any, name: str, user: FunctionType) -> str:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.compilation.moreau_jean import Theta
-from toolbox.compilation.rosenbrock import Rosenbrock
+from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
 from toolbox.modelling.elimination import calls, coupled_groups
@@ -53,6 +54,19 @@ class Program:
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
+
+    @cached_property
+    def ints(self) -> np.ndarray:
+        """What the compiled loops ask of a program: its sizes and addresses, at their places in `Work.ints`."""
+        from toolbox.compilation import loop_layout
+
+        kernel, ints = self.kernel, np.zeros(loop_layout.INTS, np.int64)
+        ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = kernel.states, kernel.elements, kernel.guards
+        ints[loop_layout.COUPLED] = kernel.coupled
+        ints[loop_layout.BOUNDS] = len(self.bounded)
+        ints[loop_layout.FIRST_HELD] = self.first_held
+        ints[list(loop_layout.FORMULAS)] = *kernel.addresses, self.pair.order, self.pair is RODAS5P, bool(self.pair.error_low)
+        return ints
 
 
 def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta | Taylor) -> Program:

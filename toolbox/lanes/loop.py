@@ -148,8 +148,8 @@ def _observe(b, lanes, lane, views, observe, w, t):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
         call(w.ints[STEP], t, h * part / 64.0, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, w.y)
         for i in range(lanes.x_old.size):
-            w.s[i] = w.y[i]
-        call(observe, t + h * part / 64.0, 0.0, w.s, lanes.k_old, lanes.p_old, lanes.m_old, values[part % 3])
+            w.x_other[i] = w.y[i]
+        call(observe, t + h * part / 64.0, 0.0, w.x_other, lanes.k_old, lanes.p_old, lanes.m_old, values[part % 3])
         for q in range(values.shape[1]):
             value, middle, before = values[part % 3, q], values[(part + 2) % 3, q], values[(part + 1) % 3, q]
             low, high = value, value

@@ -65,9 +65,9 @@ def inputs_changed(w, t, slips_jump):
     wrong = False
     if slips_jump:
         for i in range(ne):
-            w.held[i] = w.y[i]
+            w.m_other[i] = w.y[i]
         nudge(w)
-        call(w.ints[PROBE], t * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.y)
+        call(w.ints[PROBE], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
     call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         w.before[i] = w.m[i]
@@ -76,7 +76,7 @@ def inputs_changed(w, t, slips_jump):
         if w.kind[i] != FRICTION:  # an open contact, like a switch, is seen to by its guard
             wrong = wrong or (w.zero[i] and force > 1e-9 * static)
         elif w.m[i] == 0.0:
-            jumped = slips_jump and abs(slip - w.held[i]) > max(4.0 * EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
+            jumped = slips_jump and abs(slip - w.m_other[i]) > max(4.0 * EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
             if jumped and slip != 0.0:
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
@@ -166,8 +166,8 @@ def outputs_before(w, end, t_new):
         for i in range(w.ints[NE]):
             if w.m[i] == 0.0 and w.kind[i] != SWITCH:
                 for j in range(w.ints[N]):
-                    w.s[j] = w.z[j]
-                call(w.ints[PROJECT], target, 0.0, w.s, w.k, w.p, w.m, w.z)
+                    w.x_other[j] = w.z[j]
+                call(w.ints[PROJECT], target, 0.0, w.x_other, w.k, w.p, w.m, w.z)
                 break
         record(w, target, x)
         w.ints[OUTPUT] += 1

@@ -28,6 +28,8 @@ from toolbox.compilation.loop_layout import (
     ERROR_OLD,
     EVENTS,
     EVENTS_FULL,
+    FIELD,
+    FIRST_HELD,
     FRICTION,
     INCONSISTENT,
     JUMP,
@@ -41,6 +43,7 @@ from toolbox.compilation.loop_layout import (
     OUTPUT,
     PAUSED,
     POWER,
+    PROJECT,
     RECORDS,
     RECORDS_FULL,
     REJECTED,
@@ -374,11 +377,14 @@ def run_on(work: Any) -> Any:
 
 
 @cached
-def evaluate(step, projection, field, series, slopes, n, ne, ng, node_t, node_x, node_m, node_p, p, first_held, times, x_out):
-    """States at `times` by one step from the last node at or before each of them; node_* as recorded, p the whole parameter vector.
+def evaluate(ints, slopes, nodes, p, times, x_out):
+    """States at `times` by one step from the last node at or before each of them.
 
-    series: address of the coefficients of a step, 0 without;  slopes: size of what a step takes as slopes.
+    ints: as in `Work`;  slopes: size of what a step takes as slopes;  p: the whole parameter vector.
     """
+    n, ne, ng, first_held = ints[N], ints[NE], ints[NG], ints[FIRST_HELD]
+    step, projection, field, series = ints[STEP], ints[PROJECT], ints[FIELD], ints[SERIES]
+    node_t, node_x, node_m, node_p = nodes
     x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
     y = np.zeros(max(4 * n + 2 * ng, 3 * n + 4 * ng))
     last = -1

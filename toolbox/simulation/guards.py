@@ -58,9 +58,9 @@ def refresh(w):
 def nudge(w):
     """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
     for i in range(w.ints[N]):
-        w.s[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
+        w.x_other[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
     for i in range(w.p.size):
-        w.q[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
+        w.p_other[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
 
 
 @inlined

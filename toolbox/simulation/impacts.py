@@ -18,21 +18,21 @@ def balanced(w, t):
     """
     n, ne = w.ints[N], w.ints[NE]
     for _ in range(4 * ne + 8):
-        call(w.ints[IMPULSE], t, 0.0, w.x, w.held, w.p, w.m, w.y)
+        call(w.ints[IMPULSE], t, 0.0, w.x, w.m_other, w.p, w.m, w.y)
         settled = True
         for i in range(ne):
             impulse, before, after, bound = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
             if w.kind[i] == RIGID:
-                if w.held[i] == 1.0 and impulse > 0.0:
-                    w.held[i] = 0.0
+                if w.m_other[i] == 1.0 and impulse > 0.0:
+                    w.m_other[i] = 0.0
                     settled = False
-            elif w.held[i] == 1.0:
+            elif w.m_other[i] == 1.0:
                 if abs(impulse) > bound * (1.0 + 1e-9) and not w.forced[i]:
-                    w.held[i] = 0.0
+                    w.m_other[i] = 0.0
                     w.m[i] = math.copysign(1.0, before) if before != 0.0 else -math.copysign(1.0, impulse)
                     settled = False
-            elif w.attached[i] >= 0 and w.held[w.attached[i]] == 1.0 and w.m[i] * after < 0.0:
-                w.held[i], w.m[i], w.forced[i] = 1.0, 0.0, True
+            elif w.attached[i] >= 0 and w.m_other[w.attached[i]] == 1.0 and w.m[i] * after < 0.0:
+                w.m_other[i], w.m[i], w.forced[i] = 1.0, 0.0, True
                 settled = False
         if settled:
             break
@@ -48,15 +48,15 @@ def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
     n, ne = w.ints[N], w.ints[NE]
     for elastic in range(1, -1, -1):
-        w.held[ne] = float(elastic)
+        w.m_other[ne] = float(elastic)
         for i in range(ne):
             w.forced[i] = False
-            w.held[i] = 1.0 if w.kind[i] == RIGID and (w.before[i] == 0.0 or w.fired[2 * i]) else 0.0
+            w.m_other[i] = 1.0 if w.kind[i] == RIGID and (w.before[i] == 0.0 or w.fired[2 * i]) else 0.0
             if w.kind[i] != SWITCH:
                 w.m[i] = w.before[i]
         for i in range(ne):
-            if w.attached[i] >= 0 and w.held[w.attached[i]] == 1.0:
-                w.held[i] = 1.0
+            if w.attached[i] >= 0 and w.m_other[w.attached[i]] == 1.0:
+                w.m_other[i] = 1.0
         if balanced(w, t) == 0.0:
             break
     for i in range(n):
@@ -65,27 +65,27 @@ def impact(w, t):
         after = w.y[n + 2 * ne + i]
         if w.kind[i] == RIGID:
             if w.before[i] == 0.0:
-                w.m[i] = 1.0 - w.held[i]
-                w.zero[i] = w.held[i] == 1.0
+                w.m[i] = 1.0 - w.m_other[i]
+                w.zero[i] = w.m_other[i] == 1.0
             elif w.fired[2 * i]:
                 w.zero[i] = not after < 0.0
                 w.bounced[i] = not w.zero[i]
                 w.m[i] = 0.0 if w.zero[i] else 1.0
         elif w.kind[i] == FRICTION:
-            w.zero[i] = w.held[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
+            w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
     nudge(w)
-    call(w.ints[FIELD], t * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.z)
+    call(w.ints[FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
     for i in range(ne):
-        w.held[i] = w.z[2 * n + 2 * i]
+        w.m_other[i] = w.z[2 * n + 2 * i]
     call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
-        w.held[i] = 64.0 * EPS * 1e7 * abs(w.held[i] - w.z[2 * n + 2 * i])
+        w.m_other[i] = 64.0 * EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
     call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         if w.bounced[i]:
             after, fall = w.z[i], w.z[ne + i]
             # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
-            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.held[i]):
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
                 w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
     project(w, t)

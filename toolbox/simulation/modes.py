@@ -205,13 +205,13 @@ def _other_choice(w, t, i):
     if w.kind[i] != FRICTION or not w.zero[i]:
         return False
     for j in range(ne):
-        w.held[j] = w.m[j]
+        w.m_other[j] = w.m[j]
     possible = False
     for way in (-1.0, 0.0, 1.0):
-        if way == w.held[i] or (way != 0.0 and w.held[i] != 0.0) or possible:
+        if way == w.m_other[i] or (way != 0.0 and w.m_other[i] != 0.0) or possible:
             continue
         for j in range(ne):
-            w.m[j] = w.held[j]
+            w.m[j] = w.m_other[j]
         w.m[i] = way
         w.zero[i] = False
         if decide(w, t):
@@ -222,7 +222,7 @@ def _other_choice(w, t, i):
                 possible = abs(force) < (1.0 - 1e-6) * static if way == 0.0 else way * rate > 1e-6 * abs(pace)
         w.zero[i] = True
     for j in range(ne):
-        w.m[j] = w.held[j]
+        w.m[j] = w.m_other[j]
     return possible
 
 
@@ -243,18 +243,18 @@ def begin(w):
     for i in range(ne):
         rigid = rigid or w.kind[i] == RIGID
     if rigid:
-        call(w.ints[FIELD], t, 0.0, w.s, w.k, w.q, w.m, w.z)
+        call(w.ints[FIELD], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
         for i in range(ne):
-            w.held[i] = w.z[2 * n + 2 * i]
+            w.m_other[i] = w.z[2 * n + 2 * i]
         call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         for i in range(ne):
             gap = w.z[2 * n + 2 * i]
-            close = abs(gap) <= 4.0 * EPS * 1e7 * abs(w.held[i] - gap)
+            close = abs(gap) <= 4.0 * EPS * 1e7 * abs(w.m_other[i] - gap)
             if w.kind[i] == RIGID and gap < 0.0 and not close:
                 w.ints[CULPRIT] = i
                 return False
-            w.held[i] = 1.0 if close else 0.0
-    call(w.ints[PROBE], t, 0.0, w.s, w.k, w.q, w.m, w.y)
+            w.m_other[i] = 1.0 if close else 0.0
+    call(w.ints[PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
     call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         slip = w.z[i]
@@ -263,7 +263,7 @@ def begin(w):
             continue
         w.zero[i] = abs(slip) <= 4.0 * EPS * 1e7 * abs(w.y[i] - slip)
         if w.kind[i] == RIGID:
-            w.zero[i] = w.zero[i] and w.held[i] == 1.0
+            w.zero[i] = w.zero[i] and w.m_other[i] == 1.0
             w.m[i] = 0.0 if w.zero[i] else 1.0
             continue
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)

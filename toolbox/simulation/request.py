@@ -39,7 +39,7 @@ class Request:
     method: Method | str = "event"
     accuracy: float = 1e-6
     output_times: Sequence[float] | np.ndarray | None = None
-    budget: Budget = UNHURRIED
+    budget: Budget | None = None
 
     def checked(self) -> Run:
         """The run that is asked for, with all names resolved; raises SceneError as `simulate` does."""
@@ -73,8 +73,8 @@ class Request:
         duration = float(duration)
         return Run(
             plant=plant, system=system, duration=duration, start=begin, inputs=values, kinds=kinds, clocks=clocks, laws=laws,
-            accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method, budget=self.budget,
-            solver=carry_out,
+            accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method,
+            budget=self.budget or UNHURRIED, solver=carry_out,
         )  # fmt: skip
 
     def _checked_numbers(self, duration: float) -> Method:
@@ -85,11 +85,13 @@ class Request:
         method = method_of(self.method)
         if not is_finite_number(self.accuracy) or not 1e-13 <= self.accuracy <= 0.1:
             raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {self.accuracy!r}.")
-        if not isinstance(self.budget, Budget):
-            raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
-        if self.budget is not UNHURRIED:
-            self.budget.check()
-        method.check(duration, self.budget.steps)
+        budget = UNHURRIED
+        if self.budget is not None:
+            if not isinstance(self.budget, Budget):
+                raise SceneError(f"Argument `budget` must be a Budget, such as Budget(seconds=60), but it is {self.budget!r}.")
+            budget = self.budget
+            budget.check()
+        method.check(duration, budget.steps)
         if self.sample_time is not None and self.controller is None:
             raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
         return method

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,14 +85,18 @@ def simulate(
     AccuracyError
         If a method cannot meet the accuracy at a bearable price.
     """
-    from toolbox.errors import SceneError  # here, so that a script pays for the machinery of runs with its first run
-    from toolbox.simulation.request import Request
-    from toolbox.simulation.run import UNHURRIED
+    if former:
+        _refuse(former)
+    from toolbox.simulation.request import Request  # here, so that a script pays for the machinery of runs with its first run
+
+    return Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times, budget).checked().again()
+
+
+def _refuse(former: Mapping[str, Any]) -> NoReturn:
+    """Raise the error of arguments that `simulate` does not have, or has no longer."""
+    from toolbox.errors import SceneError
 
     for name in former:
         if name not in FORMER:
             raise TypeError(f"simulate() got an unexpected keyword argument {name!r}")
-        raise SceneError(f"Argument `{name}` is an option of the method now: give `{FORMER[name]}`.")
-    run = Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times,
-                  UNHURRIED if budget is None else budget).checked()  # fmt: skip
-    return run.again()
+    raise SceneError(f"Argument `{name}` is an option of the method now: give `{FORMER[name]}`.")

@@ -60,7 +60,7 @@ def tolerance(w, i):
 def measure_round_off(w):
     """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
     nudge(w)
-    call(w.ints[FIELD], w.reals[TIME] * (1.0 + 1e-7), 0.0, w.s, w.k, w.q, w.m, w.z)
+    call(w.ints[FIELD], w.reals[TIME] * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
     for i in range(w.ints[N]):
         w.noise[i] = 1e7 * abs(w.z[w.ints[N] + i] - w.k[i]) * 32.0 * EPS
     call(w.ints[BURDEN], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
@@ -90,9 +90,9 @@ def _spread(w, h):
     """
     n = w.ints[N]
     for i in range(n):
-        w.s[i] = w.k[i] + STAGES * w.noise[i]
+        w.x_other[i] = w.k[i] + STAGES * w.noise[i]
     call(w.ints[STEP], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.y)
-    call(w.ints[STEP], w.reals[TIME], h, w.x, w.s, w.p, w.m, w.z)
+    call(w.ints[STEP], w.reals[TIME], h, w.x, w.x_other, w.p, w.m, w.z)
     for i in range(n):
         spread = abs(w.z[i] - w.y[i]) / h
         if w.scale[i] <= REACH * spread * w.reals[TIME] < math.inf:

@@ -86,7 +86,7 @@ def _agrees(w, i):
         if after + max(0.0, restitution * slip) <= tiny:
             return True
         # thrown back, unless it would fall back within the step
-        w.held[i] = 1.0 if w.before[i] != 0.0 and restitution * slip > max(after - slip, 0.0) else 0.0
+        w.m_other[i] = 1.0 if w.before[i] != 0.0 and restitution * slip > max(after - slip, 0.0) else 0.0
         w.m[i] = 0.0
         return False
     if w.m[i] == 0.0:
@@ -105,37 +105,37 @@ def _step(w, t, h):
     """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
     n, ne = w.ints[N], w.ints[NE]
     together = 12 + 2 * ne
-    w.held[ne] = 1.0
+    w.m_other[ne] = 1.0
     plastic = False
     for _ in range(4):
         for i in range(ne):
-            w.held[i] = 0.0
+            w.m_other[i] = 0.0
             w.m[i] = w.before[i]
         settled = False
         for attempt in range(together + 200 + 20 * ne):
-            call(w.ints[STEP], t, h, w.x, w.held, w.p, w.m, w.y)
+            call(w.ints[STEP], t, h, w.x, w.m_other, w.p, w.m, w.y)
             settled = True
             for i in range(ne):
                 if w.kind[i] == SWITCH or _agrees(w, i):
                     continue
                 if plastic:
-                    w.held[i] = 0.0
+                    w.m_other[i] = 0.0
                 settled = False
                 if attempt >= together:
                     break
             if settled:
                 break
-        if not settled and w.held[ne] == 0.0:
+        if not settled and w.m_other[ne] == 0.0:
             return False
         if not settled:
-            w.held[ne] = 0.0
+            w.m_other[ne] = 0.0
             continue
         energy, size, thrown = 0.0, 0.0, False
         for i in range(ne):
             work = w.y[n + ne + i] * (w.y[n + 3 * ne + i] + w.y[n + i])
             energy += work
             size += abs(work)
-            thrown = thrown or (w.held[i] == 1.0 and w.m[i] == 0.0)
+            thrown = thrown or (w.m_other[i] == 1.0 and w.m[i] == 0.0)
         if not thrown or energy <= 1e-12 * size:
             return True
         plastic = True
@@ -207,14 +207,14 @@ def advance(w):
             size = abs(w.y[n + i])
             if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
                 w.guard_scale[2 * i] = size
-            w.held[ne + 1 + i] = (
+            w.m_other[ne + 1 + i] = (
                 0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
             )  # the force of an impact does not last
-            if w.held[i] == 1.0 and w.m[i] == 0.0:
+            if w.m_other[i] == 1.0 and w.m[i] == 0.0:
                 w.m[i] = 1.0
             else:
-                w.held[i] = 0.0
-            switched = switched or w.m[i] != w.before[i] or w.held[i] == 1.0
+                w.m_other[i] = 0.0
+            switched = switched or w.m[i] != w.before[i] or w.m_other[i] == 1.0
         # --- records inside the step show the modes before it
         for i in range(ne):
             w.z[i] = w.m[i]
@@ -226,14 +226,14 @@ def advance(w):
                 return RECORDS_FULL
             part = (w.out_t[w.ints[OUTPUT]] - t) / h
             for i in range(n):
-                w.s[i] = w.x[i] + part * (w.y[i] - w.x[i])
-            record(w, w.out_t[w.ints[OUTPUT]], w.s)
+                w.x_other[i] = w.x[i] + part * (w.y[i] - w.x[i])
+            record(w, w.out_t[w.ints[OUTPUT]], w.x_other)
             w.ints[OUTPUT] += 1
         if every > 1 and switched and w.rec_t[w.ints[RECORDS] - 1] < t:
             record(w, t, w.x)
         for i in range(ne):
             w.m[i] = w.z[i]
-            if w.m[i] != w.before[i] or w.held[i] == 1.0:
+            if w.m[i] != w.before[i] or w.m_other[i] == 1.0:
                 _event(w, t_new, i, w.before[i], w.m[i])
         for i in range(n):
             w.x[i] = w.y[i]

@@ -84,7 +84,8 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))
-    set_method(trial, other)
+    trial.ints[list(loop_layout.FORMULAS)] = other.ints[list(loop_layout.FORMULAS)]
+    trial.reals[loop_layout.POWER] = other.pair.power
     trial.ints[[loop_layout.RECORDS, loop_layout.EVENTS, loop_layout.NODES]] = 0
     trial.ints[loop_layout.OUTPUT] = trial.out_t.size
     trial.ints[loop_layout.BUDGET] = TRIAL
@@ -113,16 +114,3 @@ def progress(work: Any) -> tuple[float, int, int]:
     """(time, steps, events) of a run so far."""
     ints = work.ints
     return float(work.reals[loop_layout.TIME]), int(ints[loop_layout.ACCEPTED] + ints[loop_layout.REJECTED]), int(ints[loop_layout.EVENTS])
-
-
-def set_method(work: Any, program: Program) -> None:
-    """Let the loop step with the method of this program."""
-    pair, ints = program.pair, work.ints
-    names = (loop_layout.FIELD, loop_layout.STEP, loop_layout.PROJECT, loop_layout.PROBE, loop_layout.BURDEN, loop_layout.IMPULSE,
-             loop_layout.SERIES)  # fmt: skip
-    for name, address in zip(names, program.kernel.addresses, strict=True):
-        ints[name] = address
-    ints[loop_layout.ORDER] = pair.order
-    ints[loop_layout.IMPLICIT] = pair is RODAS5P
-    ints[loop_layout.TWO_ERRORS] = 1 if pair.error_low else 0
-    work.reals[loop_layout.POWER] = pair.power

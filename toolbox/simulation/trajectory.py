@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import finite_array
+from toolbox.compilation.loop_layout import Nodes
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.components import law_of
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
@@ -188,11 +189,10 @@ class Trajectory(Stays, Samples):
         """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
         from toolbox.simulation import event_loop as loop
 
-        kernel = self.program.kernel
+        program = self.program
         states = np.empty((times.size, self.states.shape[1]))
-        field, step, project, *_, series = kernel.addresses
-        loop.evaluate(step, project, field, series, kernel.slopes, kernel.states, kernel.elements, kernel.guards, self.time, self.states, self.mode, self.held,
-                      self.parameters.copy(), self.program.first_held, times, states)  # fmt: skip
+        nodes = Nodes(self.time, self.states, self.mode, self.held)
+        loop.evaluate(program.ints, program.kernel.slopes, nodes, self.parameters.copy(), times, states)
         return states
 
     @cached_property

@@ -18,7 +18,6 @@ from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Budget, Run
-from toolbox.simulation.stiffness import set_method
 
 MAX_RECORDS = 400_000
 """Steps of fixed length that are recorded; of more every second, third ... one is, and those next to a switch."""
@@ -30,8 +29,6 @@ MAX_SAMPLES = 200_000
 
 def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
-    from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
-
     system, kernel = run.system, program.kernel
     fixed = run.method.step if isinstance(run.method, TimeStepping) else None
     tolerance = run.method.tolerance if isinstance(run.method, Smoothing) else None
@@ -54,17 +51,14 @@ def work_arrays(run: Run, program: Program) -> Any:
             p[slot : slot + len(value.coefficients)] = value.coefficients
         elif not isinstance(value, ca.SX):
             p[program.coefficient_slot[name]] = value
-    times, first = np.empty(0), np.zeros(1, np.int64)
+    times, first, index, values = _NO_NUMBERS, _FROM_THE_START, _NO_INDICES, _NO_NUMBERS
     if jumps:
         jumps.sort(key=lambda jump: jump[0])
+        index, values = np.array([j[1] for j in jumps], np.int64), np.array([j[2] for j in jumps])
         times, first = np.unique(np.array([jump[0] for jump in jumps]), return_index=True)
         first = np.append(first, len(jumps)).astype(np.int64)
 
-    ints = np.zeros(loop_layout.INTS, np.int64)
-    ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = n, ne, ng
-    ints[loop_layout.COUPLED] = kernel.coupled
-    ints[loop_layout.BOUNDS] = len(program.bounded)
-    ints[loop_layout.FIRST_HELD] = program.first_held
+    ints = program.ints.copy()
     ints[loop_layout.NODES] = 1 if run.output_times is None else 0
     if fixed is not None and run.output_times is None:
         ints[loop_layout.NODES] = 1 + int(run.duration / fixed / MAX_RECORDS)
@@ -74,50 +68,69 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals[loop_layout.END] = run.duration
     reals[loop_layout.RTOL] = tolerance or run.accuracy
     reals[loop_layout.LAST_EVENT] = -np.inf
+    reals[loop_layout.POWER] = program.pair.power
 
-    samplers = np.zeros((len(system.updates), loop_layout.COLUMNS), np.int64)
-    clocks = np.array(run.clocks, float).reshape(len(system.updates), 2)
     memory_size = 0
-    keys: list[int] = []
-    for c, update in enumerate(system.updates):
-        size, first_output = update.memory.numel(), program.held_slot + update.first_held
-        address = 0 if update.external else kernel.updates[c]
-        samplers[c] = address, 0, 0, memory_size, size, first_output, update.outputs.numel(), len(update.channels)
-        keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
-        memory_size = len(keys)
+    samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
+    if system.updates:
+        samplers, clocks, keys, queue, widest = _sampling(run, program)
+        memory_size = keys.size
     memory, held = begun(run, system)
     p[program.held_slot : program.held_slot + held.size] = held
-    depth = 2 + int(max((np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks), default=0))
-    widest = max((u.outputs.numel() for u in system.updates), default=1)
     room = max(4 * n + 2 * ng, 3 * n + 4 * ng, kernel.slopes, n + 6 * ne, memory_size + widest, n) + 8
     capacity = 1024 if run.output_times is None else run.output_times.size + 8
     if run.output_times is None:  # arrays that are full cost a copy each time
-        capacity += int(min(sum(1.05 * run.duration / period for period, _ in run.clocks), MAX_SAMPLES))
+        capacity += int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
-    place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
+    if run.start:
+        place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)
-    work = loop_layout.Work(
-        ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room), s=np.zeros(n), q=np.zeros(p.size),
+    return loop_layout.Work(
+        ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
+        x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
         g=np.zeros(2 * ng), g_low=np.zeros(2 * ng), g_high=np.zeros(2 * ng), guard_scale=np.zeros(2 * ng), slot=np.zeros(ng, np.int64), side=np.ones(ng),
         armed=np.zeros(ng, np.bool_), fired=np.zeros(ng, np.bool_), zero=np.zeros(ne, np.bool_), forced=np.zeros(ne, np.bool_), before=np.zeros(ne),
-        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, held=np.zeros(2 * ne + 1), bounced=np.zeros(ne, np.bool_),
+        kind=program.kind, initial=program.initial, attached=program.attached, loader=program.loader, bounced=np.zeros(ne, np.bool_),
         excited=program.excited,
         rec_t=np.empty(capacity), rec_x=np.empty((capacity, n - program.excited.size)), rec_m=np.empty((capacity, ne), np.int8),
         rec_p=np.empty((capacity, program.p_size - program.first_held)),
         ev_t=np.empty(events), ev_i=np.empty(events, np.int32), ev_m=np.zeros((events, 3), np.int8),
-        jump_t=times, jump_first=first, jump_index=np.array([j[1] for j in jumps], np.int64), jump_value=np.array([j[2] for j in jumps]),
-        out_t=run.output_times if run.output_times is not None else np.empty(0),
-        samplers=samplers, clocks=clocks, memory=memory, keys=np.array(keys, np.uint64), queue=np.zeros((len(system.updates), depth, widest)),
+        jump_t=times, jump_first=first, jump_index=index, jump_value=values,
+        out_t=run.output_times if run.output_times is not None else _NO_NUMBERS,
+        samplers=samplers, clocks=clocks, memory=memory, keys=keys, queue=queue,
     )  # fmt: skip
-    set_method(work, program)
-    return work
+
+
+_NO_NUMBERS, _NO_INDICES, _FROM_THE_START = np.empty(0), np.empty(0, np.int64), np.zeros(1, np.int64)
+_NO_ROWS, _NO_CLOCKS = np.empty((0, loop_layout.COLUMNS), np.int64), np.empty((0, 2))
+_NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
+
+
+def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
+    from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
+
+    updates = run.system.updates
+    samplers = np.zeros((len(updates), loop_layout.COLUMNS), np.int64)
+    clocks = np.array(run.clocks, float)
+    keys: list[int] = []
+    for c, update in enumerate(updates):
+        size, first_output = update.memory.numel(), program.held_slot + update.first_held
+        address = 0 if update.external else program.kernel.updates[c]
+        samplers[c] = address, 0, 0, len(keys), size, first_output, update.outputs.numel(), len(update.channels)
+        keys += [0] * size + [channel_key(run.seeds[c], zlib.crc32(name.encode())) for name in update.channels]
+    depth = 2 + int(max(np.ceil(min(d, run.duration + h, run.budget.steps * h) / h) for h, d in clocks))
+    widest = max(update.outputs.numel() for update in updates)
+    return samplers, clocks, np.array(keys, np.uint64), np.zeros((len(updates), depth, widest)), widest
 
 
 def begun(run: Run, system: HybridSystem) -> tuple[np.ndarray, np.ndarray]:
     """What sampled laws begin with: their memory, the noise of each law behind its own, and the signals held before the first sample."""
+    if not system.updates:
+        return np.zeros(0), np.zeros(system.held.numel())
     memory = np.zeros(sum(update.memory.numel() + len(update.channels) for update in system.updates))
     held = np.zeros(system.held.numel())
     for update, (_, delay) in zip(system.updates, run.clocks, strict=True):
@@ -151,7 +164,7 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
 def _event_room(asked: int, program: Program, left: float) -> int:
     """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
     instant = (4 if isinstance(program.pair, Theta) else 2) * program.kernel.elements
-    return int(min(asked, np.floor(left) + instant + 1))
+    return asked if left >= asked else min(asked, int(left) + instant + 1)
 
 
 def limited(work: Any, program: Program, budget: Budget, spent: int) -> Any:

@@ -465,8 +465,8 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         elif op == ca.OP_OUTPUT:
             out.nz[target[1]] = work[args[0]][1]
         elif op == ca.OP_CALL:
-            was, now = (_called(called[k], [work[i][side] for i in args]) for side in (0, 1))
-            work |= zip(target, zip(was, now, strict=True), strict=True)
+            sides_of = [_called(called[k], [work[i][which] for i in args]) for which in (0, 1)]
+            work |= zip(target, zip(*sides_of, strict=True), strict=True)
         else:
             plain = [work[i][0] for i in args]
             new = [work[i][1] for i in args]

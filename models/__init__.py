@@ -63,13 +63,13 @@ if TYPE_CHECKING:
     from models.sliders import Slider as Slider
     from models.smooth_bit_rock import SmoothBitRock as SmoothBitRock
     from models.squeal import SquealingPad as SquealingPad
-    from models.string_on_wall import sliding_resultant as sliding_resultant
-    from models.string_on_wall import string_on_wall as string_on_wall
     from models.survey import Survey as Survey
     from models.survey import read_survey as read_survey
     from models.tabulated_string import DrillString as DrillString
     from models.top_drive import TopDrive as TopDrive
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
+    from models.wall_friction import sliding_resultant as sliding_resultant
+    from models.wall_friction import string_on_wall as string_on_wall
 
 __all__ = [
     "Absorber",
@@ -170,7 +170,7 @@ _FILES = {
     "models.sliders": "InclinedSlider, PlateContact, Slider",
     "models.smooth_bit_rock": "SmoothBitRock",
     "models.squeal": "SquealingPad",
-    "models.string_on_wall": "sliding_resultant, string_on_wall",
+    "models.wall_friction": "sliding_resultant, string_on_wall",
     "models.survey": "Survey, read_survey",
     "models.tabulated_string": "DrillString",
     "models.top_drive": "TopDrive",

@@ -1,19 +1,20 @@
 """How fast is an answer whose error is at most one part in a million?
 
-Every case is run by the toolbox and by scipy (`studies/benchmarks/reference.py`), each at its fastest setting whose error stays below the target and
-that finds the same switches; the error
-is the largest difference of a state to a reference at rtol 1e-12, over 401 times of the whole horizon, relative to the size of
-that state. All times are medians measured in this run on one core with caches warm; the ratio decides, not the time.
+Every case is run by the toolbox, by its explicit formulas and by Taylor series, by scipy (`studies/benchmarks/reference.py`) and two of them by heyoka, each
+at its fastest setting whose error stays below the target and that finds the same switches; the error is the largest difference of a state to a reference at
+rtol 1e-12, over 401 times of the whole horizon, relative to the size of that state. Times of the toolbox and of heyoka are the least of turns that
+alternate, those of scipy the least of three, on one core with caches warm; the ratio decides, not the time.
 
-    python -m studies speed            (needs scipy; heyoka for the last column)
+    python -m studies speed [--target 1e-6] [--only CASE ...]           (needs scipy; heyoka for the last columns)
 """
 
 from __future__ import annotations
 
-import statistics
+import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,10 @@ from studies.benchmarks.cases import Case, cases
 from toolbox import Trajectory, simulate
 
 TARGET = 1e-6
-SETTINGS = [mantissa * 10.0**-power for power in range(4, 13) for mantissa in (1.0, 0.3)]
+SETTINGS = [mantissa * 10.0**-power for power in range(4, 13) for mantissa in (1.0, 0.6, 0.3)]
+METHODS = ("event", "taylor")
+TURNS = 101
+"""Turns in which ours and heyoka alternate."""
 
 
 def scaled_error(states: np.ndarray, truth: np.ndarray) -> float:
@@ -30,14 +34,20 @@ def scaled_error(states: np.ndarray, truth: np.ndarray) -> float:
     return float((np.abs(states - truth).max(axis=0) / np.abs(truth).max(axis=0)).max())
 
 
-def median_time(call: Callable[[], object], repeats: int) -> float:
-    """Median seconds of a call."""
-    times = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
+def least(calls: Sequence[Callable[[], float]], turns: int) -> list[float]:
+    """The least of what each call returns, seconds, over turns that alternate between the calls."""
+    found = [np.inf] * len(calls)
+    for _ in range(turns):
+        for i, call in enumerate(calls):
+            found[i] = min(found[i], call())
+    return found
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Seconds that a call takes."""
+    began = time.perf_counter()
+    call()
+    return time.perf_counter() - began
 
 
 @dataclass(frozen=True)
@@ -46,68 +56,84 @@ class Fastest:
 
     seconds: float
     error: float
-    setting: float
+    setting: Any
 
 
-def fastest(settings: Sequence[float], attempt: Callable[[float], tuple[float, bool]], seconds: Callable[[float], float]) -> Fastest | None:
+def fastest(
+    settings: Sequence[Any], attempt: Callable[[Any], tuple[float, bool]], seconds: Callable[[Any], float], target: float
+) -> Fastest | None:
     """Among the settings whose attempt (error, all switches found) meets the target the fastest one; None where none does."""
     found = []
     for setting in settings:
         error, complete = attempt(setting)
-        if error <= TARGET and complete:
+        if error <= target and complete:
             found.append(Fastest(seconds(setting), error, setting))
     return min(found, key=lambda one: one.seconds, default=None)
 
 
-def row(name: str, case: Case) -> str:
-    """One line of the table: ours, scipy and, for two cases, heyoka against the same truth."""
+def row(name: str, case: Case, target: float = TARGET) -> str:
+    """One line of the table: both methods of the toolbox, scipy and, for two cases, heyoka against the same truth."""
     grid = np.linspace(0.0, case.duration, 401)
     truth = case.reference(case.duration, rtol=1e-12 if name != "sampled" else 1e-11, output_times=grid)
     switches = [(s.contact, s.after) for s in truth.switches]
 
-    def ours(accuracy: float) -> Trajectory:
-        return simulate(case.plant, case.duration, accuracy=accuracy, **case.arguments)
+    def ours(setting: tuple[str, float]) -> Trajectory:
+        return simulate(case.plant, case.duration, method=setting[0], accuracy=setting[1], **case.arguments)
 
-    def our_attempt(accuracy: float) -> tuple[float, bool]:
-        run = ours(accuracy)
+    def our_attempt(setting: tuple[str, float]) -> tuple[float, bool]:
+        run = ours(setting)
         return scaled_error(run.at(grid).states, truth.states), [(e.element, e.after) for e in run.events] == switches
 
     def their_attempt(run: Callable[..., reference.Reference], **setting: float) -> tuple[float, bool]:
         theirs = run(case.duration, output_times=grid, **setting)
         return scaled_error(theirs.states, truth.states), [(s.contact, s.after) for s in theirs.switches] == switches
 
-    mine = fastest(SETTINGS[:8], our_attempt, lambda accuracy: statistics.median(ours(accuracy).wall_time for _ in range(101)))
+    def our_least(setting: tuple[str, float]) -> float:
+        return least([lambda: ours(setting).wall_time], 21)[0]
+
+    mine = [fastest([(method, accuracy) for accuracy in SETTINGS[:15]], our_attempt, our_least, target) for method in METHODS]
     scipy = fastest(
-        SETTINGS[:14] if name != "sampled" else SETTINGS[:2],
+        SETTINGS[:21:3] if name != "sampled" else SETTINGS[:3:2],
         lambda rtol: their_attempt(case.reference, rtol=rtol),
-        lambda rtol: statistics.median(case.reference(case.duration, rtol=rtol).wall_time for _ in range(3)),
+        lambda rtol: least([lambda: case.reference(case.duration, rtol=rtol).wall_time], 3)[0],
+        target,
     )
-    if mine is None or scipy is None:
-        return f"{case.title:<30}  {'the toolbox' if mine is None else 'scipy'} finds no setting with an error <= {TARGET:g} and every switch"
-    whole = median_time(lambda: ours(mine.setting), 101)
-    line = (
-        f"{case.title:<30}{mine.error:9.1e}{1e3 * mine.seconds:9.3f}{1e3 * whole:9.3f}{1e3 * scipy.seconds:9.1f}"
-        f"{scipy.seconds / mine.seconds:9.0f}{scipy.seconds / whole:8.0f}"
-    )
+    if mine[0] is None or scipy is None:
+        return f"{case.title:<30}  {'the toolbox' if mine[0] is None else 'scipy'} finds no setting with an error <= {target:g} and every switch"
     make = {"belt": reference.heyoka_belt, "rig": reference.heyoka_rig}.get(name)
     try:
-        compiled = {tolerance: make(tolerance) for tolerance in SETTINGS[:14]} if make else {}
+        compiled = {tolerance: make(tolerance) for tolerance in SETTINGS[:21]} if make else {}
     except ImportError:
         compiled = {}
     heyoka = fastest(
         list(compiled),
         lambda tolerance: their_attempt(compiled[tolerance]),
-        lambda tolerance: statistics.median(compiled[tolerance](case.duration).wall_time for _ in range(101)),
+        lambda tolerance: least([lambda: compiled[tolerance](case.duration).wall_time], 21)[0],
+        target,
     )
-    return line + (f"{1e3 * heyoka.seconds:9.3f}{mine.seconds / heyoka.seconds:9.2f}" if heyoka else f"{'-':>9}{'-':>9}")
+    event, taylor = mine[0], mine[1]
+    calls = [lambda: ours(event.setting).wall_time, lambda: timed(lambda: ours(event.setting))]
+    calls += [(lambda: ours(taylor.setting).wall_time) if taylor else (lambda: np.nan)]
+    calls += [(lambda: compiled[heyoka.setting](case.duration).wall_time) if heyoka else (lambda: np.nan)]
+    kernel, whole, series, theirs = least(calls, TURNS)
+    line = f"{case.title:<30}{event.error:9.1e}{1e3 * kernel:9.3f}{1e3 * whole:9.3f}{scipy.seconds / kernel:8.0f}{scipy.seconds / whole:8.0f}"
+    line += f"{taylor.error:10.1e}{1e3 * series:9.3f}{scipy.seconds / series:8.0f}" if taylor else f"{'-':>10}{'-':>9}{'-':>8}"
+    best = min(kernel, series) if taylor else kernel
+    return f"{line}{1e3 * scipy.seconds:10.1f}" + (f"{1e3 * theirs:9.3f}{best / theirs:8.2f}" if heyoka else f"{'-':>9}{'-':>8}")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
-    print(f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy':>9}{'kernel':>9}{'call':>8}{'heyoka':>9}{'kernel/':>9}")
-    print(f"{'':<30}{'':>9}{'[ms]':>9}{'[ms]':>9}{'[ms]':>9}{'ratio':>9}{'ratio':>8}{'[ms]':>9}{'heyoka':>9}")
-    for name, case in cases().items():
-        print(row(name, case), flush=True)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    known = cases()
+    parser.add_argument("--target", type=float, default=TARGET, help=f"largest error ({TARGET:g})")
+    parser.add_argument("--only", nargs="+", choices=list(known), default=list(known), metavar="CASE", help=f"some of: {', '.join(known)}")
+    given = parser.parse_args(arguments)
+    print(f"{'':<30}{'explicit formulas':^43}{'Taylor series':^27}{'scipy':>10}{'heyoka':>9}{'best/':>8}")
+    print(f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy/k':>8}{'/call':>8}{'error':>10}{'kernel':>9}{'scipy/k':>8}{'':>10}{'':>9}{'heyoka':>8}")
+    print(f"{'':<30}{'':>9}{'[ms]':>9}{'[ms]':>9}{'':>16}{'':>10}{'[ms]':>9}{'':>8}{'[ms]':>10}{'[ms]':>9}")
+    for name in given.only:
+        print(row(name, known[name], given.target), flush=True)
 
 
 if __name__ == "__main__":

@@ -257,7 +257,7 @@ def test_an_interrupt_at_random_instants_ends_the_study(tmp_path, patch, latest,
 def test_an_interrupt_while_the_event_loop_is_compiled_ends_the_study(tmp_path, monkeypatch, exhaustive):
     draw, longest = random.Random(6), 0.0
     for number in range(10 if exhaustive else 2):
-        monkeypatch.setitem(ENVIRONMENT, "NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+        monkeypatch.setitem(ENVIRONMENT, "STICKSLIP_CACHE_DIR", str(tmp_path / "cache"))
         (tmp_path / "begun").unlink(missing_ok=True)
         process = started(tmp_path, "study", "belt.toml", "--out", tmp_path / "out", patch=LOADING)
         while not (tmp_path / "begun").exists() and process.poll() is None:

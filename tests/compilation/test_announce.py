@@ -31,7 +31,7 @@ print(announced("doubling", doubling.twice), announced("doubling", doubling.twic
 def test_a_function_is_said_to_be_compiled_once_per_machine(tmp_path):
     (tmp_path / "doubling.py").write_text(MODULE)
     path = os.pathsep.join([str(tmp_path), os.getcwd(), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {**os.environ, "PYTHONPATH": path, "STICKSLIP_CACHE_DIR": str(tmp_path / "cache")}
     seen = []
     for _ in range(2):
         seen.append(subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True))

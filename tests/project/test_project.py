@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import importlib.util
 import inspect
 import itertools
 import re
@@ -56,6 +57,8 @@ def test_a_face_finds_every_public_name_where_its_imports_for_types_say_it_is(fa
     assert set(face.__all__) | left_out == {public for _, _, public in written} | own
     for name in face.__all__:
         assert getattr(face, name) is not None and name in dir(face)
+        hidden = name not in modules and importlib.util.find_spec(f"{face.__name__}.{name}") if hasattr(face, "__path__") else None
+        assert not hidden, f"the file {name}.py hides the public name {name}: what imports the file first gets the module"
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         face.nothing  # noqa: B018
 

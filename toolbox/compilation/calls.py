@@ -1,4 +1,4 @@
-"""Calls of machine code at raw addresses from compiled loops, and arrays lent to them without counting references."""
+"""Calls of machine code at raw addresses from compiled loops."""
 
 from __future__ import annotations
 
@@ -26,21 +26,3 @@ def call(typingctx, address, t, h, x, k, p, m, y):  # pragma: no cover - compile
         return context.get_dummy_value()
 
     return signature, codegen
-
-
-@intrinsic
-def borrowed_all(typingctx, arrays):  # pragma: no cover - compiled
-    """The same tuple, its arrays lent without reference counts: the caller keeps them alive, and the loop is spared an atomic operation per access."""
-
-    def codegen(context, builder, sig, args):
-        lent = []
-        for kind, item in zip(sig.args[0].types, cgutils.unpack_tuple(builder, args[0]), strict=True):
-            if isinstance(kind, types.Array):
-                view = cgutils.create_struct_proxy(kind)(context, builder, value=item)
-                view.meminfo = cgutils.get_null_value(view.meminfo.type)
-                view.parent = cgutils.get_null_value(view.parent.type)
-                item = view._getvalue()
-            lent.append(item)
-        return context.make_tuple(builder, sig.return_type, lent)
-
-    return arrays(arrays), codegen

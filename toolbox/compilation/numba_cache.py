@@ -7,8 +7,8 @@ LLVM and numpy. Nothing has to be declared, so that nothing can be forgotten, an
 its checksum and its name carries that number, so that a damaged file, or one that another process is just writing, is no more than a file that is not there.
 
 Small functions for compiled loops alone are `inlined`: they are a part of each loop and not cached by themselves. Nor are they given what Python would
-call them through: for a function of fifty arrays that takes longer to compile than the function. Without it the event loop compiles in two thirds of
-the time.
+call them through: for a function of fifty arrays that takes longer to compile than the function. Without it, without machine code of their own
+(`toolbox.compilation.loop_parts`) and without counting references, the event loop compiles in a third of the time.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from __future__ import annotations
 import contextlib
 import dis
 import hashlib
+import os
+import pickle
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -27,9 +29,13 @@ import llvmlite
 import llvmlite.binding
 import numba
 import numpy as np
-from numba.core.caching import FunctionCache
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
+from toolbox.compilation.emitter import cache_directory
+from toolbox.compilation.loop_parts import PartCompiler
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
 
@@ -40,19 +46,20 @@ OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "CPU_NAME", 
 """Settings of numba, of the environment, that change machine code."""
 
 
-def inlined(function: Any) -> Any:
-    """A function for compiled loops alone, which becomes a part of each of them."""
-    return numba.njit(nogil=True, error_model="numpy", forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+def inlined(function: Any = None, **options: Any) -> Any:
+    """A function for compiled loops alone, which becomes a part of each of them; else as `called`."""
+    return called(function, forceinline=True, **options)
 
 
 def called(function: Any = None, **options: Any) -> Any:
     """A function for compiled loops alone that they call: for what is seldom needed, and would only make a loop longer.
 
-    options: of `numba.njit`.
+    It takes its arrays on loan, without counting references, and makes none, unless it says `_nrt=True`.  options: of `numba.njit`.
     """
     if function is None:
         return lambda given: called(given, **options)
-    return numba.njit(**{"nogil": True, "error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options})(function)
+    alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler, "_nrt": False}
+    return numba.njit(**{"nogil": True, "error_model": "numpy", **alone, **options})(function)
 
 
 def cached(function: Any = None, **options: Any) -> Any:
@@ -63,29 +70,49 @@ def cached(function: Any = None, **options: Any) -> Any:
     function
         The function; without it a decorator is returned.
     options
-        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity.
+        Options of `numba.njit`. By default the function runs without the interpreter's lock, and a division by zero gives infinity. With `_nrt=False` it
+        takes its arrays on loan, without counting references: it is compiled and called faster, and can make no arrays.
     """
     if function is None:
         return lambda given: cached(given, **options)
     made = numba.njit(**{"nogil": True, "error_model": "numpy", **options})(function)
-    if isinstance(made, FunctionType):  # numba is told not to compile
-        return made
-    with contextlib.suppress(RuntimeError):  # there is no folder that can be written: then it is compiled in every process
+    if not isinstance(made, FunctionType):  # else numba is told not to compile
         made._cache = MachineCode(made)
     return made
 
 
-class MachineCode(FunctionCache):
-    """What is kept on disk of one cached function: a file for every signature, in the folder that numba's own cache would take."""
+KEPT = 4
+"""Texts of one function whose machine code is kept, the last ones used: several installations share a machine."""
+
+
+class MachineCode(_Cache):
+    """What is kept on disk of one cached function, for all installations on a machine: a file for every text and signature."""
 
     def __init__(self, dispatcher: Any):
-        super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
         self._base = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}".replace("<", "").replace(">", "")
+        self._enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(self._folder)
+
+    @property
+    def _folder(self) -> Path:
+        return cache_directory() / "loops"
+
+    def enable(self) -> None:
+        """Keep code and take what is kept."""
+        self._enabled = True
+
+    def disable(self) -> None:
+        """Neither keep code nor take it."""
+        self._enabled = False
 
     def known(self) -> bool:
         """Whether this machine has machine code of the function as it is, for some signature."""
-        return any(True for _ in Path(self.cache_path).glob(f"{self._name_now()}.*.code"))
+        return any(True for _ in self._folder.glob(f"{self._name_now()}.*.code"))
 
     def _name_now(self) -> str:
         return f"{self._base}.{sys.implementation.cache_tag}.{stamp(self._dispatcher)[:16]}"
@@ -93,48 +120,53 @@ class MachineCode(FunctionCache):
     def _path(self, signature: Any, codegen: Any) -> Path:
         fields = [(kind.instance_class.__qualname__, kind.instance_class._fields) for kind in signature if hasattr(kind, "instance_class")]
         key = hashlib.sha256(repr((signature, fields, codegen.magic_tuple())).encode()).hexdigest()
-        return Path(self.cache_path) / f"{self._name_now()}.{key[:16]}.code"
+        return self._folder / f"{self._name_now()}.{key[:16]}.code"
 
-    def load_overload(self, signature: Any, target_context: Any) -> Any:
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code that is kept for a signature, or None.
 
-        Numba's own method gets ready to compile first, which takes a quarter of a second that a loop which is kept does not need; where there is none, numba
+        Numba's own cache gets ready to compile first, which takes a quarter of a second that a loop which is kept does not need; where there is none, numba
         does so when it begins to compile.
         """
-        from numba.core.runtime import rtsys
-
-        rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(signature, target_context)
-
-    def _load_overload(self, signature: Any, target_context: Any) -> Any:
-        import pickle
-
         if not self._enabled:
             return None
+        path = self._path(sig, target_context.codegen())
         try:
-            content = self._path(signature, target_context.codegen()).read_bytes()
+            content = path.read_bytes()
         except OSError:
             return None
         if hashlib.sha256(content[32:]).digest() != content[:32]:
             return None
-        return self._impl.rebuild(target_context, pickle.loads(content[32:]))
+        with contextlib.suppress(OSError):
+            os.utime(path)  # it is in use
+        rtsys.initialize(target_context)
+        return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
 
-    def _save_overload(self, signature: Any, result: Any) -> None:
-        if not self._enabled or not self._impl.check_cachable(result):
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the machine code of a signature; a folder that cannot be written only costs time."""
+        if not self._enabled or data.library.has_dynamic_globals:
             return
-        path = self._path(signature, result.codegen)
-        content = dumps(self._impl.reduce(result))
-        with contextlib.suppress(OSError, SceneError):  # a cache that cannot be written only costs time
+        path = self._path(sig, data.codegen)
+        content = dumps(data._reduce())
+        with contextlib.suppress(OSError, SceneError):
+            path.parent.mkdir(parents=True, exist_ok=True)
             with replaced(path) as file:
                 file.write(hashlib.sha256(content).digest() + content)
-            for left in path.parent.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
-                if not left.name.startswith(self._name_now()):
-                    left.unlink(missing_ok=True)
+            self._make_room()
+
+    def _make_room(self) -> None:
+        texts: dict[str, float] = {}
+        files = [(path, path.name.rsplit(".", 2)[0], path.stat().st_mtime) for path in self._folder.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code")]
+        for _, text, used in files:
+            texts[text] = max(used, texts.get(text, 0.0))
+        last = sorted(texts, key=texts.__getitem__)[-KEPT:]
+        for path, text, _ in files:
+            if text not in last:
+                path.unlink(missing_ok=True)
 
     def flush(self) -> None:
         """Forget what is kept."""
-        for path in Path(self.cache_path).glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
+        for path in self._folder.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
             path.unlink(missing_ok=True)
 
 

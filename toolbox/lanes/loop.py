@@ -12,7 +12,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     APPLIED,
@@ -173,15 +173,22 @@ def _event(w, t):
 
 
 @inlined
+def _copy(values, into, first):
+    """Copy an array into another, from the place `first` on; a slice would be a reason to keep count of references."""
+    for i in range(values.size):
+        into[first + i] = values[i]
+
+
+@inlined
 def begin(scalar, w, rest, parameters, start, memory, held, steps):
     """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
-    w.p[: parameters.size] = parameters
-    w.p[parameters.size :] = rest[parameters.size :]
-    w.p[w.ints[FIRST_HELD] : w.ints[FIRST_HELD] + held.size] = held
-    w.memory[:] = memory
+    _copy(rest, w.p, 0)
+    _copy(parameters, w.p, 0)
+    _copy(held, w.p, w.ints[FIRST_HELD])
+    _copy(memory, w.memory, 0)
     w.samplers[:, TAKEN], w.samplers[:, APPLIED] = 0, 0
     w.x[:] = 0.0
-    w.x[: start.size] = start
+    _copy(start, w.x, 0)
     for array in (w.k, w.m, w.scale, w.noise, w.group_scale, w.g, w.guard_scale, w.before):
         array[:] = 0.0
     w.side[:] = 1.0
@@ -382,14 +389,13 @@ def _take(code, b, given, found, lanes, lane, w, s):
     return status
 
 
-@cached
+@cached(_nrt=False)
 def run(code, b, given, found, lanes, w, first, last):
     """Run the scenarios `first` to `last` - 1 in the lanes of one block.
 
     code, b, given, found, lanes: `BlockCode`, `BlockArrays`, `Scenarios`, `Results` and `LaneStates` of `toolbox.lanes.layout`;  w: the arrays of the
     scalar loop.
     """
-    b, given, found, lanes, w = borrowed_all(b), borrowed_all(given), borrowed_all(found), borrowed_all(lanes), borrowed_all(w)
     width = b.block.shape[1]
     _start_block(b, w)
     following, running = first, 0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.calls import call
 from toolbox.compilation.numba_cache import cached, inlined
 
 DEPTH = 12
@@ -92,7 +92,7 @@ class StayCounts(NamedTuple):
     switches: np.ndarray
 
 
-@inlined
+@inlined(_nrt=True)
 def _pieces(reader, size):
     """Space for the steps of a run."""
     n, count = reader.states, reader.signals
@@ -238,13 +238,12 @@ def _take_in(left, right, at, end, count, size, found, row):
             found.when_lowest[row, s] = end if where == 1.0 else at + where * h
 
 
-@cached
+@cached(_nrt=False)
 def _read_piece(reader, pieces, origin, begin, end, following, found, row):
     """Extrema, their times and the integrals of signals from begin to end, inside one step that begins at `origin`, added to a row of what was found.
 
     following: the state at `end` where that is the next node, else empty.
     """
-    reader, pieces, found = borrowed_all(reader), borrowed_all(pieces), borrowed_all(found)
     count, left, stack_t, stack, y = reader.signals, pieces.left, pieces.stack_t, pieces.stack, pieces.y
     if begin == origin:
         _signals_at(reader, pieces, begin, pieces.x, left)

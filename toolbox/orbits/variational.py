@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.bodies import plain_body
-from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
 from toolbox.compilation.numba_cache import cached
@@ -83,7 +83,6 @@ def transport(tableau, steps, first_parameter, tangent, first, last, kept):
 
     The parameter of column n + j of the derivatives has the direction first_parameter + j.
     """
-    tableau, steps = borrowed_all(tableau), borrowed_all(steps)
     a, b, c, rows, columns = tableau.a, tableau.b, tableau.c, tableau.rows, tableau.columns
     time, state, mode, held, p = steps.time, steps.state, steps.mode, steps.held, steps.p
     n, directions = tangent.shape

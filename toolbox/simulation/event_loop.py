@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BOUNDS,
@@ -278,14 +278,13 @@ def _crossed(w, t, h, t_new, error, node, series):
     return False, event, h, t_new, error
 
 
-@cached
+@cached(_nrt=False)
 def advance(w, series):
     """Run until the end time, a full buffer, a sample of a Python controller, the step budget, or a failure; can be called again.
 
     series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition
     on it stands alone, because numba leaves out only what such a condition alone decides.
     """
-    w = borrowed_all(w)
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from toolbox.compilation.calls import borrowed_all, call
+from toolbox.compilation.calls import call
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BUDGET,
@@ -142,10 +142,9 @@ def _step(w, t, h):
     return True
 
 
-@cached
+@cached(_nrt=False)
 def advance(w):
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
-    w = borrowed_all(w)
     n, ne = w.ints[N], w.ints[NE]
     every = w.ints[NODES]
     budget = w.ints[ACCEPTED] + w.ints[BUDGET]

@@ -35,7 +35,7 @@ def machine_code(function):
     outputs = emit.inline(body, function, [[body.load("%x", i) for i in range(function.nnz_in(0))]])
     for i, value in enumerate([value for output in outputs for value in output]):
         body.store(value, "%y", i)
-    address = emit.compiled("\n".join([emit.function_text("f", body), *sorted(body.intrinsics)]), ["f"], body.count)["f"]
+    address = emit.compiled("\n".join([emit.function_text("f", body), *sorted(body.declarations)]), ["f"], body.count)["f"]
     call, size = SIGNATURE(address), sum(function.nnz_out(i) for i in range(function.n_out()))
 
     def evaluate(x):
@@ -370,7 +370,7 @@ def vector_code(width, inputs, write):
     values = write(body, [body.load("%lanes", i) for i in range(inputs)])
     for i, value in enumerate(values):
         body.store(value, "%lanes", inputs + i)
-    text = "\n".join([function_text("f", body), *body.functions.values(), *sorted(body.intrinsics)])
+    text = "\n".join([function_text("f", body), *body.functions.values(), *sorted(body.declarations)])
     call = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(emit.compiled(text, ["f"], body.count)["f"])
     rows = inputs + len(values)
     raw = np.zeros(rows * width + 8)

@@ -38,7 +38,7 @@ def equations(value):
 def table(function, order, at=AT, h=0.1):
     """Rows of coefficients 0 to `order`: two states and an output."""
     body = series_body(Taylor(order), function)
-    text = "\n".join([function_text("series", body), *sorted(body.intrinsics)])
+    text = "\n".join([function_text("series", body), *sorted(body.declarations)])
     address = compiled(text, ["series"], body.count)["series"]
     out, unused = np.zeros((order + 1, 3)), np.zeros(8)
     t, x, p, m = at
@@ -113,7 +113,7 @@ def test_a_step_has_the_order_of_its_series(order):
     """The pendulum with a forced pivot: halving the step divides the error by about 2^order."""
     function = equations(U * V)
     body, step = series_body(Taylor(order), function), polynomial_body(Taylor(order), 2, 1)
-    text = "\n".join([function_text("series", body), function_text("step", step), *sorted(body.intrinsics | step.intrinsics)])
+    text = "\n".join([function_text("series", body), function_text("step", step), *sorted(body.declarations | step.declarations)])
     found = compiled(text, ["series", "step"], body.count)
     series, step = (SIGNATURE(found[name]) for name in ("series", "step"))
 

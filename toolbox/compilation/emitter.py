@@ -21,9 +21,11 @@ from weakref import WeakValueDictionary
 
 import casadi as ca
 
+from toolbox.compilation.dense_systems import BLOCK, NAMES, blocks, factor_size, module_text
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
 from toolbox.messages import LOG
+from toolbox.modelling.elimination import calls, size_solved
 
 FLAGS = "contract nsz arcp"
 """Fast-math flags: fused multiply-add and reciprocals, never reassociation; NaN and infinity keep their meaning."""
@@ -58,12 +60,14 @@ class Body:
     type = "double"
     truths = "i1"
     suffix = "f64"
+    attributes = "nounwind"
 
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.count = 0
-        self.intrinsics: set[str] = set()
+        self.declarations: set[str] = set()
         self.products: dict[tuple[str, float], str] = {}
+        self.factors: dict[tuple[str, ...], str] = {}
 
     def value(self, text: str) -> str:
         """Append an instruction and return the name of its result."""
@@ -98,7 +102,7 @@ class Body:
 
     def call(self, name: str, *args: str) -> str:
         """Call a scalar function, an LLVM intrinsic or a libm function."""
-        self.intrinsics.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
+        self.declarations.add(f"declare double @{name}({', '.join(['double'] * len(args))}) nounwind readnone willreturn")
         return self.value(f"call {FLAGS} double @{name}({', '.join('double ' + a for a in args)})")
 
     def truth(self, flag: str) -> str:
@@ -125,6 +129,62 @@ class Body:
                 total = self.add(total, term) if total else term
         return total
 
+    def called(self, function: ca.Function, values: Sequence[str]) -> list[str]:
+        """The results of a function that casadi calls, from the nonzeros of its arguments one after the other: solutions of dense systems by loops."""
+        n, derived = size_solved(function.name())
+        if not n:
+            return inlined_call(self, function, values)
+        matrix, rest = tuple(values[: n * n]), list(values[n * n :])
+        solution = self.dense_solution(n, matrix, rest[:n])
+        if not derived:
+            return solution
+        slopes, right = rest[n : n + n * n], rest[n + n * n :]
+        zero = self.number(0.0)
+        for i in range(n):
+            for j in range(n):
+                if slopes[i + j * n] != zero:
+                    right[i] = self.value(f"fsub {FLAGS} double {right[i]}, {self.mul(slopes[i + j * n], solution[j])}")
+        return self.dense_solution(n, matrix, right)
+
+    def dense_solution(self, n: int, matrix: tuple[str, ...], right: Sequence[str]) -> list[str]:
+        """Solution of a system with a matrix column by column, whose factors are made once."""
+        if matrix not in self.factors:
+            self.factors[matrix] = self.factored(n, matrix, self.value(f"alloca [{factor_size(n)} x double], align 64"))
+        length = blocks(n) * BLOCK
+        column = self.value(f"alloca [{length} x double], align 64")
+        for i in range(length):
+            self.store(right[i] if i < n else self.number(0.0), column, i)
+        self.run("dense_solve", ("i64", f"{n}"), ("i64", f"{blocks(n)}"), ("ptr", self.factors[matrix]), ("ptr", column))
+        return [self.load(column, i) for i in range(n)]
+
+    def factored(self, n: int, matrix: Sequence[str], target: str) -> str:
+        """Write the factors of a matrix, given column by column, to a place in memory; returns the place."""
+        self.clear(target, factor_size(n))
+        zero, length = self.number(0.0), blocks(n) * BLOCK
+        for j in range(n):
+            for i in range(n):
+                if matrix[i + j * n] != zero:
+                    self.store(matrix[i + j * n], target, i + j * length)
+        self.run("dense_factor", ("i64", f"{n}"), ("i64", f"{blocks(n)}"), ("ptr", target))
+        return target
+
+    def clear(self, pointer: str, size: int) -> None:
+        """Fill an array of doubles with zeros."""
+        self.declarations.add("declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)")
+        self.lines.append(f"  call void @llvm.memset.p0.i64(ptr align 64 {pointer}, i8 0, i64 {8 * size}, i1 false)")
+
+    def run(self, name: str, *arguments: tuple[str, str]) -> None:
+        """Call a function that returns nothing, with (type, value) of each argument."""
+        self.declarations.add(f"declare void @{name}({', '.join(kind for kind, _ in arguments)}) nounwind")
+        self.lines.append(f"  call void @{name}({', '.join(f'{kind} {value}' for kind, value in arguments)})")
+
+
+def inlined_call(body: Body, function: ca.Function, values: Sequence[str]) -> list[str]:
+    """The results of a function that casadi calls, from its instructions."""
+    given = iter(values)
+    results = inline(body, function, [[next(given) for _ in range(function.nnz_in(i))] for i in range(function.n_in())])
+    return [value for result in results for value in result]
+
 
 def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]) -> list[list[str]]:
     """Write the instructions of an SX function into `body` and return the values of its outputs.
@@ -133,9 +193,10 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
     no translation.
     """
     work: dict[int, str] = {}
+    operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    called = calls(function, operations)
     outputs = [[body.number(0.0)] * function.nnz_out(i) for i in range(function.n_out())]
-    for k in range(function.n_instructions()):
-        op = function.instruction_id(k)
+    for k, op in enumerate(operations):
         args = function.instruction_input(k)
         target = function.instruction_output(k)
         if op == ca.OP_INPUT:
@@ -144,6 +205,8 @@ def inline(body: Body, function: ca.Function, arguments: Sequence[Sequence[str]]
             outputs[target[0]][target[1]] = work[args[0]]
         elif op == ca.OP_CONST:
             work[target[0]] = body.number(function.instruction_constant(k))
+        elif op == ca.OP_CALL:
+            work |= zip(target, body.called(called[k], [work[a] for a in args]), strict=True)
         else:
             work[target[0]] = operation(body, op, [work[a] for a in args])
     return outputs
@@ -195,7 +258,7 @@ SIGNATURE = "double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr %y"
 
 def function_text(name: str, body: Body) -> str:
     """One exported function with the common signature."""
-    return "\n".join([f"define void @{name}({SIGNATURE}) nounwind {{", "entry:", *body.lines, "  ret void", "}"])
+    return "\n".join([f"define void @{name}({SIGNATURE}) {body.attributes} {{", "entry:", *body.lines, "  ret void", "}"])
 
 
 def cache_directory() -> Path:
@@ -268,12 +331,23 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
             library = library.import_symbol(symbol, _libm_address(symbol))
+        for symbol, address in _dense_systems(text).items():
+            library = library.import_symbol(symbol, address)
         for name in names:
             library = library.export_symbol(name)
         if not _LINKER:
             _LINKER.append(llvm.create_lljit_compiler(use_jit_link=False))  # one for all: each takes a third of a megabyte
         found = _LOADED[key] = library.link(_LINKER[0], f"kernel-{key}-{next(_NUMBERS)}")
     return key, found
+
+
+def _dense_systems(text: str) -> dict[str, int]:
+    """Addresses of the loops for dense systems where a module calls them; their code lives as long as the process."""
+    if not any(f"declare void @{name}(" in text for name in NAMES):
+        return {}
+    key, library = _library(module_text(), NAMES, large=False, side_by_side=False)
+    _KEPT[key] = library
+    return {name: library[name] for name in NAMES}
 
 
 def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes:

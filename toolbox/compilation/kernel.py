@@ -20,10 +20,12 @@ from typing import Any
 
 import casadi as ca
 
+from toolbox.compilation.bodies import arguments_of, body_of, end_bodies, internal_text, loop_over, operations, plain_body, slope_bodies
 from toolbox.compilation.emitter import Body, compiled_for, function_text, inline, literal
+from toolbox.compilation.implicit_step import implicit_size, implicit_step, linear_algebra
 from toolbox.compilation.moreau_jean import Theta, trial_step
 from toolbox.compilation.notices import announced_code
-from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
+from toolbox.compilation.rosenbrock import Rosenbrock
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.taylor import Taylor, polynomial_body
 from toolbox.modelling.elements import Element
@@ -32,6 +34,8 @@ from toolbox.modelling.switching import Switching
 UNROLLED = 600
 """Steps with at most this many state-stage products are written without loops."""
 
+LONG = 20_000
+"""Instructions of all stages beyond which they are not written out either."""
 
 @dataclass(frozen=True)
 class Kernel:
@@ -85,7 +89,7 @@ def kernel_of(
     texts: list[str] = []
     stages = len(pair.a) if isinstance(pair, (Pair, Rosenbrock)) else 0
     table = n
-    cost = stages * (rhs.n_instructions() + n * stages) + field.n_instructions()
+    cost = stages * (operations(rhs) + n * stages) + operations(field)
     if isinstance(pair, Theta):
         assert flow is not None
         trial = trial_step(pair, t, x, p, flow, elements, form)
@@ -94,9 +98,9 @@ def kernel_of(
     elif isinstance(pair, Rosenbrock):
         force = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
         announced_code(implicit_size(x, force, form))
-        factor, solve = _factor(pair, t, x, p, m, force, form)
-        bodies["step"], inner = _implicit_step(pair, rhs, field, (factor, solve), n)
-        cost += factor.n_instructions() + len(pair.a) * solve.n_instructions()
+        linear = linear_algebra(pair, t, x, p, m, force, form)
+        bodies["step"], inner = implicit_step(pair, rhs, field, linear, n)
+        cost += linear.cost[0] + len(pair.a) * linear.cost[1]
         texts.append(inner)
     elif isinstance(pair, Taylor):
         assert series is not None
@@ -104,26 +108,24 @@ def kernel_of(
         bodies["step"] = polynomial_body(pair, n, form.guards.numel())
         cost = bodies["series"].count + bodies["step"].count
         table = (pair.order + 1) * (n + form.guards.numel())
-    elif n * len(pair.b) <= UNROLLED:
+    elif n * len(pair.b) <= UNROLLED and rhs.n_instructions() * len(pair.b) <= LONG:
         bodies["step"] = _unrolled_step(pair, rhs, field, n)
     else:
         step, inner = _looped_step(pair, rhs, field, n)
         bodies["step"] = step
         texts.append(inner)
-    bodies["field"] = plain_body(field, n)
-    bodies["project"] = plain_body(project, 0)
-    bodies["probe"] = plain_body(probe, 0)
-    bodies["burden"] = plain_body(burden, 0)
+    for name, function in (("field", field), ("project", project), ("probe", probe), ("burden", burden)):
+        bodies[name] = body_of(name, function, n if name == "field" else 0)
     if form.impulse is not None:
         held, elastic, results = form.impulse
-        bodies["impulse"] = plain_body(ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]), 0)
+        bodies["impulse"] = body_of("impulse", ca.Function("impulse", [t, x, p, m, ca.vertcat(held, elastic)], [results]))
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [t, x, p, m, z], [ca.densify(ca.vertcat(following, outputs))])
         bodies[f"update_{i}"] = plain_body(update, 0)
     declared: set[str] = set()
     for name, body in bodies.items():
         texts.append(function_text(name, body))
-        declared |= body.intrinsics
+        declared |= body.declarations
     count = sum(body.count for body in bodies.values())
     if not isinstance(pair, Rosenbrock):
         announced_code(count)
@@ -147,24 +149,6 @@ def equations(t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, form: Switching) -> ca.Fun
     return ca.Function("equations", [t, x, p, m], [ca.densify(form.field), ca.densify(form.guards)])
 
 
-def _arguments(body: Body, function: ca.Function) -> list[list[str]]:
-    """Values of the inputs (t, x, p, m and, for updates, the controller state in k)."""
-    pointers = ["", "%x", "%p", "%m", "%k"]
-    values = [["%t"]]
-    for i in range(1, function.n_in()):
-        values.append([body.load(pointers[i], j) for j in range(function.numel_in(i))])
-    return values
-
-
-def plain_body(function: ca.Function, offset: int) -> Body:
-    """The instructions that evaluate a function of the arguments of every kernel and write its values from an offset on."""
-    body = Body()
-    (values,) = inline(body, function, _arguments(body, function))
-    for i, value in enumerate(values):
-        body.store(value, "%y", offset + i)
-    return body
-
-
 def _trial(function: ca.Function) -> Body:
     body = Body()
     places = [("%x", 2), ("%p", 3), ("%m", 4), ("%k", 5)]
@@ -177,7 +161,7 @@ def _trial(function: ca.Function) -> Body:
 
 def _unrolled_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> Body:
     body = Body()
-    _, x, p, m = _arguments(body, rhs)
+    _, x, p, m = arguments_of(body, rhs)
     slopes, new, end = stages(body, pair, rhs, field, ("%t", "%h"), (x, [body.load("%k", i) for i in range(n)], p, m))
     for i, value in enumerate([*new, *end]):
         body.store(value, "%y", i)
@@ -210,124 +194,21 @@ def _looped_step(pair: Pair, rhs: ca.Function, field: ca.Function, n: int) -> tu
     body = Body()
     stage = body.value(f"alloca [{n} x double], align 64")
     slopes = ["%k"] + [body.value(f"alloca [{n} x double], align 64") for _ in pair.b[1:]]
+    inner, kept = slope_bodies(body, rhs)
     for s in range(1, len(pair.b)):
-        _loop(body, n, stage, "%x", pair.a[s], slopes[:s])
+        loop_over(body, n, stage, "%x", pair.a[s], slopes[:s])
         now = body.combination("%t", "%h", [pair.c[s]], [literal(1.0)])
-        body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {slopes[s]})")
-    _loop(body, n, stage, "%x", pair.b, slopes)
+        body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr {kept}, ptr %p, ptr %m, ptr {slopes[s]})")
+    loop_over(body, n, stage, "%x", pair.b, slopes)
+    last, ends = end_bodies(field, n)
     end = body.add("%t", "%h")
-    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
-    _loop(body, n, "%y", stage, (), ())
+    body.lines.append(f"  call void @{ends}(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    loop_over(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
-    last = body.value(f"getelementptr double, ptr %y, i64 {n}")
+    slope = body.value(f"getelementptr double, ptr %y, i64 {n}")
     for weights in (pair.error, pair.error_low):
         if weights:
             target = body.value(f"getelementptr double, ptr %y, i64 {base}")
-            _loop(body, n, target, "", weights, [*slopes, last][: len(weights)])
+            loop_over(body, n, target, "", weights, [*slopes, slope][: len(weights)])
         base += n
-    return body, _internal(body, {"slope": plain_body(rhs, 0), "ends": plain_body(field, n)})
-
-
-def _internal(body: Body, inner: dict[str, Body]) -> str:
-    """The text of functions that only `body` calls."""
-    for function in inner.values():
-        body.intrinsics |= function.intrinsics
-    return "\n".join(function_text(name, function).replace("define void", "define internal void") for name, function in inner.items())
-
-
-def _factor(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.Function, ca.Function]:
-    """Functions (t, x, p, m, h) -> [df/dt | factors of the matrix of a step | > 0 where it may stand] and (factors, right side) -> solution.
-
-    Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
-    """
-    h = ca.SX.sym("h")
-    jacobian = ca.jacobian(*_linearised(x, force, form))
-    if form.balance.numel():
-        jacobian = ca.substitute(jacobian, force, form.force)
-    values, solve, least = factors(jacobian, 1 / (method.gamma * h), form.balance.numel())
-    drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
-    sound = least - (1 / method.gamma - FASTEST_GROWTH) / h
-    return ca.Function("factor", [t, x, p, m, h], [ca.vertcat(drift, values, sound)]), solve
-
-
-def _linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
-    """What the matrix of a step is the derivative of, and by what."""
-    if form.balance.numel():
-        return ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force)
-    return form.field, x
-
-
-def implicit_size(x: ca.SX, force: ca.SX, form: Switching) -> int:
-    """Number of instructions that a step of a Rosenbrock method is written in beside the field, from the sparsity of the equations alone."""
-    return sum(elimination(ca.jacobian_sparsity(*_linearised(x, force, form))))
-
-
-def _implicit_step(
-    method: Rosenbrock, rhs: ca.Function, field: ca.Function, linear: tuple[ca.Function, ca.Function], n: int
-) -> tuple[Body, str]:
-    """A step of a Rosenbrock method, whose stages are loops over the states; returns the text of the functions it calls, too."""
-    factor, solve = linear
-    forced = ca.depends_on(field(*(symbols := field.sx_in())), symbols[0])
-    prepare = Body()
-    pointers = enumerate(("%x", "%p", "%m"), 1)
-    arguments = [[prepare.load(pointer, j) for j in range(factor.numel_in(i))] for i, pointer in pointers]
-    (values,) = inline(prepare, factor, [["%t"], *arguments, ["%h"]])
-    for i, value in enumerate(values):
-        prepare.store(value, "%y", i)
-    back = Body()
-    size = solve.numel_in(0)
-    (values,) = inline(back, solve, [[back.load("%x", n + j) for j in range(size)], [back.load("%y", j) for j in range(n)]])
-    for i, value in enumerate(values):
-        back.store(value, "%y", i)
-
-    body = Body()
-    matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size + 1, n, *[n] * len(method.a)))
-    rate = body.value(f"fdiv double {literal(1.0)}, %h")
-    body.lines.append(f"  call void @prepare(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {matrix})")
-    for s, (nodes, a, c, weight) in enumerate(zip(method.alpha, method.a, method.c, method.slope_weights, strict=True)):
-        slope = "%k"
-        if s:
-            _loop(body, n, stage, "%x", a, u[:s], literal(1.0))
-            now = body.combination("%t", "%h", [nodes], [literal(1.0)])
-            body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
-            slope = u[s]
-        _loop(body, n, u[s], slope, c, u[:s], rate)
-        if forced and weight:
-            _loop(body, n, u[s], u[s], (weight,), (matrix,), "%h")
-        body.lines.append(f"  call void @solve(double %t, double %h, ptr {matrix}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
-    _loop(body, n, stage, stage, (1.0,), u[-1:], literal(1.0))
-    end = body.add("%t", "%h")
-    body.lines.append(f"  call void @ends(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
-    _loop(body, n, "%y", stage, (), ())
-    base = field.numel_out(0) + n
-    # where some mode grows too fast for the step, which the estimate would not show, there is none
-    sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
-    _loop(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
-    inner = {"slope": plain_body(rhs, 0), "ends": plain_body(field, n), "prepare": prepare, "solve": back}
-    text = _internal(body, inner)
-    body.count += sum(function.count for function in inner.values())
-    return body, text
-
-
-def _loop(body: Body, n: int, target: str, base: str, factors: Sequence[float], sources: Sequence[str], scale: str = "%h") -> None:
-    """target[i] = base[i] + scale * sum(factor * source[i]) for all i, left to LLVM to vectorise."""
-    label = f"l{body.count}"
-    body.lines += [f"  br label %{label}a", f"{label}a:", f"  br label %{label}", f"{label}:"]
-    body.lines.append(f"  %{label}i = phi i64 [0, %{label}a], [%{label}n, %{label}]")
-
-    def at(pointer: str) -> str:
-        place = body.value(f"getelementptr double, ptr {pointer}, i64 %{label}i")
-        return body.value(f"load double, ptr {place}")
-
-    start = at(base) if base else ""
-    used = [(f, s) for f, s in zip(factors, sources, strict=True) if f]
-    value = body.combination(start, scale, [f for f, _ in used], [at(s) for _, s in used])
-    place = body.value(f"getelementptr double, ptr {target}, i64 %{label}i")
-    body.lines += [
-        f"  store double {value}, ptr {place}",
-        f"  %{label}n = add i64 %{label}i, 1",
-        f"  %{label}c = icmp ult i64 %{label}n, {n}",
-        f"  br i1 %{label}c, label %{label}, label %{label}z",
-        f"{label}z:",
-    ]
-
+    return body, internal_text(body, inner | last)

@@ -27,7 +27,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.modelling.elements import Element, UnilateralContact
-from toolbox.modelling.switching import Switching, masked_solve
+from toolbox.modelling.elimination import masked_solve
+from toolbox.modelling.switching import Switching
 
 
 @dataclass(frozen=True)

@@ -310,3 +310,32 @@ class Sided(Series):
         if above is None and below is None:
             return None
         return body.select(self.flag, above or body.number(0.0), below or body.number(0.0))
+
+
+class DenseSystem:
+    """The unknowns y of A y = r with a matrix that does not change: every coefficient of r gives that of y by one solution with the same factors."""
+
+    def __init__(self, body: Body, n: int, matrix: Sequence[Series], right: Sequence[Series]):
+        self.body, self.n, self.right = body, n, right
+        self.matrix = tuple(entry.c[0] or body.number(0.0) for entry in matrix)
+        self.rows: list[Sequence[Value]] = []
+        self.row(0)
+
+    def row(self, k: int) -> Sequence[Value]:
+        """Coefficient k of all unknowns."""
+        if k == len(self.rows):
+            given = [series.at(k) for series in self.right]
+            zero = self.body.number(0.0)
+            self.rows.append(self.body.dense_solution(self.n, self.matrix, [r or zero for r in given]) if any(given) else given)
+        return self.rows[k]
+
+
+class Unknown(Series):
+    """One unknown of a dense system."""
+
+    def __init__(self, system: DenseSystem, i: int):
+        super().__init__(system.body, system.row(0)[i], any(series.varies for series in system.right))
+        self.system, self.i = system, i
+
+    def next(self, k: int) -> Value:
+        return self.system.row(k)[self.i]

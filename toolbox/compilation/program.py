@@ -15,6 +15,7 @@ from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
+from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
@@ -149,7 +150,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         loader=np.array(form.loader, np.int64),
         varying=varying,
         bounded=bounded,
-        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form),
+        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -179,9 +180,18 @@ def _holds_expression(key: Any) -> bool:
     return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
 
 
-def _forced(t: ca.SX, form: Switching) -> bool:
+def _forced(t: ca.SX, form: Switching, elements: list[Any]) -> bool:
     """Whether time enters nonlinearly."""
+    if _called(form):
+        force = ca.vertcat(*[element.multiplier for element in elements])
+        whole = ca.vertcat(form.open_field, form.balance, *[element.static for element in elements])
+        return bool(ca.depends_on(ca.jacobian(whole, t), ca.vertcat(t, force)))
     return bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), t), t))
+
+
+def _called(form: Switching) -> bool:
+    """Whether forces are solved for in calls, whose derivatives seem to depend on all that the forces depend on."""
+    return bool(form.balance.numel() and calls(ca.Function("forces", ca.symvar(form.force), [form.force])))
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
@@ -189,16 +199,14 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
 
     Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
     """
-    rates, excited = [], []
-    holding = [system.m[i] for i, element in enumerate(elements) if element.holds]
-    along = ca.vertcat(system.x, system.t)
-    for i, element in enumerate(elements):
-        values = (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
-        for value in values if element.holds else ():
-            (stuck,) = ca.substitute([value], holding, [ca.SX(0)] * len(holding))
-            if ca.depends_on(ca.jacobian(stuck, along), along):
-                rates.append(form.sticks[i] * ca.mtimes(ca.jacobian(value, along), ca.vertcat(form.field, 1)))
-                excited.append(i)
+    along, pace = ca.vertcat(system.x, system.t), ca.vertcat(form.field, 1)
+    if _called(form):
+        excited, values = _nonlinear(form, elements, along)
+        slopes = ca.densify(ca.jtimes(ca.vertcat(*values), along, pace)) if values else ca.SX(0, 1)
+        rates = [form.sticks[i] * slopes[k] for k, i in enumerate(excited)]
+    else:
+        excited, values = _nonlinear_alone(form, elements, along)
+        rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
     hidden = ca.SX.sym("hidden", len(rates))
@@ -208,6 +216,60 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
     wider = dataclasses.replace(form, projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
+
+
+def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
+    """What is nonlinear among the sticking forces and bounds: numbers of the elements, and expressions."""
+    chosen = [(i, value) for i, element in enumerate(elements) if element.holds for value in _hiding(form, i, element)]
+    if not chosen:
+        return [], []
+    (stuck,) = _stuck(elements, [ca.vertcat(*[value for _, value in chosen])])
+    if len(chosen) > MANY:  # one by one takes a time that grows as the square
+        bent = _bent(stuck, along)
+        found = [pair for k, pair in enumerate(chosen) if k in bent]
+        return [i for i, _ in found], [value for _, value in found]
+    found = [(i, value) for k, (i, value) in enumerate(chosen) if ca.depends_on(ca.jacobian(stuck[k], along), along)]
+    return [i for i, _ in found], [value for _, value in found]
+
+
+def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
+    """The same where forces are solved for in calls: nonlinear are those that one nonlinear equation of their balance, or another such force, concerns."""
+    force = ca.vertcat(*[element.multiplier for element in elements])
+    balance, bounds = _stuck(elements, [form.balance, ca.vertcat(*[element.static for element in elements])])
+    everything = ca.vertcat(along, force)
+
+    curved = _bent(balance, everything)
+    forces = {i for group in coupled_groups(ca.jacobian_sparsity(balance, force)) if curved & set(group) for i in group}
+    limits = _bent(bounds, everything) | {i for i, j in zip(*ca.jacobian_sparsity(ca.densify(bounds), force).get_triplet(), strict=True) if j in forces}
+    found = []
+    for i, element in enumerate(elements):
+        if element.holds:
+            hides = (i in forces,) if element.unilateral else (i in forces, i in limits)
+            found += [(i, value) for value, hidden in zip(_hiding(form, i, element), hides, strict=True) if hidden]
+    return [i for i, _ in found], [value for _, value in found]
+
+
+def _bent(expressions: ca.SX, along: ca.SX) -> set[int]:
+    """Rows that are nonlinear in these symbols."""
+    slopes = ca.jacobian(expressions, along)
+    curved = ca.jacobian_sparsity(slopes.nz[:], along).get_triplet()[0] if slopes.nnz() else []
+    rows = slopes.sparsity().row()
+    return {rows[k] for k in curved}
+
+
+MANY = 100
+"""Forces and bounds beyond which they are looked at together."""
+
+
+def _stuck(elements: list[Any], expressions: list[ca.SX]) -> list[ca.SX]:
+    """Expressions with all contacts sticking."""
+    holding = [element.mode for element in elements if element.holds]
+    return list(ca.substitute([ca.densify(e) for e in expressions], holding, [ca.SX(0)] * len(holding)))
+
+
+def _hiding(form: Switching, i: int, element: Any) -> tuple[ca.SX, ...]:
+    """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
+    return (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import casadi as ca
 
 from toolbox.compilation.emitter import Body, literal, operation
 from toolbox.compilation.power_series import (
+    DenseSystem,
     Divided,
     Integral,
     Multiple,
@@ -25,6 +26,7 @@ from toolbox.compilation.power_series import (
     Sided,
     State,
     Sum,
+    Unknown,
     Value,
     add,
     multiply,
@@ -33,6 +35,7 @@ from toolbox.compilation.power_series import (
     subtract,
     unscaled,
 )
+from toolbox.modelling.elimination import calls, size_solved
 
 _WHOLE = 8
 """Largest whole exponent that is written as products, which hold at zero, too."""
@@ -48,6 +51,7 @@ class Recurrences:
         self._zero = Series(body, None, False)
         work: dict[int, Series] = {}
         numbers: dict[int, float] = {}
+        called = calls(function)
         self.outputs: list[list[Series]] = [[self._zero] * function.nnz_out(i) for i in range(function.n_out())]
         for q in range(function.n_instructions()):
             op, args, target = function.instruction_id(q), function.instruction_input(q), function.instruction_output(q)
@@ -60,6 +64,10 @@ class Recurrences:
                 number = function.instruction_constant(q)
                 work[target[0]] = Series(body, body.number(number) if number else None, False)
                 numbers[target[0]] = number
+            elif op == ca.OP_CALL:
+                for place, series in zip(target, self._called(called[q], [work[a] for a in args]), strict=True):
+                    work[place] = series
+                    numbers.pop(place, None)
             else:
                 number_of = [numbers.get(a) for a in args]
                 work[target[0]] = self._apply(op, [work[a] for a in args], number_of)
@@ -74,6 +82,19 @@ class Recurrences:
         if series.varies:
             self.made.append(series)
         return series
+
+    def _called(self, function: ca.Function, v: list[Series]) -> list[Series]:
+        """The solution of a dense system whose matrix does not change, or its derivative. Raises NoSeries for anything else."""
+        n, derived = size_solved(function.name())
+        matrix, right, slopes = v[: n * n], v[n * n : n * n + n], v[n * n + n : 2 * n * n + n]
+        if not n or any(entry.varies for entry in matrix):
+            raise NoSeries
+        if derived:
+            if any(entry.varies or entry.c[0] for entry in slopes):
+                raise NoSeries
+            right = v[-n:]
+        system = DenseSystem(self.body, n, matrix, right)
+        return [self._keep(Unknown(system, i)) for i in range(n)]
 
     def _first(self, op: int, values: Sequence[Series]) -> str:
         return operation(self.body, op, [v.c[0] or self.body.number(0.0) for v in values])

@@ -61,7 +61,8 @@ def series_of(formulas: Taylor, function: ca.Function) -> Body | None:
     return body if body.count <= MOST else None
 
 
-_WAVES = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_LIFT, ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX}
+_WAVES = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE, ca.OP_SIN, ca.OP_COS, ca.OP_ASSIGN, ca.OP_LIFT,
+          ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_CALL}  # fmt: skip
 
 
 def peaks_in_time(function: ca.Function) -> bool:
@@ -81,7 +82,7 @@ def peaks_in_time(function: ca.Function) -> bool:
             waves = op in _WAVES or (op == ca.OP_DIV and not given[1][0])
             if not waves and any(time and not state for time, state in given):
                 return True
-            found[target[0]] = (any(time for time, _ in given), any(state for _, state in given))
+            found |= dict.fromkeys(target, (any(time for time, _ in given), any(state for _, state in given)))
     return False
 
 
@@ -166,7 +167,7 @@ def _horner(body: Body, column: int, size: int, width: int, order: int) -> tuple
 
 def _call(body: Body, what: str, size: int, *values: str) -> str:
     kind, name = _kind(size), f"llvm.{what}.f64" if size == 1 else f"llvm.{what}.v{size}f64"
-    body.intrinsics.add(f"declare {kind} @{name}({', '.join([kind] * len(values))}) nounwind readnone willreturn")
+    body.declarations.add(f"declare {kind} @{name}({', '.join([kind] * len(values))}) nounwind readnone willreturn")
     return body.value(f"call {kind} @{name}({', '.join(f'{kind} {value}' for value in values)})")
 
 

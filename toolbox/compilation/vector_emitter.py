@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache
 
+import casadi as ca
 import numpy as np
 
-from toolbox.compilation.emitter import FLAGS, Body, literal
+from toolbox.compilation.emitter import FLAGS, Body, inlined_call, literal
 
 LARGEST_ANGLE = 1e6
 """Arguments of sin and cos beyond which libm reduces them."""
@@ -57,14 +58,18 @@ class VectorBody(Body):
     def call(self, name: str, *args: str) -> str:
         typed = ", ".join(f"{self.type} {a}" for a in args)
         if name.startswith("llvm."):
-            self.intrinsics.add(f"declare {self.type} @{name}({', '.join([self.type] * len(args))}) nounwind readnone willreturn")
+            self.declarations.add(f"declare {self.type} @{name}({', '.join([self.type] * len(args))}) nounwind readnone willreturn")
             return self.value(f"call {FLAGS} {self.type} @{name}({typed})")
         if name in FUNCTIONS:
             texts, needs = _function(name, self.width)
             self.functions |= texts
-            self.intrinsics |= needs
+            self.declarations |= needs
             return self.value(f"call {self.type} @vector_{name}({typed})")
         return self.lane_by_lane(name, *args)
+
+    def called(self, function: ca.Function, values: Sequence[str]) -> list[str]:
+        """The results of a function that casadi calls, from its instructions: every lane has modes of its own, so that no rows are left out."""
+        return inlined_call(self, function, values)
 
     def lane_by_lane(self, name: str, *args: str) -> str:
         """Call a scalar function of libm for every lane: in a function of its own, for the sake of the registers where this is not written to be taken."""
@@ -76,20 +81,20 @@ class VectorBody(Body):
             result = each.value(f"insertelement {self.type} {result}, double {super(VectorBody, each).call(name, *numbers)}, i64 {lane}")
         head = f"define internal {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in given)}) noinline nounwind readnone willreturn {{"
         self.functions[f"each {name}"] = "\n".join([head, "entry:", *each.lines, f"  ret {self.type} {result}", "}"])
-        self.intrinsics |= each.intrinsics
+        self.declarations |= each.declarations
         return self.value(f"call {self.type} @each_{name}({', '.join(f'{self.type} {a}' for a in args)})")
 
     # --- memory that every lane reads at a place of its own
     def gather(self, pointer: str, places: str, flag: str) -> str:
         """The doubles at `places` (integers) of an array, in the lanes where it is true; 0 elsewhere."""
-        self.intrinsics.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
+        self.declarations.add(f"declare {self.type} @llvm.masked.gather.{self.suffix}.{self._pointers(True)}")
         target = self._pointed(pointer, places)
         last = f"<{self.width} x ptr> {target}, i32 8, {self.truths} {flag}, {self.type} zeroinitializer"
         return self.value(f"call {self.type} @llvm.masked.gather.{self.suffix}.v{self.width}p0({last})")
 
     def scatter(self, value: str, pointer: str, places: str, flag: str) -> None:
         """Write to `places` (integers) of an array from the lanes where it is true."""
-        self.intrinsics.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
+        self.declarations.add(f"declare void @llvm.masked.scatter.{self.suffix}.{self._pointers(False)}")
         target = self._pointed(pointer, places)
         given = f"{self.type} {value}, <{self.width} x ptr> {target}, i32 8, {self.truths} {flag}"
         self.lines.append(f"  call void @llvm.masked.scatter.{self.suffix}.v{self.width}p0({given})")
@@ -184,7 +189,7 @@ def _function(name: str, width: int) -> tuple[dict[str, str], frozenset[str]]:
     value = FUNCTIONS[name](body, "%x")
     head = f"define internal {body.type} @vector_{name}({body.type} %x) nounwind readnone willreturn {'alwaysinline' if name in ('exp', 'log') else ''} {{"
     text = "\n".join([head, "entry:", *body.lines, f"  ret {body.type} {value}", "}"])
-    return {**body.functions, name: text}, frozenset(body.intrinsics)
+    return {**body.functions, name: text}, frozenset(body.declarations)
 
 
 _SHIFT = 1.5 * 2.0**52  # added to a number below 2^51 it leaves the nearest integer in the low bits
@@ -269,8 +274,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
     def write(body: VectorBody, x: str) -> str:
         odd = body.compare("ugt", body.intrinsic("fabs", x), body.number(LARGEST_ANGLE))
         any_odd = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {odd})")
-        body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
-        body.intrinsics.add(SELDOM)
+        body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+        body.declarations.add(SELDOM)
         body.lines += [f"  br i1 {any_odd}, label %odd, label %usual, !prof !0", "odd:"]
         slow = body.lane_by_lane(which, x)
         body.lines += [f"  ret {body.type} {slow}", "usual:"]

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, inline
 from toolbox.compilation.emitter import function_text as scalar_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody, function_text
 from toolbox.lanes.events import carries_events, settling
@@ -107,14 +107,14 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
 def _machine_code(made: Pass, bodies: dict[str, VectorBody]) -> dict[str, int]:
     """Addresses of the functions of a block, and of the signals that are measured."""
     scalar_texts: list[str] = []
-    functions, declared = dict(made.body.functions), set(made.body.intrinsics)
+    functions, declared = dict(made.body.functions), set(made.body.declarations)
     if made.count:
         plain = plain_body(made.observe, 0)
         scalar_texts.append(scalar_text("observe", plain))
-        declared |= plain.intrinsics
+        declared |= plain.declarations
     for other in bodies.values():
         functions |= other.functions
-        declared |= other.intrinsics
+        declared |= other.declarations
     texts = [function_text(name, text, POINTERS if name == "sample" else ()) for name, text in bodies.items()]
     names = [*bodies, *(["observe"] if made.count else [])]
     count = sum(text.count for text in bodies.values())

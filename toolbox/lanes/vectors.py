@@ -163,7 +163,7 @@ def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
     """Emit a branch around the instructions, taken if no lane meets the condition. Returns the labels of the two predecessor blocks."""
     body = condition.body
     here, there, last, label = (f"{letter}{body.count}" for letter in "bced")
-    body.intrinsics.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
     anywhere = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
     body.lines += [f"  br label %{here}", f"{here}:", f"  br i1 {anywhere}, label %{there}, label %{label}", f"{there}:"]
     write()

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program
 from toolbox.simulation.saved_run import SavedSteps
@@ -125,7 +125,7 @@ def _compiled(program: Program, signals: tuple[str, ...], bounds: Sequence[int] 
     found = program.outputs.get(key)
     if found is None:
         body = plain_body(with_derivatives(program, signals, bounds), 0)
-        text = "\n".join([function_text("signals", body), *sorted(body.intrinsics)])
+        text = "\n".join([function_text("signals", body), *sorted(body.declarations)])
         found = program.outputs[key] = compiled(text, ["signals"], body.count)["signals"]
     return found
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
+from toolbox.modelling.elimination import masked_solve
 
 
 @dataclass(frozen=True)
@@ -201,43 +202,6 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
 def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
     """The balance of impulses: sticking rows as for forces, sliding rows give zero impulse."""
     return ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))
-
-
-def masked_solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Solve `matrix * y = right` by elimination on the sparsity pattern, in natural order and without pivoting.
-
-    Rows of sliding elements are unit rows and the block of sticking ones is a Delassus matrix, so the pivots are positive. A diagonal
-    matrix costs one division a row and a tridiagonal one eliminates without fill.
-    """
-    n = matrix.shape[0]
-    rows = _rows(matrix)
-    values = [right[i] for i in range(n)]
-    below: list[list[int]] = [[] for _ in range(n)]
-    for i, row in enumerate(rows):
-        for j in row:
-            if j < i:
-                below[j].append(i)
-    for k in range(n):
-        for i in sorted(set(below[k])):
-            factor = rows[i].pop(k) / rows[k][k]
-            for j, entry in rows[k].items():
-                if j > k:
-                    if j not in rows[i] and j < i:
-                        below[j].append(i)
-                    rows[i][j] = rows[i].get(j, 0) - factor * entry
-            values[i] = values[i] - factor * values[k]
-    solution: list[ca.SX] = [ca.SX(0)] * n
-    for i in reversed(range(n)):
-        known = sum((entry * solution[j] for j, entry in rows[i].items() if j > i), ca.SX(0))
-        solution[i] = (values[i] - known) / rows[i][i]
-    return ca.vertcat(*solution) if n else ca.SX(0, 1)
-
-
-def _rows(matrix: ca.SX) -> list[dict[int, ca.SX]]:
-    rows: list[dict[int, ca.SX]] = [{} for _ in range(matrix.shape[0])]
-    for k, (i, j) in enumerate(zip(*matrix.sparsity().get_triplet(), strict=True)):
-        rows[i][j] = matrix.nz[k]
-    return rows
 
 
 def _project(

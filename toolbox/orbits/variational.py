@@ -12,20 +12,22 @@ continuous there. Kinks inside fabs, fmin and fmax are written with their side a
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.kernel import plain_body
 from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
 from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
+from toolbox.modelling.elimination import calls
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.simulation.samples import Samples
 from toolbox.simulation.trajectory import Trajectory
@@ -162,7 +164,7 @@ class VariationalEquations:
         rows, entries = (np.array(v, np.int64) for v in slope.sparsity().get_triplet())
         function = ca.Function("slope", [t, x, p, modes], [ca.vertcat(field, slope.nz[:])])
         body = plain_body(function, 0)
-        text = "\n".join([function_text("slope", body), *sorted(body.intrinsics)])
+        text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]
         pair = program.pair
         assert isinstance(pair, Pair)  # runs that step implicitly are made again
@@ -439,6 +441,7 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     function = ca.Function("scan", symbols, [expression]) if symbols else None
     if function is None or not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
         return expression, ca.SX(0, 1), ca.SX(0, 1)
+    called = calls(function)
     work: dict[int, tuple[ca.SX, ca.SX]] = {}
     sides: list[ca.SX] = []
     arguments: list[ca.SX] = []
@@ -460,6 +463,9 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
             work[target[0]] = (ca.SX(function.instruction_constant(k)),) * 2
         elif op == ca.OP_OUTPUT:
             out.nz[target[1]] = work[args[0]][1]
+        elif op == ca.OP_CALL:
+            sides_of = [_called(called[k], [work[i][which] for i in args]) for which in (0, 1)]
+            work |= zip(target, zip(*sides_of, strict=True), strict=True)
         else:
             plain = [work[i][0] for i in args]
             new = [work[i][1] for i in args]
@@ -475,3 +481,10 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
                 now = ca.SX.unary(op, *new) if len(args) == 1 else ca.SX.binary(op, *new)
             work[target[0]] = (was, now)
     return out, ca.vertcat(*sides), ca.vertcat(*arguments)
+
+
+def _called(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
+    """The nonzeros of the results of a function, from those of its arguments one after the other."""
+    given = iter(values)
+    arguments = [ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())]
+    return [result.nz[k] for result in function.call(arguments) for k in range(result.nnz())]

@@ -188,7 +188,7 @@ class Rollout:
             for i, value in enumerate(values):
                 body.store(value, "%y", i)
             texts.append(function_text(name, body))
-            declared_names |= body.intrinsics
+            declared_names |= body.declarations
             instructions += body.count
         found = compiled("\n".join([*texts, *sorted(declared_names)]), ["move", "slope", "edge"], instructions)
         self.addresses = np.array([found["move"], found["slope"], found["edge"]], np.int64)

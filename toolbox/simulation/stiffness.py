@@ -99,7 +99,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
 def stiff_size(program: Program) -> int:
     """Number of instructions that the linear algebra of a stiff step would be written in."""
-    from toolbox.compilation.kernel import implicit_size
+    from toolbox.compilation.implicit_step import implicit_size
 
     system = program.system
     x = ca.vertcat(system.x, ca.SX.sym("hidden", program.kernel.states - system.x.numel()))

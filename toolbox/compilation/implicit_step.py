@@ -1,0 +1,150 @@
+"""The step of a linearly implicit method: the matrix of a step, its factors and its solutions as machine code, and the stages around them.
+
+Up to a size the elimination is written out; that of a longer chain is in loops (`toolbox.compilation.banded_systems`), whose text does not grow with it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import casadi as ca
+
+from toolbox.compilation.banded_systems import Banded, banded, factor_text, least_text, solve_text, split
+from toolbox.compilation.bodies import end_bodies, internal_text, loop_over, slope_bodies
+from toolbox.compilation.emitter import Body, inline, literal
+from toolbox.compilation.rolled import Rolled, RolledBody
+from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
+from toolbox.modelling.switching import Switching
+
+MOST = 3_000
+"""Operations of an elimination and a solution beyond which they are in loops, where the equations are those of a chain."""
+
+
+class LinearAlgebra(NamedTuple):
+    """Functions of a step: `prepare` writes [df/dt | what a solution needs, `size` numbers | > 0 where the step may stand], `solve` replaces a right side y
+    by the solution with that as x; the text of what they call; the operations of (factors, one solution)."""
+
+    prepare: Body
+    solve: Body
+    size: int
+    text: str
+    cost: tuple[int, int]
+
+
+def linear_algebra(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> LinearAlgebra:
+    """The functions for the matrix 1/(gamma h) - df/dx of a step.
+
+    Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
+    """
+    h = ca.SX.sym("h")
+    jacobian = ca.jacobian(*_linearised(x, force, form))
+    drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
+    diagonal, extra = 1 / (method.gamma * h), form.balance.numel()
+    pace = (1 / method.gamma - FASTEST_GROWTH) / h
+    given = [t, x, p, m, h]
+    parts = split(jacobian.sparsity()) if not extra and sum(elimination(jacobian.sparsity())) > MOST else None
+    if parts:
+        return _in_loops(banded(jacobian, diagonal, parts), given, drift, diagonal, pace)
+    if extra:
+        jacobian = ca.substitute(jacobian, force, form.force)
+    values, solve, least = factors(jacobian, diagonal, extra)
+    return _written_out(ca.Function("factor", given, [ca.vertcat(drift, values, least - pace)]), solve, x.numel())
+
+
+def _written_out(factor: ca.Function, solve: ca.Function, n: int) -> LinearAlgebra:
+    prepare = Body()
+    pointers = enumerate(("%x", "%p", "%m"), 1)
+    arguments = [[prepare.load(pointer, j) for j in range(factor.numel_in(i))] for i, pointer in pointers]
+    (values,) = inline(prepare, factor, [["%t"], *arguments, ["%h"]])
+    for i, value in enumerate(values):
+        prepare.store(value, "%y", i)
+    back = Body()
+    size = solve.numel_in(0)
+    (values,) = inline(back, solve, [[back.load("%x", n + j) for j in range(size)], [back.load("%y", j) for j in range(n)]])
+    for i, value in enumerate(values):
+        back.store(value, "%y", i)
+    return LinearAlgebra(prepare, back, size, "", (factor.n_instructions(), solve.n_instructions()))
+
+
+def _in_loops(made: Banded, given: list[ca.SX], drift: ca.SX, diagonal: ca.SX, pace: ca.SX) -> LinearAlgebra:
+    n, size = drift.numel(), made.values.numel()
+    s, m, width = len(made.apart), len(made.others), made.width
+    needed = ca.Function("prepare", given, [ca.vertcat(drift, made.values, diagonal, pace)])
+    rolled = Rolled(needed, ("%t", "%x", "%p", "%m", "%h"))
+    prepare = RolledBody("prepare")
+    results = prepare.value(f"alloca [{n + size + 2} x double], align 64")
+    prepare.write(rolled, prepare.value(f"alloca [{max(rolled.size, 1)} x double], align 64"), results, 0)
+    loop_over(prepare, n + size, "%y", results, (), ())
+
+    def pointer(body: Body, array: str, place: int) -> str:
+        return body.value(f"getelementptr double, ptr {array}, i64 {place}")
+
+    apart = f"ptr {pointer(prepare, '%y', n)}, double {prepare.load(results, n + size)}"
+    least = prepare.value(f"call double @least(i64 {s}, {apart})")
+    least = prepare.value(f"call double @band_factor(i64 {m}, ptr {pointer(prepare, '%y', n + made.band)}, double {least})")
+    prepare.store(prepare.value(f"fsub double {least}, {prepare.load(results, n + size + 1)}"), "%y", n + size)
+
+    solve = RolledBody("solve")
+    values = pointer(solve, "%x", n)
+    left = solve.value(f"alloca [{m + 2 * width} x double], align 64")
+    reduced, completed = Rolled(made.reduced, (values, "%y")), Rolled(made.completed, (values, "%y", pointer(solve, left, width)))
+    cells = solve.value(f"alloca [{max(reduced.size, completed.size, 1)} x double], align 64")
+    solution = solve.value(f"alloca [{n} x double], align 64")
+    solve.write(reduced, cells, left, width)
+    solve.lines.append(f"  call void @band_solve(i64 {m}, ptr {pointer(solve, values, made.band)}, ptr {left})")
+    solve.write(completed, cells, solution, 0)
+    loop_over(solve, n, "%y", solution, (), ())
+    text = "\n".join([least_text(), factor_text(width), solve_text(width), ""])
+    one = made.reduced.n_instructions() + made.completed.n_instructions() + m * (4 * width + 2)
+    return LinearAlgebra(prepare, solve, size, text, (needed.n_instructions() + m * (2 * width * (width + 1) + 2), one))
+
+
+def _linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
+    """What the matrix of a step is the derivative of, and by what."""
+    if form.balance.numel():
+        return ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force)
+    return form.field, x
+
+
+def implicit_size(x: ca.SX, force: ca.SX, form: Switching) -> int:
+    """Number of instructions that a step of a Rosenbrock method is written in beside the field, from the sparsity of the equations alone."""
+    pattern = ca.jacobian_sparsity(*_linearised(x, force, form))
+    size = sum(elimination(pattern))
+    return MOST if size > MOST and not form.balance.numel() and split(pattern) else size
+
+
+def implicit_step(
+    method: Rosenbrock, rhs: ca.Function, field: ca.Function, linear: LinearAlgebra, n: int
+) -> tuple[Body, str]:
+    """A step of a Rosenbrock method, whose stages are loops over the states; returns the text of the functions it calls, too."""
+    prepare, back, size, text, _ = linear
+    forced = ca.depends_on(field(*(symbols := field.sx_in())), symbols[0])
+    body = Body()
+    matrix, stage, *u = (body.value(f"alloca [{k} x double], align 64") for k in (n + size + 1, n, *[n] * len(method.a)))
+    rate = body.value(f"fdiv double {literal(1.0)}, %h")
+    inner, kept = slope_bodies(body, rhs)
+    body.lines.append(f"  call void @prepare(double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr {matrix})")
+    for s, (nodes, a, c, weight) in enumerate(zip(method.alpha, method.a, method.c, method.slope_weights, strict=True)):
+        slope = "%k"
+        if s:
+            loop_over(body, n, stage, "%x", a, u[:s], literal(1.0))
+            now = body.combination("%t", "%h", [nodes], [literal(1.0)])
+            body.lines.append(f"  call void @slope(double {now}, double %h, ptr {stage}, ptr {kept}, ptr %p, ptr %m, ptr {u[s]})")
+            slope = u[s]
+        loop_over(body, n, u[s], slope, c, u[:s], rate)
+        if forced and weight:
+            loop_over(body, n, u[s], u[s], (weight,), (matrix,), "%h")
+        body.lines.append(f"  call void @solve(double %t, double %h, ptr {matrix}, ptr %k, ptr %p, ptr %m, ptr {u[s]})")
+    loop_over(body, n, stage, stage, (1.0,), u[-1:], literal(1.0))
+    last, ends = end_bodies(field, n)
+    end = body.add("%t", "%h")
+    body.lines.append(f"  call void @{ends}(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
+    loop_over(body, n, "%y", stage, (), ())
+    base = field.numel_out(0) + n
+    # where some mode grows too fast for the step, which the estimate would not show, there is none
+    sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
+    loop_over(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
+    inner |= last | {"prepare": prepare, "solve": back}
+    text += internal_text(body, inner)
+    body.count += sum(function.count for function in inner.values())
+    return body, text

@@ -194,3 +194,19 @@ def test_signals_of_a_law_that_the_plant_does_not_know_are_left_out_of_a_fit():
     assert found["chain.stiffness.0"] == pytest.approx(473.0, rel=1e-4)
     with pytest.raises(SceneError, match="`bit.weight` varies in time or is measured"):  # it is in the run, like any input
         fit(RIG, run, "bit.weight")
+
+
+def test_a_file_of_an_older_version_opens_with_straight_lines_between_its_records(tmp_path):
+    run = simulate(compose(BlockOnBelt()), 20.0)
+    with np.load(run.save(tmp_path / "new.npz")) as new:
+        added = ("contacts", "main", "report", "error", "accuracy")
+        kept = {name: new[name] for name in new.files if not name.startswith(("step.", "limit.", "approach.")) and name not in added}
+    np.savez_compressed(tmp_path / "old.npz", **kept)
+    old = Trajectory.load(tmp_path / "old.npz")
+    assert old.at(run.time[5])["block.position"] == run["block.position"][5]
+    middle = 0.5 * (run.time[5] + run.time[6])
+    assert old.at(middle)["block.position"] == pytest.approx(0.5 * (run["block.position"][5] + run["block.position"][6]))
+    assert old.events == run.events and old.time_in("belt", "stick") == pytest.approx(run.time_in("belt", "stick"))
+    assert old.contacts == ["belt"] and old.main_signals == ["block.speed"]
+    assert "saved by an older version: straight lines" in str(old)
+    old.plot()

@@ -173,6 +173,24 @@ class SavedSamples:
         )
 
 
+def _completed(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a file; one of a version that wrote records alone has straight lines between these, and says so."""
+    if "step.time" in found:
+        return found
+    names, elements = found["unit.names"].tolist(), found["modes.element"].tolist()
+    degree = np.append(np.diff(found["time"]) > 0, False)[: found["time"].size].astype(np.int8)
+    last = np.minimum(np.arange(degree.size) + 1, degree.size - 1)
+    places = np.concatenate([(row, last[row])[: 1 + degree[row]] for row in range(degree.size)] or [np.empty(0, int)]).astype(int)
+    turning = [name for name in names if name.endswith(".speed")]
+    sticking = [name for name, word in zip(elements, found["modes.word"].tolist(), strict=True) if word == "stick"]
+    mode = [found[f"{name}.mode"] for name in dict.fromkeys(elements)]
+    steps = {"step.time": found["time"], "step.mode": np.stack(mode, 1) if mode else np.empty((degree.size, 0), np.int8), "step.degree": degree}
+    steps |= {f"step.{name}": found[name][places] for name in names}
+    steps |= {"contacts": np.array(sticking, np.str_), "main": np.array((turning or names)[:4], np.str_)}
+    steps |= {"limit.names": np.empty(0, np.str_), "limit.values": np.empty((0, 2)), "error": np.array(np.nan), "accuracy": np.array(np.nan)}
+    return found | steps | {"report": np.array(["saved by an older version: straight lines between its records"])}
+
+
 class SavedSteps:
     """The steps of a saved run: `time` and `mode` of the nodes that begin them, and a polynomial of each signal in each.
 
@@ -239,7 +257,7 @@ class SavedRun(Recorded):
     limits
         {signal: (lowest, highest)} that the drive and the laws keep signals within.
     accuracy
-        Accuracy of the run.
+        Accuracy of the run; nan where an older version saved it, between whose records there are straight lines.
     """
 
     def __init__(self, path: Path, arrays: dict[str, np.ndarray]):
@@ -274,7 +292,7 @@ class SavedRun(Recorded):
         """The run in a file; raises SceneError where there is none."""
         what = "a run written by `Trajectory.save`"
         with understood(path, what):
-            return SavedRun(path, arrays(path, what))
+            return SavedRun(path, _completed(arrays(path, what)))
 
     @property
     def names(self) -> list[str]:

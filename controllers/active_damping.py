@@ -8,7 +8,7 @@ import numpy as np
 
 from controllers.pi import PI
 from controllers.torque_limits import TorqueLimits
-from toolbox import SceneError, quantity
+from toolbox import Quantity, SceneError, quantity
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ActiveDamping(TorqueLimits):
     law. Source: J. D. Jansen, L. van den Steen, J. Sound Vib. 179 (1995) 647-668.
     """
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
 
     @staticmethod
     def gains(stiffness: float, below: float, drive: float) -> tuple[float, float]:

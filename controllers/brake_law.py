@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, HybridSystem, SceneError, quantity, state
+from toolbox import Controller, HybridSystem, OptionalQuantity, Quantity, SceneError, quantity, state
 from toolbox.authoring import State
 
 
@@ -27,16 +27,16 @@ class BrakeLaw(Controller):
     measures: ClassVar[tuple[str, ...]] = ("disc.speed",)
     drives: ClassVar[tuple[str, ...]] = ("brake.force",)
 
-    deceleration: float = quantity(2.0, "rad/s2", "wanted deceleration", above=0)
-    friction: float = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
-    margin: float | None = quantity(None, "1", "part of the border force that the law allows itself", above=0)
-    lowest_force: float = quantity(100.0, "N", "lowest force of one pad", at_least=0)
-    highest_force: float = quantity(5000.0, "N", "highest force of one pad", above=0)
-    force_rate: float | None = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
-    inertia: float | None = quantity(None, "kg m2", "inertia I on the disc", above=0)
-    radius: float | None = quantity(None, "m", "effective radius r of the pads", above=0)
-    border: float | None = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
-    growth: float | None = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
+    deceleration: Quantity = quantity(2.0, "rad/s2", "wanted deceleration", above=0)
+    friction: Quantity = quantity(0.4, "1", "coefficient of friction that the law expects", above=0)
+    margin: OptionalQuantity = quantity(None, "1", "part of the border force that the law allows itself", above=0)
+    lowest_force: Quantity = quantity(100.0, "N", "lowest force of one pad", at_least=0)
+    highest_force: Quantity = quantity(5000.0, "N", "highest force of one pad", above=0, usual=(1.0, 1e6))
+    force_rate: OptionalQuantity = quantity(20_000.0, "N/s", "highest rate of the force", above=0)
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia I on the disc", above=0)
+    radius: OptionalQuantity = quantity(None, "m", "effective radius r of the pads", above=0, usual=(0.01, 1.0))
+    border: OptionalQuantity = quantity(None, "N", "force N_0 above which the pad groans at standstill", above=0)
+    growth: OptionalQuantity = quantity(None, "s/rad", "growth q of that force with the disc speed", at_least=0)
 
     def check(self):
         if self.lowest_force >= self.highest_force:
@@ -63,6 +63,11 @@ class BrakeLaw(Controller):
         begun, following = state("brake.begun", "1"), state("brake.planned", "rad/s")
         now = ca.if_else(begun > 0.5, following, speed)
         return now, {begun: 1.0, following: ca.fmax(now - self.deceleration * period, 0.0)}
+
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the force, for whoever draws it."""
+        return {"brake.force": (self.lowest_force, self.highest_force)}
 
     def limited(self, wanted, speed, period, last):
         """The command, given the last one."""

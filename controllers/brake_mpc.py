@@ -11,7 +11,7 @@ import numpy as np
 from controllers.brake_law import BrakeLaw
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
-from toolbox import HybridSystem, SceneError, quantity
+from toolbox import HybridSystem, OptionalQuantity, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
 
 
@@ -31,15 +31,15 @@ class BrakeMPC(BrakeLaw):
 
     measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    margin: float | None = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
-    period: float = quantity(0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0)
+    margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
+    period: Quantity = quantity(0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0)
     horizon: int = 60
-    speed_size: float = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
-    angle_size: float = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
-    move_size: float = quantity(100.0, "N", "change of the force within a period that counts", above=0)
-    priority: float = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
-    filter_time: float = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
-    lag: float | None = quantity(None, "s", "time constant of the actuator", at_least=0)
+    speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
+    angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)
+    move_size: Quantity = quantity(100.0, "N", "change of the force within a period that counts", above=0)
+    priority: Quantity = quantity(1e5, "1", "cost of passing the border of groan by 1000 N", above=0)
+    filter_time: Quantity = quantity(0.1, "s", "time over which the friction is averaged", at_least=0)
+    lag: OptionalQuantity = quantity(None, "s", "time constant of the actuator", at_least=0)
     solver: str = "daqp"
 
     def check(self):
@@ -67,6 +67,11 @@ class PlannedStop:
 
     measures = BrakeMPC.measures
     drives = BrakeMPC.drives
+
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the force, for whoever draws it."""
+        return self.law.signal_limits
 
     def __init__(self, law: BrakeMPC, lag: float):
         self.law: Any = law

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from controllers.brake_law import BrakeLaw, last_force
-from toolbox import Update, quantity
+from toolbox import Quantity, Update, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,8 +19,8 @@ class BrakePI(BrakeLaw):
 
     measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    proportional: float = quantity(0.5, "1", "gain on the deceleration", at_least=0)
-    integral: float = quantity(4.0, "1/s", "gain on its integral, the speed", at_least=0)
+    proportional: Quantity = quantity(0.5, "1", "gain on the deceleration", at_least=0)
+    integral: Quantity = quantity(4.0, "1/s", "gain on its integral, the speed", at_least=0)
 
     def sampled(self, signal, period):
         speed, torque, last = signal("disc.speed", "rad/s"), signal("brake.torque", "N m"), last_force()

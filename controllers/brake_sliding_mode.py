@@ -18,7 +18,7 @@ from typing import ClassVar
 import casadi as ca
 
 from controllers.brake_law import BrakeLaw, last_force
-from toolbox import Update, quantity, state
+from toolbox import Quantity, Update, quantity, state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,10 +31,10 @@ class BrakeSlidingMode(BrakeLaw):
 
     measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
-    surface: float = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
-    reaching: float = quantity(1.0, "rad/s2", "reaching rate eta", above=0)
-    width: float = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
-    filter_time: float = quantity(0.0, "s", "time over which the friction is averaged", at_least=0)
+    surface: Quantity = quantity(2.0, "1/s", "weight lam of the integral in the surface", at_least=0)
+    reaching: Quantity = quantity(1.0, "rad/s2", "reaching rate eta", above=0)
+    width: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
+    filter_time: Quantity = quantity(0.0, "s", "time over which the friction is averaged", at_least=0)
 
     def sampled(self, signal, period):
         speed, torque, last = signal("disc.speed", "rad/s"), signal("brake.torque", "N m"), last_force()

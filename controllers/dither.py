@@ -23,7 +23,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox import Controller, Equations, HybridSystem, SceneError, Update, measure, quantity, simulate, sine, time
+from toolbox import (
+    Controller,
+    Equations,
+    HybridSystem,
+    OptionalQuantity,
+    Quantity,
+    SceneError,
+    Update,
+    measure,
+    quantity,
+    simulate,
+    sine,
+    time,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +49,8 @@ class LoadDither(Controller):
 
     load: str = "bit.weight"
     over: str | None = None
-    mean: float | None = quantity(None, "N", "mean load N_0", above=0)
-    depth: float = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
+    mean: OptionalQuantity = quantity(None, "N", "mean load N_0", above=0)
+    depth: Quantity = quantity(0.5, "1", "amplitude in parts of the mean", at_least=0, at_most=1)
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -64,7 +77,7 @@ class LoadDither(Controller):
 class NormalDither(LoadDither):
     """Sine of one frequency: wave = sin(2 pi frequency t). Continuous or sampled."""
 
-    frequency: float = quantity(1.0, "Hz", "frequency of the dither", above=0)
+    frequency: Quantity = quantity(1.0, "Hz", "frequency of the dither", above=0)
 
     def wave(self) -> Any:
         """The wave at this instant."""
@@ -92,8 +105,8 @@ class SquareDither(NormalDither):
 class SweptDither(NormalDither):
     """Sine whose frequency swings by `span` about `frequency` within every `sweep_time`: f(t) = frequency + span sin(2 pi t / sweep_time)."""
 
-    span: float = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
-    sweep_time: float = quantity(20.0, "s", "period of the sweep", above=0)
+    span: Quantity = quantity(0.4, "Hz", "swing of the frequency either way", at_least=0)
+    sweep_time: Quantity = quantity(20.0, "s", "period of the sweep", above=0)
 
     def check(self):
         if self.span >= self.frequency:
@@ -114,8 +127,8 @@ class PhasedDither(LoadDither):
 
     speed: str = "bit.speed"
     unit: str | None = None
-    reference: float = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
-    size: float = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
+    reference: Quantity = quantity(0.0, "rad/s", "value of the signal at the mean slip, in its unit")
+    size: Quantity = quantity(1.0, "rad/s", "deviation of the signal at which the depth is reached, in its unit")
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]

@@ -10,7 +10,7 @@ import numpy as np
 from controllers.bumpless import acting, begun
 from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, SceneError, Update, quantity, state
+from toolbox import Equations, OptionalQuantities, OptionalQuantity, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,22 @@ class HInfinity(TorqueLimits):
     operating point.
     """
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
-    disturbance: float = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
-    speed_noise: float = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
-    leak: float = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
-    margin: float = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_size: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    disturbance: Quantity = quantity(1000.0, "N m", "disturbance of the bit torque", above=0)
+    speed_noise: Quantity = quantity(0.03, "rad/s", "error of the measured top speed", above=0)
+    leak: Quantity = quantity(0.005, "1/s", "pole of the weight on the top speed", above=0)
+    margin: Quantity = quantity(1.2, "1", "norm allowed, in parts of the smallest", above=1)
     order: int = 0
     places: tuple[int, ...] = ()
-    matrices: tuple[float, ...] | None = quantity(
+    matrices: OptionalQuantities = quantity(
         None, "1", "A of K where `places` says (everywhere if it is empty), B, C, and its drive column, row by row; filled in by design"
     )
-    torque: float | None = quantity(None, "N m", "u_0; filled in by design")
-    begins: tuple[float, ...] | None = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
-    worst: float | None = quantity(None, "1", "the norm that is kept; filled in by design")
+    torque: OptionalQuantity = quantity(None, "N m", "u_0; filled in by design")
+    begins: OptionalQuantities = quantity(None, "1", "states of K at rest per torque beyond u_0, then K(0); filled in by design")
+    worst: OptionalQuantity = quantity(None, "1", "the norm that is kept; filled in by design")
 
     def design(self, plant):
         """The law for the plant. Raises SceneError where there is none."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from controllers.sliding_mode import SlidingSurface
-from toolbox import Update, quantity, state
+from toolbox import Quantity, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class ImplicitSlidingMode(SlidingSurface):
     file.
     """
 
-    learning: float = quantity(0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1)
+    learning: Quantity = quantity(0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1)
 
     def sampled(self, signal, period):
         angle, lacked = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")

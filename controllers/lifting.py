@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from controllers.bumpless import acting
-from toolbox import Controller, HybridSystem, SceneError, Update, quantity, state
+from toolbox import Controller, HybridSystem, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Lifting(Controller):
     """
 
     law: Controller = field(default_factory=Controller)
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    to: float = quantity(12.0, "rad/s", "set-point that is lifted to", above=0)
-    swing: float = quantity(0.3, "1", "deviation of the top speed that counts as a swing, in parts of the lifted set-point", above=0)
-    hold: float = quantity(15.0, "s", "time after the last swing for which the set-point stays up", above=0)
-    rise: float = quantity(1.0, "rad/s2", "rate at which the set-point is lifted", above=0)
-    fall: float = quantity(0.2, "rad/s2", "rate at which it is lowered", above=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    to: Quantity = quantity(12.0, "rad/s", "set-point that is lifted to", above=0, usual=(0.05, 40.0))
+    swing: Quantity = quantity(0.3, "1", "deviation of the top speed that counts as a swing, in parts of the lifted set-point", above=0)
+    hold: Quantity = quantity(15.0, "s", "time after the last swing for which the set-point stays up", above=0)
+    rise: Quantity = quantity(1.0, "rad/s2", "rate at which the set-point is lifted", above=0)
+    fall: Quantity = quantity(0.2, "rad/s2", "rate at which it is lowered", above=0)
 
     def check(self):
         if not isinstance(self.law, Controller):

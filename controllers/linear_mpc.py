@@ -10,7 +10,7 @@ import numpy as np
 from controllers.predictive import Predictive, PredictiveLaw, riccati, steady, twist_row
 from controllers.quadratic_program import QuadraticProgram
 from controllers.string_model import StringModel, drilling_point, without_actuators
-from toolbox import HybridSystem, quantity
+from toolbox import HybridSystem, Quantity, quantity
 from toolbox.authoring import Declared, zero_order_hold
 
 
@@ -27,7 +27,7 @@ class LinearMPC(Predictive):
     J. B. Rawlings, D. Q. Mayne, M. M. Diehl, Model Predictive Control, 2nd ed., Nob Hill 2017, chapters 1 and 5.
     """
 
-    torque_walk: float = quantity(400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0)
+    torque_walk: Quantity = quantity(400.0, "N m s^-1/2", "wandering in a second of the bit torque beyond the slope of the rock", above=0)
 
     def design(self, plant: HybridSystem) -> PlannedLinear:
         """The callable law for the plant."""

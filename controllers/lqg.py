@@ -8,7 +8,7 @@ from typing import ClassVar
 from controllers.lqr import LQR
 from controllers.observers import Kalman
 from controllers.on_estimates import OnEstimates
-from toolbox import quantity
+from toolbox import Quantity, quantity
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class LQG(LQR):
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
 
     late: int = 0
-    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    period: float = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: float = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
+    torque_walk: Quantity = quantity(2000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def design(self, plant):
         """The regulator and the filter for the plant."""

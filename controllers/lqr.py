@@ -10,7 +10,7 @@ import numpy as np
 from controllers.bumpless import acting, begun, over
 from controllers.string_model import drilling_point
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, SceneError, Update, quantity, state
+from toolbox import Equations, OptionalQuantities, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -31,17 +31,17 @@ class LQR(TorqueLimits):
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed")
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    top_size: float = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    angle_size: float = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
-    torque_size: float = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
-    tracking: float = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    top_size: Quantity = quantity(2.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    angle_size: Quantity = quantity(8.0, "rad", "deviation of the integral that counts", above=0)
+    torque_size: Quantity = quantity(3000.0, "N m", "deviation of the torque that counts", above=0)
+    tracking: Quantity = quantity(5.0, "s", "time in which the integral follows a command that is cut", above=0)
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    gain: tuple[float, ...] | None = quantity(None, "1", "K, then K_i; filled in by design")
-    point: tuple[float, ...] | None = quantity(None, "1", "x_0, then u_0; filled in by design")
-    slope: tuple[float, ...] | None = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
+    gain: OptionalQuantities = quantity(None, "1", "K, then K_i; filled in by design")
+    point: OptionalQuantities = quantity(None, "1", "x_0, then u_0; filled in by design")
+    slope: OptionalQuantities = quantity(None, "1", "change of x_0 and u_0 per rad/s of set-point; filled in by design")
 
     def design(self, plant):
         """The law with gain and operating point of the plant, where they are not given."""

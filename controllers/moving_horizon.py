@@ -11,7 +11,7 @@ import numpy as np
 from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from controllers.string_model import StringModel, rock_table, string_model
-from toolbox import HybridSystem, Observer, SceneError, quantity
+from toolbox import HybridSystem, Observer, OptionalQuantity, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
 
 
@@ -36,13 +36,13 @@ class MovingHorizon(Observer):
     estimates: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load", "bit.torque", "bit.friction_scale")
 
     window: int = 20
-    period: float = quantity(0.05, "s", "sample time", above=0)
-    delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
-    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    torque_walk: float = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
-    lowest_speed: float | None = quantity(0.0, "rad/s", "lowest bit speed")
-    lowest_torque: float | None = quantity(0.0, "N m", "lowest torque of the rock; 0 keeps the friction scale from being negative")
+    period: Quantity = quantity(0.05, "s", "sample time", above=0, usual=(1e-4, 5.0))
+    delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
+    speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    torque_walk: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    lowest_speed: OptionalQuantity = quantity(0.0, "rad/s", "lowest bit speed")
+    lowest_torque: OptionalQuantity = quantity(0.0, "N m", "lowest torque of the rock; 0 keeps the friction scale from being negative")
     solver: str = "daqp"
 
     def check(self):

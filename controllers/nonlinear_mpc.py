@@ -18,7 +18,7 @@ from controllers.predictive import Predictive, PredictiveLaw, Record, riccati, s
 from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
-from toolbox import HybridSystem, SceneError, quantity
+from toolbox import HybridSystem, OptionalQuantity, Quantity, SceneError, quantity
 from toolbox.authoring import announced, time_left, zero_order_hold
 
 if TYPE_CHECKING:
@@ -46,18 +46,18 @@ class NonlinearMPC(Predictive):
     Schlöder, SIAM J. Control Optim. 43 (2005) 1714-1736.
     """
 
-    drive_walk: float = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
-    drive_error: float = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
-    width: float | None = quantity(None, "rad/s", "width of regularised friction", above=0)
+    drive_walk: Quantity = quantity(50.0, "N m s^1/2", "white noise of the drive's torque", at_least=0)
+    drive_error: Quantity = quantity(0.2, "1", "error of the drive's inertia or torque, as a part of it", at_least=0)
+    width: OptionalQuantity = quantity(None, "rad/s", "width of regularised friction", above=0)
     matched: bool = True
     adapt: bool = True
     iterations: int = 1
     steps: int = 4
-    rest_speed: float = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
-    strength_time: float = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
-    strength_walk: float = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
-    slowest: float = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
-    margin: float = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
+    rest_speed: Quantity = quantity(0.4, "rad/s", "estimated bit speed below which the bit is at rest", above=0)
+    strength_time: Quantity = quantity(1.0, "s", "time in which the strength of a sliding rock is followed", above=0)
+    strength_walk: Quantity = quantity(0.005, "s^-1/2", "wandering of the strength of the rock in a second", above=0)
+    slowest: Quantity = quantity(0.4, "1", "part of the set-point that a turning bit should stay above", at_least=0)
+    margin: Quantity = quantity(0.02, "1", "how much more than it has held the rock is believed to hold", above=0)
 
     def check(self):
         super().check()

@@ -7,7 +7,7 @@ from typing import Any
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -19,9 +19,9 @@ class PI(TorqueLimits):
     (command - wanted) / proportional. Sampled, z begins where the law gives the torque that acts (`controllers.bumpless`).
     """
 
-    proportional: float = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
-    integral: float = quantity(1500.0, "N m/rad", "integral gain", at_least=0)
-    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+    proportional: Quantity = quantity(4000.0, "N m s/rad", "proportional gain", at_least=0)
+    integral: Quantity = quantity(1500.0, "N m/rad", "integral gain", at_least=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
 
     @classmethod
     def placed(cls, inertia: float, frequency: float, damping: float = 0.7, **others: Any) -> PI:
@@ -76,5 +76,5 @@ class StiffPI(PI):
     The gains are chosen for a two-inertia rig (table of 2122 kg m2); they are the usual starting point that shows stick-slip.
     """
 
-    proportional: float = quantity(2e4, "N m s/rad", "proportional gain", at_least=0)
-    integral: float = quantity(2e3, "N m/rad", "integral gain", at_least=0)
+    proportional: Quantity = quantity(2e4, "N m s/rad", "proportional gain", at_least=0)
+    integral: Quantity = quantity(2e3, "N m/rad", "integral gain", at_least=0)

@@ -14,7 +14,7 @@ from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
-from toolbox import HybridSystem, SceneError, quantity
+from toolbox import HybridSystem, OptionalQuantity, Quantities, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
 
 MOST_LATE = 1000
@@ -45,22 +45,22 @@ class Predictive(TorqueLimits):
     """
 
     sensors: tuple[str, ...] = ("top.speed",)
-    noise: tuple[float, ...] = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed", above=0)
-    period: float = quantity(0.1, "s", "sample time", above=0)
-    delay: float = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
+    noise: Quantities = quantity((0.01,), "1", "standard deviations of what the sensors measure, in their units", above=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
+    period: Quantity = quantity(0.1, "s", "sample time", above=0, usual=(1e-4, 5.0))
+    delay: Quantity = quantity(0.0, "s", "time until a command reaches the plant", at_least=0)
     horizon: int = 40
-    top_size: float = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
-    bit_size: float = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
-    torque_size: float = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
-    move_size: float = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
-    highest_speed: float | None = quantity(None, "rad/s", "highest top speed", above=0)
-    highest_twist: float | None = quantity(None, "rad", "highest twist of the string, either way", above=0)
+    top_size: Quantity = quantity(8.0, "rad/s", "deviation of the top speed that counts", above=0)
+    bit_size: Quantity = quantity(2.0, "rad/s", "deviation of the bit speed that counts", above=0)
+    torque_size: Quantity = quantity(20_000.0, "N m", "deviation of the torque that counts", above=0)
+    move_size: Quantity = quantity(20_000.0, "N m", "change of the torque within a period that counts", above=0)
+    highest_speed: OptionalQuantity = quantity(None, "rad/s", "highest top speed", above=0, usual=(0.05, 40.0))
+    highest_twist: OptionalQuantity = quantity(None, "rad", "highest twist of the string, either way", above=0)
     soft: bool = True
-    priority: float = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
-    torque_walk: float = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0)
-    patience: float = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
+    priority: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
+    torque_walk: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
+    drive_walk: Quantity = quantity(400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0)
+    patience: Quantity = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
     solver: str = "daqp"
     warm: bool = True
 
@@ -183,6 +183,11 @@ class PredictiveLaw:
     def design(self, plant: HybridSystem) -> PredictiveLaw:
         """Itself: it is designed."""
         return self
+
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the torque, for whoever draws it."""
+        return self.law.signal_limits
 
     def plan(self, z: np.ndarray) -> tuple[float | None, str]:
         """The torque for the estimate z = (x, T) at the instant at which it will act, or None and why there is none."""

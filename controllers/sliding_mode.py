@@ -15,6 +15,7 @@ it shows the impedance k / lam, and one number sets both this and the rate lam a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -22,7 +23,7 @@ import casadi as ca
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, Relay, SceneError, Update, quantity, state
+from toolbox import Equations, OptionalQuantity, Quantity, Relay, SceneError, Update, quantity, state
 
 MOST_LATE = 100
 """Samples by which a command may be late."""
@@ -43,11 +44,11 @@ class SlidingSurface(TorqueLimits):
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "bit.speed", "top.load")
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the speed")
-    surface: float = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
-    reaching: float = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
-    inertia: float | None = quantity(None, "kg m2", "inertia J_r of the top drive", above=0)
-    drag: float | None = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", usual=(0.05, 40.0))
+    surface: Quantity = quantity(0.2, "1/s", "weight lam of the integrals in the surface", at_least=0)
+    reaching: Quantity = quantity(2.0, "rad/s2", "reaching rate eta", above=0)
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_r of the top drive", above=0, usual=(1e-3, math.inf))
+    drag: OptionalQuantity = quantity(None, "N m s/rad", "viscous drag c_r on the top drive", at_least=0)
     late: int = 0
 
     def check(self):
@@ -113,7 +114,7 @@ class SlidingSurface(TorqueLimits):
 class SlidingMode(SlidingSurface):
     """Sliding mode with a boundary layer: sgn(s) becomes s / width inside |s| < width. Continuous or sampled."""
 
-    width: float = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
+    width: Quantity = quantity(0.05, "rad/s", "half-width of the boundary layer", above=0)
 
     def continuous(self, signal):
         angle = state("slidingmode.angle", "rad")

@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.pi import PI
 from controllers.torque_limits import TorqueLimits
-from toolbox import SceneError, quantity
+from toolbox import Quantity, SceneError, quantity
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class SoftTorque(TorqueLimits):
     R. J. Shor, J. Sound Vib. 424 (2018), for lumped strings.
     """
 
-    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
-    detuning: float = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
+    detuning: Quantity = quantity(1.0, "1", "factor by which the gains are lowered", above=0)
 
     @staticmethod
     def for_string(string_impedance: float, inertia: float, frequency: float, reference: float = 8.0, **limits: Any) -> PI:

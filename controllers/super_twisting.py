@@ -17,7 +17,7 @@ import numpy as np
 
 from controllers.bumpless import acting
 from controllers.sliding_mode import SlidingSurface
-from toolbox import SceneError, Update, quantity, state
+from toolbox import OptionalQuantity, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class SuperTwisting(SlidingSurface):
     cannot give. Sampled only.
     """
 
-    disturbance_rate: float = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
+    disturbance_rate: Quantity = quantity(4.0, "rad/s3", "bound L on the rate of what the equivalent control lacks", above=0)
 
     def sampled(self, signal, period):
         angle, v = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")
@@ -58,7 +58,7 @@ class ImpedanceSuperTwisting(SuperTwisting):
 
     measures: ClassVar[tuple[str, ...]] = ("top.speed", "top.load")
 
-    impedance: float | None = quantity(None, "N m s/rad", "impedance Z", above=0)
+    impedance: OptionalQuantity = quantity(None, "N m s/rad", "impedance Z", above=0)
 
     def design(self, plant):
         """The law with inertia, drag and impedance read from the plant where they are not given."""

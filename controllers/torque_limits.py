@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, SceneError, quantity, state
+from toolbox import Controller, OptionalQuantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,9 +23,9 @@ class TorqueLimits(Controller):
     measures: ClassVar[tuple[str, ...]] = ("top.speed",)
     drives: ClassVar[tuple[str, ...]] = ("top.torque",)
 
-    lowest_torque: float | None = quantity(None, "N m", "lowest torque of the drive")
-    highest_torque: float | None = quantity(None, "N m", "highest torque of the drive")
-    torque_rate: float | None = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
+    lowest_torque: OptionalQuantity = quantity(None, "N m", "lowest torque of the drive", usual=(100.0, 1e6))
+    highest_torque: OptionalQuantity = quantity(None, "N m", "highest torque of the drive", usual=(100.0, 1e6))
+    torque_rate: OptionalQuantity = quantity(None, "N m/s", "highest rate of the torque of the drive", above=0)
 
     def check(self):
         if self.lowest_torque is not None and self.highest_torque is not None and self.lowest_torque >= self.highest_torque:
@@ -42,6 +42,11 @@ class TorqueLimits(Controller):
     def limits(self) -> dict[str, float | None]:
         """The limits by name, for a law that designs another one."""
         return {"lowest_torque": self.lowest_torque, "highest_torque": self.highest_torque, "torque_rate": self.torque_rate}
+
+    @property
+    def signal_limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """The limits of the torque, for whoever draws it."""
+        return {"top.torque": (self.lowest_torque, self.highest_torque)}
 
     def clipped(self, wanted: Any) -> Any:
         """The torque wanted, cut to what the drive can give."""

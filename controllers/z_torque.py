@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, SceneError, Update, quantity, state
+from toolbox import Equations, OptionalQuantity, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,12 @@ class ZTorque(TorqueLimits):
     Source: the matching of U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018); J_c and I are choices of this file.
     """
 
-    impedance: float | None = quantity(None, "N m s/rad", "gain P", at_least=0)
-    integral: float | None = quantity(None, "N m/rad", "gain I", at_least=0)
-    inertia: float | None = quantity(None, "kg m2", "inertia J_c that is compensated", at_least=0)
-    filter_time: float = quantity(0.05, "s", "time constant T_f of the acceleration's filter", above=0)
-    back_calculation: float = quantity(500.0, "N m s/rad", "torque per rate by which z is led back where the command is cut", above=0)
-    reference: float = quantity(8.0, "rad/s", "set-point of the top-drive speed")
+    impedance: OptionalQuantity = quantity(None, "N m s/rad", "gain P", at_least=0)
+    integral: OptionalQuantity = quantity(None, "N m/rad", "gain I", at_least=0)
+    inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_c that is compensated", at_least=0, usual=(1e-3, math.inf))
+    filter_time: Quantity = quantity(0.05, "s", "time constant T_f of the acceleration's filter", above=0)
+    back_calculation: Quantity = quantity(500.0, "N m s/rad", "torque per rate by which z is led back where the command is cut", above=0)
+    reference: Quantity = quantity(8.0, "rad/s", "set-point of the top-drive speed", usual=(0.05, 40.0))
 
     @classmethod
     def for_string(cls, string_impedance: float, inertia: float, filter_time: float = 0.05, **others: Any) -> ZTorque:

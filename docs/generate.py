@@ -1,4 +1,4 @@
-"""Write the pages that follow from the code: the reference of public names and the sources that docstrings cite.
+"""Write the pages that follow from the code: the reference of public names, the keys of a scene file, and the sources that docstrings cite.
 
 python docs/generate.py          (a test says when the pages are no longer up to date)
 """
@@ -6,18 +6,54 @@ python docs/generate.py          (a test says when the pages are no longer up to
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib
+import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parent
-PACKAGES = {
-    "toolbox": "The language: plants, contacts, simulation, analysis.",
-    "models": "Physics: one mechanism per file.",
-    "controllers": "Control laws and observers.",
+PACKAGES = ("toolbox", "models", "controllers")
+THEMES = {
+    "plant": (
+        "Plant",
+        "Parts, contacts and control laws, and what they become when they are composed.",
+        "compose HybridSystem Component Equations state quantity Quantity OptionalQuantity Quantities OptionalQuantities time DryFriction FrictionLaw "
+        "UnilateralContact Relay Hysteresis smoothed Controller Sampled Takeover Update Observer Observed ContactProblem UnusualValue SceneError",
+    ),
+    "simulate": (
+        "Simulate",
+        "Runs of a plant: methods, inputs in time, results, scenes.",
+        "simulate Trajectory Event Automatic EventExact Explicit Implicit TaylorSeries TimeStepping Smoothing Budget ramp step sine square triangle Scene "
+        "press_contacts step_contacts ContactRun units SimulationError AccuracyError BudgetError ZenoError",
+    ),
+    "measure": (
+        "Measure",
+        "Numbers of a run, derivatives, energy, and what accuracy costs.",
+        "severity stick_intervals cycles settling overshoot compare Differences energy_audit sensitivity Sensitivity "
+        "work_precision WorkPrecision Recording fit Fit GrazingError",
+    ),
+    "analyse": (
+        "Analyse",
+        "Steady states, borders of stick-slip, cycles, maps and sweeps.",
+        "equilibrium equilibria linearise hopf_points hopf_curve pole_locus onset severity_map SeverityMap sweep Sweep limit_cycle Cycle CycleError follow "
+        "Branch Bifurcation impedance reflection",
+    ),
+    "design": (
+        "Design",
+        "Laws that are tuned and judged: margins, limits, worst cases.",
+        "tune Tuned margins Margins performance_limit worst_case WorstCase cycle_phases absorber_limit",
+    ),
+    "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export_c export_fmu to_control from_control"),
+}
+"""{page: (title, what it holds, public names of the toolbox in the order in which one meets them)}; a test says when a name has no page."""
+SHELVES = {
+    "models": ("Models", "Physics: one mechanism per file. Numbers are SI, or text with a unit."),
+    "controllers": ("Controllers", "Control laws and observers. Numbers are SI, or text with a unit."),
 }
 AUTHORS = {
     "toolbox.authoring": "What parts, laws and packages of your own build on, beside the names of `toolbox` itself. "
@@ -84,22 +120,98 @@ def sources_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference_page(package: str, says: str) -> str:
-    """The page of the public names of a package or module, for mkdocstrings."""
+def reference_page(package: str, title: str, says: str, names: Sequence[str]) -> str:
+    """A page of public names of a package or module, for mkdocstrings; parts and laws with a table of their fields."""
     module = importlib.import_module(package)
-    lines = [f"# {package}", "", says, ""]
-    hidden = {"toolbox": ["time"]}.get(package, [])  # public, but in no star import
-    for name in sorted([*module.__all__, *hidden], key=str.lower):
-        lines += [f"::: {package}.{name}", ""]
+    lines = [f"# {title}", "", says, ""]
+    for name in names:
+        thing = getattr(module, name)
+        table = field_table(thing)
+        lines += [f"::: {package}.{name}"]
+        if table:
+            lines += ["    options:", "      show_signature: false", "      members: false", "", *table, ""]
+            for member in _own_methods(thing):
+                lines += [f"::: {package}.{name}.{member}", "    options:", "      heading_level: 3", ""]
+        else:
+            lines.append("")
     return "\n".join(lines)
+
+
+def scene_page() -> str:
+    """The page of the keys of a scene file."""
+    keys = importlib.import_module("toolbox.scenes.keys")
+    lines = ["# Keys of a scene file", "", "Numbers are SI, or text with a unit. `stickslip list scene` prints this page on a terminal.", ""]
+    for table, entries in keys.KEYS.items():
+        lines += [f"## {'At the head of the file' if table == 'scene' else f'`{table}`'}", "", "| key | unit | without it | meaning |", "|---|---|---|---|"]
+        lines += [f"| `{key.name}` | {key.unit} | {key.default} | {key.meaning} |" for key in entries]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _own_methods(thing: type) -> list[str]:
+    """Public methods and properties that a class documents, in the order of its source."""
+    found = ((name, getattr(member, "fget", None) or getattr(member, "__func__", member)) for name, member in vars(thing).items())
+    return [name for name, function in found if inspect.isfunction(function) and function.__doc__ and not name.startswith("_")]
+
+
+def field_table(thing: Any) -> list[str]:
+    """The fields of a part, a law or a friction law that are declared with `quantity`, and the others, as a table; empty for anything else."""
+    from toolbox.modelling.components import Component
+    from toolbox.modelling.elements import FrictionLaw
+
+    if not (isinstance(thing, type) and issubclass(thing, (Component, FrictionLaw)) and dataclasses.is_dataclass(thing)):
+        return []
+    fields = [field for field in dataclasses.fields(thing) if field.name != "name" and not field.name.startswith("_")]
+    if not any("unit" in field.metadata for field in fields):
+        return []
+    rows = ["| field | default | unit | bounds | usual | meaning |", "|---|---|---|---|---|---|"]
+    for field in fields:
+        unit, meaning = field.metadata.get("unit", ""), field.metadata.get("meaning", "")
+        cells = (f"`{field.name}`", _default(field), "" if unit == "1" else unit, _bounds(field.metadata), _usual(field.metadata.get("usual")), meaning)
+        rows.append("| " + " | ".join(cell.replace("|", chr(92) + "|") for cell in cells) + " |")
+    return rows
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default_factory is not dataclasses.MISSING:
+        return _said(field.default_factory())
+    return "needed" if field.default is dataclasses.MISSING else _said(field.default)
+
+
+def _said(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return f"{value:.7g}"
+    if isinstance(value, tuple):
+        return ", ".join(map(_said, value)) or "empty"
+    text = repr(value) if not isinstance(value, str) else value
+    return f"`{text}`" if len(text) <= 60 else f"`{type(value).__name__}`"
+
+
+def _bounds(metadata: Mapping[str, Any]) -> str:
+    words = (("at_least", ">="), ("above", ">"), ("at_most", "<="))
+    return ", ".join(f"{sign} {metadata[key]:g}" for key, sign in words if metadata.get(key) is not None).replace(">", "&gt;").replace("<", "&lt;")
+
+
+def _usual(usual: tuple[float, float] | None) -> str:
+    if usual is None:
+        return ""
+    low, high = usual
+    return f"{low:g} to {high:g}" if high < float("inf") else f"from {low:g}"
 
 
 def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
-    references = {
-        FOLDER / "reference" / f"{name.rpartition('.')[2]}.md": reference_page(name, says) for name, says in (PACKAGES | AUTHORS).items()
-    }
-    return {FOLDER / "sources.md": sources_page(), **references}
+    folder = FOLDER / "reference"
+    references = {folder / f"{page}.md": reference_page("toolbox", title, says, names.split()) for page, (title, says, names) in THEMES.items()}
+    for package, (title, says) in SHELVES.items():
+        module = importlib.import_module(package)
+        references[folder / f"{package}.md"] = reference_page(package, title, says, sorted(module.__all__, key=str.lower))
+    for name, says in AUTHORS.items():
+        module = importlib.import_module(name)
+        references[folder / f"{name.rpartition('.')[2]}.md"] = reference_page(name, name, says, sorted(module.__all__, key=str.lower))
+    return {FOLDER / "sources.md": sources_page(), folder / "scene.md": scene_page(), **references}
 
 
 def main() -> None:

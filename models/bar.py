@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -33,17 +33,17 @@ class OscillatorOnBar(Component):
     the last mode. A mode with a node at the contact never moves.
     """
 
-    mass: float = quantity(0.1, "kg", "mass m of the oscillator", above=0)
-    stiffness: float = quantity(4000.0, "N/m", "stiffness k of its spring", at_least=0)
-    damping: float = quantity(0.5, "N s/m", "viscous damping c to ground", at_least=0)
-    load: float = quantity(10.0, "N", "normal load", at_least=0)
-    bar_speed: float = quantity(0.05, "m/s", "speed V of the clamps")
-    length: float = quantity(0.5, "m", "length L of the bar", above=0)
-    area: float = quantity(1e-4, "m2", "cross-section A of the bar", above=0)
-    modulus: float = quantity(3e9, "Pa", "modulus E of the bar", above=0)
-    density: float = quantity(1200.0, "kg/m3", "density rho of the bar", above=0)
-    loss: float = quantity(0.02, "1", "damping ratio zeta of every mode", at_least=0)
-    contact: float = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
+    mass: Quantity = quantity(0.1, "kg", "mass m of the oscillator", above=0)
+    stiffness: Quantity = quantity(4000.0, "N/m", "stiffness k of its spring", at_least=0)
+    damping: Quantity = quantity(0.5, "N s/m", "viscous damping c to ground", at_least=0)
+    load: Quantity = quantity(10.0, "N", "normal load", at_least=0)
+    bar_speed: Quantity = quantity(0.05, "m/s", "speed V of the clamps")
+    length: Quantity = quantity(0.5, "m", "length L of the bar", above=0)
+    area: Quantity = quantity(1e-4, "m2", "cross-section A of the bar", above=0)
+    modulus: Quantity = quantity(3e9, "Pa", "modulus E of the bar", above=0, usual=(1e5, 1e13))
+    density: Quantity = quantity(1200.0, "kg/m3", "density rho of the bar", above=0, usual=(10.0, 30_000.0))
+    loss: Quantity = quantity(0.02, "1", "damping ratio zeta of every mode", at_least=0)
+    contact: Quantity = quantity(0.4, "1", "place of the contact in parts of the length", above=0, at_most=1)
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.25, decay=10.0)
     modes: int = 3
 

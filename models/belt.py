@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Hyperbolic
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -20,9 +20,9 @@ class Block(Component):
     - Gives the signals `block.position` x [m], `block.speed` v [m/s].
     """
 
-    mass: float = quantity(1.0, "kg", "mass of the block", above=0)
-    stiffness: float = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
-    damping: float = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
+    mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)
+    stiffness: Quantity = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
+    damping: Quantity = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
 
     def equations(self, signal):
         x, v = state("block.position", "m"), state("block.speed", "m/s")
@@ -48,12 +48,12 @@ class BlockOnBelt(Component):
     it is the oscillator of J. P. Den Hartog (1931).
     """
 
-    mass: float = quantity(1.0, "kg", "mass of the block", above=0)
-    stiffness: float = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
-    damping: float = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
-    drag: float = quantity(0.0, "N s/m", "viscous drag between block and belt", at_least=0)
-    belt_speed: float = quantity(0.2, "m/s", "speed of the belt")
-    load: float = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
+    mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)
+    stiffness: Quantity = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
+    damping: Quantity = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
+    drag: Quantity = quantity(0.0, "N s/m", "viscous drag between block and belt", at_least=0)
+    belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt")
+    load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 
     def equations(self, signal):
@@ -86,12 +86,12 @@ class BlocksOnBelt(Component):
     Two equal blocks started alike move as one block alone. Defaults: two of Leine's blocks, one a fifth heavier, with a soft tie (chosen).
     """
 
-    mass: tuple[float, ...] = quantity((1.0, 1.2), "kg", "masses", above=0)
-    stiffness: tuple[float, ...] = quantity((1.0, 1.0), "N/m", "stiffness to ground of every block", at_least=0)
-    damping: tuple[float, ...] = quantity((0.0, 0.0), "N s/m", "viscous damping to ground of every block", at_least=0)
-    tie: tuple[float, ...] = quantity((0.5,), "N/m", "stiffness q between neighbours", at_least=0)
-    load: tuple[float, ...] = quantity((1.0, 1.0), "N", "normal load of every block; 1 where the law is a force", at_least=0)
-    belt_speed: float = quantity(0.2, "m/s", "speed of the belt")
+    mass: Quantities = quantity((1.0, 1.2), "kg", "masses", above=0)
+    stiffness: Quantities = quantity((1.0, 1.0), "N/m", "stiffness to ground of every block", at_least=0)
+    damping: Quantities = quantity((0.0, 0.0), "N s/m", "viscous damping to ground of every block", at_least=0)
+    tie: Quantities = quantity((0.5,), "N/m", "stiffness q between neighbours", at_least=0)
+    load: Quantities = quantity((1.0, 1.0), "N", "normal load of every block; 1 where the law is a force", at_least=0)
+    belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt")
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 
     def check(self):
@@ -133,9 +133,9 @@ class Absorber(Component):
     Maegawa and Itoigawa, of whose work only this much is known here: a reconstruction. Defaults: tuned to a block of 1 kg on 1 N/m.
     """
 
-    mass: float = quantity(0.1, "kg", "mass of the absorber", above=0)
-    stiffness: float = quantity(0.0909091, "N/m", "stiffness to the block", at_least=0)
-    damping: float = quantity(0.0287480, "N s/m", "viscous damping to the block", at_least=0)
+    mass: Quantity = quantity(0.1, "kg", "mass of the absorber", above=0)
+    stiffness: Quantity = quantity(0.0909091, "N/m", "stiffness to the block", at_least=0)
+    damping: Quantity = quantity(0.0287480, "N s/m", "viscous damping to the block", at_least=0)
     on: str = "block"
 
     @staticmethod

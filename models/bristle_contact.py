@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import casadi as ca
 
-from toolbox import Component, Equations, Relay, SceneError, quantity, state
+from toolbox import Component, Equations, OptionalQuantities, Quantity, Relay, SceneError, quantity, state
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:
@@ -63,10 +63,10 @@ class BristleContact(Component):
     """
 
     n: int = 16
-    shares: tuple[float, ...] | None = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
-    load: float = quantity(10.0, "N", "normal load", above=0)
-    stiffness: float = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
-    friction: float = quantity(0.35, "1", "coefficient of friction", above=0)
+    shares: OptionalQuantities = quantity(None, "1", "parts of the load, one per bristle; none for a parabolic contact", above=0)
+    load: Quantity = quantity(10.0, "N", "normal load", above=0)
+    stiffness: Quantity = quantity(1e6, "N/m", "tangential stiffness of all bristles (assumed)", above=0)
+    friction: Quantity = quantity(0.35, "1", "coefficient of friction", above=0)
 
     def check(self):
         expected = len(parabolic_shares(self.n))

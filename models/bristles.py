@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Coulomb, Exponential
-from toolbox import Component, Equations, FrictionLaw, quantity, state
+from toolbox import Component, Equations, FrictionLaw, Quantity, quantity, state
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Dahl(Component):
     Signals: see `models/bristles.py`. Range: any speed. Source: P. R. Dahl (1968), with the exponent 1. Defaults: chosen.
     """
 
-    stiffness: float = quantity(100.0, "N/m", "stiffness s of the bristles before sliding", above=0)
-    kinetic: float = quantity(1.0, "N", "force F_k of sliding friction", above=0)
-    belt_speed: float = quantity(0.0, "m/s", "speed of the belt")
+    stiffness: Quantity = quantity(100.0, "N/m", "stiffness s of the bristles before sliding", above=0)
+    kinetic: Quantity = quantity(1.0, "N", "force F_k of sliding friction", above=0)
+    belt_speed: Quantity = quantity(0.0, "m/s", "speed of the belt")
 
     def equations(self, signal):
         z = state("bristle.deflection", "m")
@@ -56,11 +56,11 @@ class LuGre(Component):
     `models/bristles.py`. Source: C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky (1995). Defaults: chosen, of the size of Leine's block.
     """
 
-    stiffness: float = quantity(100.0, "N/m", "stiffness s0 of the bristles before sliding", above=0)
-    damping: float = quantity(10.0, "N s/m", "damping s1 of the bristles", at_least=0)
-    viscous: float = quantity(0.0, "N s/m", "viscous drag s2", at_least=0)
-    load: float = quantity(1.0, "N", "normal load N; 1 where the law is a force", above=0)
-    belt_speed: float = quantity(0.0, "m/s", "speed of the belt")
+    stiffness: Quantity = quantity(100.0, "N/m", "stiffness s0 of the bristles before sliding", above=0)
+    damping: Quantity = quantity(10.0, "N s/m", "damping s1 of the bristles", at_least=0)
+    viscous: Quantity = quantity(0.0, "N s/m", "viscous drag s2", at_least=0)
+    load: Quantity = quantity(1.0, "N", "normal load N; 1 where the law is a force", above=0)
+    belt_speed: Quantity = quantity(0.0, "m/s", "speed of the belt")
     friction: FrictionLaw = Exponential(static=1.0, kinetic=0.6, decay=3.0)
 
     def equations(self, signal):
@@ -89,9 +89,9 @@ class Dankowicz(Component):
     separation of the surfaces that the source couples to the slip. Defaults: chosen.
     """
 
-    reach: float = quantity(0.01, "m", "largest deflection z_m", above=0)
-    load: float = quantity(1.0, "N", "normal load N; 1 where the law is a force", at_least=0)
-    belt_speed: float = quantity(0.0, "m/s", "speed of the belt")
+    reach: Quantity = quantity(0.01, "m", "largest deflection z_m", above=0)
+    load: Quantity = quantity(1.0, "N", "normal load N; 1 where the law is a force", at_least=0)
+    belt_speed: Quantity = quantity(0.0, "m/s", "speed of the belt")
     friction: FrictionLaw = Coulomb(static=1.0, kinetic=1.0)
 
     def equations(self, signal):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class FrictionDamper(Component):
     Range: sqrt(k_d / m_d) far above the vibration. Source: textbook; numbers chosen.
     """
 
-    stiffness: float = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)
-    damping: float = quantity(0.02, "N s/m", "viscous damping c_d beside that spring", at_least=0)
-    slider_mass: float = quantity(1e-4, "kg", "mass m_d of the slider", above=0)
-    load: float = quantity(1.0, "N", "normal load of the slider; 1 where the law is a force", at_least=0)
+    stiffness: Quantity = quantity(1.0, "N/m", "stiffness k_d between block and slider", above=0)
+    damping: Quantity = quantity(0.02, "N s/m", "viscous damping c_d beside that spring", at_least=0)
+    slider_mass: Quantity = quantity(1e-4, "kg", "mass m_d of the slider", above=0)
+    load: Quantity = quantity(1.0, "N", "normal load of the slider; 1 where the law is a force", at_least=0)
     friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
 
     def equations(self, signal):

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -39,20 +39,20 @@ class DiskStack(Component):
     """
 
     rotors: int = 8
-    wheel_inertia: float = quantity(320.0, "kg m2", "inertia of the wheel and what it carries", above=0)
-    rotor_inertia: float = quantity(0.02, "kg m2", "inertia of a rotor", above=0)
-    stator_inertia: float = quantity(0.02, "kg m2", "inertia of a stator", above=0)
-    rotor_stiffness: float = quantity(20_000.0, "N m/rad", "stiffness of the keys between a rotor and the wheel", at_least=0)
-    rotor_damping: float = quantity(1.0, "N m s/rad", "damping of those keys", at_least=0)
-    stator_stiffness: float = quantity(2000.0, "N m/rad", "stiffness of the mount of a stator", at_least=0)
-    stator_damping: float = quantity(3.0, "N m s/rad", "damping of that mount", at_least=0)
-    rotor_mass: float = quantity(2.0, "kg", "mass of a rotor", above=0)
-    stator_mass: float = quantity(2.0, "kg", "mass of a stator", above=0)
-    contact_stiffness: float = quantity(1e7, "N/m", "axial stiffness of an interface", above=0)
-    back_stiffness: float = quantity(1e7, "N/m", "axial stiffness behind the last stator", above=0)
-    axial_damping: float = quantity(100.0, "N s/m", "damping of the axial motion of a disk in its keys", at_least=0)
-    actuator_force: float = quantity(1000.0, "N", "force of the actuator", at_least=0)
-    radius: float = quantity(0.1, "m", "effective radius of the contacts", above=0)
+    wheel_inertia: Quantity = quantity(320.0, "kg m2", "inertia of the wheel and what it carries", above=0)
+    rotor_inertia: Quantity = quantity(0.02, "kg m2", "inertia of a rotor", above=0)
+    stator_inertia: Quantity = quantity(0.02, "kg m2", "inertia of a stator", above=0)
+    rotor_stiffness: Quantity = quantity(20_000.0, "N m/rad", "stiffness of the keys between a rotor and the wheel", at_least=0)
+    rotor_damping: Quantity = quantity(1.0, "N m s/rad", "damping of those keys", at_least=0)
+    stator_stiffness: Quantity = quantity(2000.0, "N m/rad", "stiffness of the mount of a stator", at_least=0)
+    stator_damping: Quantity = quantity(3.0, "N m s/rad", "damping of that mount", at_least=0)
+    rotor_mass: Quantity = quantity(2.0, "kg", "mass of a rotor", above=0)
+    stator_mass: Quantity = quantity(2.0, "kg", "mass of a stator", above=0)
+    contact_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness of an interface", above=0)
+    back_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness behind the last stator", above=0)
+    axial_damping: Quantity = quantity(100.0, "N s/m", "damping of the axial motion of a disk in its keys", at_least=0)
+    actuator_force: Quantity = quantity(1000.0, "N", "force of the actuator", at_least=0)
+    radius: Quantity = quantity(0.1, "m", "effective radius of the contacts", above=0, usual=(1e-3, 5.0))
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def check(self):

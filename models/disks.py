@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, UnilateralContact, quantity, state
 
 
 def uniform_wear_radius(inner: float, outer: float) -> float:
@@ -47,12 +47,12 @@ class TwoDisks(Component):
     cycle is computable; from 6 rad/s on the motion of the stator dies to round-off before its damping turns negative, and `run.error` is of order one.
     """
 
-    rotor_inertia: float = quantity(20.0, "kg m2", "inertia of the rotor", above=0)
-    stator_inertia: float = quantity(0.02, "kg m2", "inertia of the stator", above=0)
-    stiffness: float = quantity(2000.0, "N m/rad", "stiffness of the stator mount", at_least=0)
-    damping: float = quantity(0.5, "N m s/rad", "damping of the stator mount", at_least=0)
-    normal_force: float = quantity(1000.0, "N", "normal force", at_least=0)
-    radius: float = quantity(0.1, "m", "effective radius of the contact", above=0)
+    rotor_inertia: Quantity = quantity(20.0, "kg m2", "inertia of the rotor", above=0)
+    stator_inertia: Quantity = quantity(0.02, "kg m2", "inertia of the stator", above=0)
+    stiffness: Quantity = quantity(2000.0, "N m/rad", "stiffness of the stator mount", at_least=0)
+    damping: Quantity = quantity(0.5, "N m s/rad", "damping of the stator mount", at_least=0)
+    normal_force: Quantity = quantity(1000.0, "N", "normal force", at_least=0)
+    radius: Quantity = quantity(0.1, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
     friction: FrictionLaw = Exponential(static=0.4, kinetic=0.3, decay=2.0)
 
     def equations(self, signal):
@@ -91,19 +91,19 @@ class PressedDisks(Component):
     of it.
     """
 
-    rotor_inertia: float = quantity(5.0, "kg m2", "inertia of the rotor", above=0)
-    stator_inertia: float = quantity(0.02, "kg m2", "inertia of the stator", above=0)
-    stiffness: float = quantity(2000.0, "N m/rad", "torsional stiffness of the stator mount", at_least=0)
-    damping: float = quantity(0.5, "N m s/rad", "torsional damping of the stator mount", at_least=0)
-    radius: float = quantity(0.15, "m", "effective radius of the contact", above=0)
-    rotor_mass: float = quantity(2.0, "kg", "axial mass of the rotor", above=0)
-    stator_mass: float = quantity(2.0, "kg", "axial mass of the stator", above=0)
-    axial_stiffness: float = quantity(1e7, "N/m", "axial stiffness of the stator mount (assumed)", at_least=0)
-    axial_damping: float = quantity(2e3, "N s/m", "axial damping of the stator mount (assumed)", at_least=0)
-    contact_stiffness: float = quantity(1e7, "N/m", "stiffness of the contact", above=0)
-    contact_damping: float = quantity(2e3, "N s/m", "damping of the contact", at_least=0)
-    gap: float = quantity(0.5e-3, "m", "gap between the faces at the start", at_least=0)
-    actuator_force: float = quantity(1000.0, "N", "force of the actuator", at_least=0)
+    rotor_inertia: Quantity = quantity(5.0, "kg m2", "inertia of the rotor", above=0)
+    stator_inertia: Quantity = quantity(0.02, "kg m2", "inertia of the stator", above=0)
+    stiffness: Quantity = quantity(2000.0, "N m/rad", "torsional stiffness of the stator mount", at_least=0)
+    damping: Quantity = quantity(0.5, "N m s/rad", "torsional damping of the stator mount", at_least=0)
+    radius: Quantity = quantity(0.15, "m", "effective radius of the contact", above=0, usual=(1e-3, 5.0))
+    rotor_mass: Quantity = quantity(2.0, "kg", "axial mass of the rotor", above=0)
+    stator_mass: Quantity = quantity(2.0, "kg", "axial mass of the stator", above=0)
+    axial_stiffness: Quantity = quantity(1e7, "N/m", "axial stiffness of the stator mount (assumed)", at_least=0)
+    axial_damping: Quantity = quantity(2e3, "N s/m", "axial damping of the stator mount (assumed)", at_least=0)
+    contact_stiffness: Quantity = quantity(1e7, "N/m", "stiffness of the contact", above=0)
+    contact_damping: Quantity = quantity(2e3, "N s/m", "damping of the contact", at_least=0)
+    gap: Quantity = quantity(0.5e-3, "m", "gap between the faces at the start", at_least=0)
+    actuator_force: Quantity = quantity(1000.0, "N", "force of the actuator", at_least=0)
     friction: FrictionLaw = Exponential(static=0.5, kinetic=0.3, decay=1.0)
 
     def equations(self, signal):

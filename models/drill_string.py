@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, OptionalQuantities, Quantities, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -27,15 +28,15 @@ class TorsionalChain(Component):
     `WhirlingCollar`: it needs `collar.torque` [N m] (0) and gives `collar.speed` [rad/s].
     """
 
-    inertia: tuple[float, ...] = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
-    stiffness: tuple[float, ...] = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0)
-    damping: tuple[float, ...] = quantity((23.2,), "N m s/rad", "damping between neighbours", at_least=0)
-    top_drag: float = quantity(0.0, "N m s/rad", "viscous drag on the top inertia", at_least=0)
-    bit_drag: float = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)
+    inertia: Quantities = quantity((2122.0, 374.0), "kg m2", "inertias, top first", above=0)
+    stiffness: Quantities = quantity((473.0,), "N m/rad", "stiffness between neighbours", at_least=0, usual=(1.0, math.inf))
+    damping: Quantities = quantity((23.2,), "N m s/rad", "damping between neighbours", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top inertia", at_least=0)
+    bit_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the last inertia", at_least=0)
     friction: FrictionLaw | None = None
-    friction_load: tuple[float, ...] | None = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
+    friction_load: OptionalQuantities = quantity(None, "N m", "load of the friction at every inertia", at_least=0)
     friction_at: tuple[int, ...] | None = None
-    drag: tuple[float, ...] | None = quantity(None, "N m s/rad", "viscous drag on every inertia", at_least=0)
+    drag: OptionalQuantities = quantity(None, "N m s/rad", "viscous drag on every inertia", at_least=0)
     collar: int | None = None
 
     def check(self):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, Equations, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, Equations, OptionalQuantity, Quantity, SceneError, UnilateralContact, quantity, state
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class ElasticRock(Component):
     size of stiff rock under a bit.
     """
 
-    stiffness: float = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)
-    damping: float = quantity(1e5, "N s/m", "damping c beside it", at_least=0)
-    lobe_height: float | None = quantity(None, "m", "height a of the lobes above and below the mean surface", at_least=0)
+    stiffness: Quantity = quantity(1e8, "N/m", "stiffness k of the rock under the bit", above=0)
+    damping: Quantity = quantity(1e5, "N s/m", "damping c beside it", at_least=0)
+    lobe_height: OptionalQuantity = quantity(None, "m", "height a of the lobes above and below the mean surface", at_least=0, usual=(1e-6, 0.1))
     lobes: int = 3
 
     def check(self):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, OptionalQuantities, Quantities, Quantity, SceneError, quantity, state
 from toolbox.authoring import is_finite_number
 
 
@@ -39,12 +39,12 @@ class FlowLine(Component):
     defaults are an example.
     """
 
-    resistance: tuple[float, ...] = quantity((1e7,), "Pa s/m3", "viscous resistance R of every segment", at_least=0)
-    loss: tuple[float, ...] = quantity((0.0,), "Pa s2/m6", "expansion or nozzle loss K of every segment", at_least=0)
-    inertance: tuple[float, ...] = quantity((1e8,), "Pa s2/m3", "inertance L of every segment", above=0)
-    compliance: tuple[float, ...] = quantity((1e-9,), "m3/Pa", "compliance C at the head of every segment", above=0)
+    resistance: Quantities = quantity((1e7,), "Pa s/m3", "viscous resistance R of every segment", at_least=0)
+    loss: Quantities = quantity((0.0,), "Pa s2/m6", "expansion or nozzle loss K of every segment", at_least=0)
+    inertance: Quantities = quantity((1e8,), "Pa s2/m3", "inertance L of every segment", above=0)
+    compliance: Quantities = quantity((1e-9,), "m3/Pa", "compliance C at the head of every segment", above=0)
     gel: FrictionLaw | None = None
-    gel_load: tuple[float, ...] | None = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
+    gel_load: OptionalQuantities = quantity(None, "Pa", "load of the law `gel` in every segment", at_least=0)
 
     @staticmethod
     def pipe(
@@ -147,9 +147,9 @@ class OutletRCR(Component):
     For a mud line it models the annulus and the choke. The defaults are an example.
     """
 
-    proximal: float = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)
-    distal: float = quantity(1e7, "Pa s/m3", "resistance R_d after it", above=0)
-    compliance: float = quantity(1e-7, "m3/Pa", "compliance C", above=0)
+    proximal: Quantity = quantity(1e6, "Pa s/m3", "resistance R_p before the capacitor", at_least=0)
+    distal: Quantity = quantity(1e7, "Pa s/m3", "resistance R_d after it", above=0)
+    compliance: Quantity = quantity(1e-7, "m3/Pa", "compliance C", above=0)
 
     def equations(self, signal):
         p = state("outlet.pressure", "Pa")

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import casadi as ca
 
-from toolbox import FrictionLaw, SceneError, quantity
+from toolbox import FrictionLaw, Quantities, Quantity, SceneError, quantity
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Coulomb(FrictionLaw):
     Range: any speed. Source: textbook.
     """
 
-    static: float = quantity(0.5, "1", "static coefficient", at_least=0)
-    kinetic: float = quantity(0.3, "1", "kinetic coefficient", at_least=0)
+    static: Quantity = quantity(0.5, "1", "static coefficient", at_least=0)
+    kinetic: Quantity = quantity(0.3, "1", "kinetic coefficient", at_least=0)
 
     def sliding(self, speed):
         return self.kinetic
@@ -42,9 +42,9 @@ class Exponential(FrictionLaw):
     and Farhang (2016) for two disks has decay = alpha. Range: decay >= 0, from constant friction to a jump.
     """
 
-    static: float = quantity(0.8, "1", "static coefficient", at_least=0)
-    kinetic: float = quantity(0.5, "1", "kinetic coefficient at high speed", at_least=0)
-    decay: float = quantity(0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0)
+    static: Quantity = quantity(0.8, "1", "static coefficient", at_least=0)
+    kinetic: Quantity = quantity(0.5, "1", "kinetic coefficient at high speed", at_least=0)
+    decay: Quantity = quantity(0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0)
 
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-self.decay * speed)
@@ -64,9 +64,9 @@ class Transition(FrictionLaw):
     1.37 times `speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
     """
 
-    static: float = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
-    kinetic: float = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
-    speed: float = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
+    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
+    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
 
     def sliding(self, speed):
         square = (speed / self.speed) ** 2
@@ -87,9 +87,9 @@ class Drop(FrictionLaw):
     with static 0.3, kinetic 0.65 of it and 1.5 rad/s.
     """
 
-    static: float = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
-    kinetic: float = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
-    speed: float = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
+    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
+    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
 
     def sliding(self, speed, beyond):
         return self.static - (self.static - self.kinetic) * beyond
@@ -112,9 +112,9 @@ class GaussianStribeck(FrictionLaw):
     moves (`drag` of a `BlockOnBelt`). Range: any speed. Source: B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138.
     """
 
-    static: float = quantity(1.5, "1", "static coefficient", at_least=0)
-    kinetic: float = quantity(1.0, "1", "kinetic coefficient at high speed", at_least=0)
-    speed: float = quantity(0.1, "m/s", "Stribeck speed v_s (rad/s for rotation)", above=0)
+    static: Quantity = quantity(1.5, "1", "static coefficient", at_least=0)
+    kinetic: Quantity = quantity(1.0, "1", "kinetic coefficient at high speed", at_least=0)
+    speed: Quantity = quantity(0.1, "m/s", "Stribeck speed v_s (rad/s for rotation)", above=0)
 
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-((speed / self.speed) ** 2))
@@ -134,10 +134,10 @@ class RationalStribeck(FrictionLaw):
     (1 - delta) / (1 + gamma |v|) + delta + eta v^2. `Hyperbolic` is this with kinetic = rise = 0. Range: any speed.
     """
 
-    static: float = quantity(0.4, "1", "static coefficient", at_least=0)
-    kinetic: float = quantity(0.1, "1", "level to which the hyperbola falls", at_least=0)
-    decay: float = quantity(3.0, "s/m", "decay with slip speed (s/rad for rotation)", at_least=0)
-    rise: float = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
+    static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
+    kinetic: Quantity = quantity(0.1, "1", "level to which the hyperbola falls", at_least=0)
+    decay: Quantity = quantity(3.0, "s/m", "decay with slip speed (s/rad for rotation)", at_least=0)
+    rise: Quantity = quantity(0.0, "s2/m2", "rise with the square of slip speed (s2/rad2 for rotation)", at_least=0)
 
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) / (1 + self.decay * speed) + self.rise * speed**2
@@ -157,9 +157,9 @@ class Tabulated(FrictionLaw):
     so that the accuracy of a run does not suffer from it. Range: rows of a few to some dozens; the numbers are an example.
     """
 
-    speeds: tuple[float, ...] = quantity((0.0, 0.1, 0.5, 2.0), "m/s", "slip speeds, from 0 upwards (rad/s for rotation)", at_least=0)
-    coefficients: tuple[float, ...] = quantity((0.4, 0.3, 0.2, 0.25), "1", "kinetic coefficients at these speeds", at_least=0)
-    static: float = quantity(0.4, "1", "static coefficient", at_least=0)
+    speeds: Quantities = quantity((0.0, 0.1, 0.5, 2.0), "m/s", "slip speeds, from 0 upwards (rad/s for rotation)", at_least=0)
+    coefficients: Quantities = quantity((0.4, 0.3, 0.2, 0.25), "1", "kinetic coefficients at these speeds", at_least=0)
+    static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
 
     def sliding(self, speed):
         v, mu = self.speeds, self.coefficients
@@ -191,8 +191,8 @@ class Hyperbolic(FrictionLaw):
     den Steen, Nonlinear Dynamics 16 (1998) 41-54, doi:10.1023/A:1008289604683.
     """
 
-    static: float = quantity(1.0, "N", "static bound", at_least=0)
-    decay: float = quantity(3.0, "s/m", "decay with slip speed", at_least=0)
+    static: Quantity = quantity(1.0, "N", "static bound", at_least=0)
+    decay: Quantity = quantity(3.0, "s/m", "decay with slip speed", at_least=0)
 
     def sliding(self, speed):
         return self.static / (1 + self.decay * speed)
@@ -209,9 +209,9 @@ class CubicStribeck(FrictionLaw):
     doi:10.1016/S0020-7462(01)00073-7.
     """
 
-    static: float = quantity(0.4, "1", "static coefficient", at_least=0)
-    minimum: float = quantity(0.25, "1", "smallest kinetic coefficient", at_least=0)
-    minimum_speed: float = quantity(0.5, "m/s", "slip speed v_m of the minimum", above=0)
+    static: Quantity = quantity(0.4, "1", "static coefficient", at_least=0)
+    minimum: Quantity = quantity(0.25, "1", "smallest kinetic coefficient", at_least=0)
+    minimum_speed: Quantity = quantity(0.5, "m/s", "slip speed v_m of the minimum", above=0)
 
     def sliding(self, speed):
         ratio = speed / self.minimum_speed

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, OptionalQuantities, Quantities, SceneError, quantity, state
 
 GROUND = "ground"
 """Name of the shaft that stands still."""
@@ -224,16 +224,16 @@ class GearNetwork(Component):
     """
 
     nodes: tuple[str, ...] = ("sun", "carrier")
-    inertia: tuple[float, ...] = quantity((1.0, 10.0), "kg m2", "inertia of every node", above=0)
+    inertia: Quantities = quantity((1.0, 10.0), "kg m2", "inertia of every node", above=0)
     trains: tuple[tuple[str, ...], ...] = (("sun", "ground", "carrier"),)
-    ratio: tuple[float, ...] = quantity((-3.0,), "1", "basic ratio i0 of every train")
-    mesh_stiffness: tuple[float, ...] = quantity((1e5,), "N m/rad", "stiffness of the teeth of every train, seen from a", above=0)
-    mesh_damping: tuple[float, ...] = quantity((50.0,), "N m s/rad", "damping of the teeth of every train, seen from a", at_least=0)
-    efficiency: tuple[float, ...] | None = quantity(None, "1", "efficiency of the teeth of every train", above=0, at_most=1)
-    idle_torque: tuple[float, ...] | None = quantity(None, "N m", "friction of every train without load, on a", above=0)
+    ratio: Quantities = quantity((-3.0,), "1", "basic ratio i0 of every train")
+    mesh_stiffness: Quantities = quantity((1e5,), "N m/rad", "stiffness of the teeth of every train, seen from a", above=0)
+    mesh_damping: Quantities = quantity((50.0,), "N m s/rad", "damping of the teeth of every train, seen from a", at_least=0)
+    efficiency: OptionalQuantities = quantity(None, "1", "efficiency of the teeth of every train", above=0, at_most=1)
+    idle_torque: OptionalQuantities = quantity(None, "N m", "friction of every train without load, on a", above=0)
     shafts: tuple[tuple[str, ...], ...] = ()
-    stiffness: tuple[float, ...] | None = quantity(None, "N m/rad", "stiffness of every shaft", above=0)
-    damping: tuple[float, ...] | None = quantity(None, "N m s/rad", "damping of every shaft", at_least=0)
+    stiffness: OptionalQuantities = quantity(None, "N m/rad", "stiffness of every shaft", above=0)
+    damping: OptionalQuantities = quantity(None, "N m s/rad", "damping of every shaft", at_least=0)
     driven: str | None = None
 
     def check(self):

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolbox import Component, Equations, SceneError, quantity, state
+from toolbox import Component, Equations, Quantities, SceneError, quantity, state
 from toolbox.authoring import is_finite_number
 
 BAND = (10.0**0.8, 10.0**3.1)
@@ -43,9 +43,9 @@ class HandArm(Component):
     of a hand and a forearm and come from no source.
     """
 
-    mass: tuple[float, ...] = quantity((0.5, 2.0), "kg", "masses, from the handle on", above=0)
-    stiffness: tuple[float, ...] = quantity((50e3, 3e3, 500.0), "N/m", "stiffness before every mass, and of the ground", at_least=0)
-    damping: tuple[float, ...] = quantity((150.0, 60.0, 100.0), "N s/m", "damping before every mass, and of the ground", at_least=0)
+    mass: Quantities = quantity((0.5, 2.0), "kg", "masses, from the handle on", above=0)
+    stiffness: Quantities = quantity((50e3, 3e3, 500.0), "N/m", "stiffness before every mass, and of the ground", at_least=0)
+    damping: Quantities = quantity((150.0, 60.0, 100.0), "N s/m", "damping before every mass, and of the ground", at_least=0)
     holds: str = "handle"
 
     def check(self):

@@ -14,7 +14,19 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, Trajectory, UnilateralContact, quantity, state
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    FrictionLaw,
+    OptionalQuantity,
+    Quantity,
+    SceneError,
+    Trajectory,
+    UnilateralContact,
+    quantity,
+    state,
+)
 from toolbox.authoring import window
 
 TINY = 1e-20
@@ -44,21 +56,21 @@ class WhirlingCollar(Component):
     with equations and numbers published at UFRJ, Rio de Janeiro (wall 1e9 to 1e10 N/m and 0 to 1000 N s/m; restitution is an alternative).
     """
 
-    span: float = quantity(8.55, "m", "length L between stabilisers", above=0)
-    outer_diameter: float = quantity(0.171, "m", "outer diameter of the collar, 2 R_co", above=0)
-    inner_diameter: float = quantity(0.071, "m", "inner diameter of the collar", at_least=0)
-    hole_diameter: float = quantity(0.216, "m", "diameter of the borehole", above=0)
-    eccentricity: float = quantity(0.014, "m", "distance e from geometric to mass centre", at_least=0)
-    young: float = quantity(220e9, "Pa", "Young's modulus E of the collar", above=0)
-    density: float = quantity(7800.0, "kg/m3", "density of the collar", above=0)
-    mud_density: float = quantity(1500.0, "kg/m3", "density of the mud", at_least=0)
-    added_mass: float = quantity(1.7, "1", "added mass coefficient C_A", at_least=0)
-    drag_coefficient: float = quantity(1.0, "1", "drag coefficient C_D", at_least=0)
-    wall_stiffness: float = quantity(1e9, "N/m", "stiffness k_s of an elastic wall", above=0)
-    wall_damping: float = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
-    restitution: float | None = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
+    span: Quantity = quantity(8.55, "m", "length L between stabilisers", above=0, usual=(0.5, 500.0))
+    outer_diameter: Quantity = quantity(0.171, "m", "outer diameter of the collar, 2 R_co", above=0, usual=(0.02, 2.0))
+    inner_diameter: Quantity = quantity(0.071, "m", "inner diameter of the collar", at_least=0, usual=(0.005, 2.0))
+    hole_diameter: Quantity = quantity(0.216, "m", "diameter of the borehole", above=0, usual=(0.02, 2.0))
+    eccentricity: Quantity = quantity(0.014, "m", "distance e from geometric to mass centre", at_least=0, usual=(1e-5, 0.3))
+    young: Quantity = quantity(220e9, "Pa", "Young's modulus E of the collar", above=0, usual=(1e8, 1e13))
+    density: Quantity = quantity(7800.0, "kg/m3", "density of the collar", above=0, usual=(300.0, 30_000.0))
+    mud_density: Quantity = quantity(1500.0, "kg/m3", "density of the mud", at_least=0, usual=(300.0, 5000.0))
+    added_mass: Quantity = quantity(1.7, "1", "added mass coefficient C_A", at_least=0)
+    drag_coefficient: Quantity = quantity(1.0, "1", "drag coefficient C_D", at_least=0)
+    wall_stiffness: Quantity = quantity(1e9, "N/m", "stiffness k_s of an elastic wall", above=0)
+    wall_damping: Quantity = quantity(1000.0, "N s/m", "damping c_s of an elastic wall", at_least=0)
+    restitution: OptionalQuantity = quantity(None, "1", "restitution of a rigid wall", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
-    weight: float | None = quantity(None, "N", "weight on bit where no rock says it", at_least=0)
+    weight: OptionalQuantity = quantity(None, "N", "weight on bit where no rock says it", at_least=0, usual=(500.0, 5e6))
 
     def check(self):
         if not self.inner_diameter < self.outer_diameter < self.hole_diameter:

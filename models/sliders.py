@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Coulomb, Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Slider(Component):
     assumption. c / m = 6e5 1/s makes it stiff: an explicit method takes some 2e5 steps per second of slip.
     """
 
-    mass: float = quantity(7.8e-3, "kg", "mass of the slider (assumed)", above=0)
-    stiffness: float = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
-    damping: float = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
+    mass: Quantity = quantity(7.8e-3, "kg", "mass of the slider (assumed)", above=0)
+    stiffness: Quantity = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
+    damping: Quantity = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
 
     def equations(self, signal):
         x, v = state("slider.position", "m"), state("slider.speed", "m/s")
@@ -49,7 +49,7 @@ class PlateContact(Component):
     hence 10 N.
     """
 
-    load: float = quantity(10.0, "N", "normal load (0.1 MPa on an assumed 100 mm2)", at_least=0)
+    load: Quantity = quantity(10.0, "N", "normal load (0.1 MPa on an assumed 100 mm2)", at_least=0)
     friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
 
     def equations(self, signal):
@@ -80,11 +80,11 @@ class InclinedSlider(Component):
     where `slider.force` varies. Range: 0 <= a < pi/2.
     """
 
-    force: float = quantity(10.0, "N", "vertical force", above=0)
-    angle: float = quantity(math.pi / 4, "rad", "angle of the incline", at_least=0, at_most=1.57)
-    stiffness: float = quantity(1000.0, "N/m", "stiffness of the spring along the slope", at_least=0)
-    damping: float = quantity(1000.0, "N s/m", "damping along the slope", at_least=0)
-    gravity: float = quantity(9.8, "m/s2", "gravity, in m = F cos a / g only", above=0)
+    force: Quantity = quantity(10.0, "N", "vertical force", above=0)
+    angle: Quantity = quantity(math.pi / 4, "rad", "angle of the incline", at_least=0, at_most=1.57)
+    stiffness: Quantity = quantity(1000.0, "N/m", "stiffness of the spring along the slope", at_least=0)
+    damping: Quantity = quantity(1000.0, "N s/m", "damping along the slope", at_least=0)
+    gravity: Quantity = quantity(9.8, "m/s2", "gravity, in m = F cos a / g only", above=0)
     friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.35)
 
     def equations(self, signal):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class SquealingPad(Component):
     pad with k_xx = k_yy = 2, k_xy = 1, flutter from mu = 3/4, with damping, preload and speed chosen.
     """
 
-    mass: float = quantity(1.0, "kg", "mass of the pad", above=0)
-    damping: float = quantity(0.15, "N s/m", "viscous damping c along and across", at_least=0)
-    stiffness: tuple[float, ...] = quantity(
+    mass: Quantity = quantity(1.0, "kg", "mass of the pad", above=0)
+    damping: Quantity = quantity(0.15, "N s/m", "viscous damping c along and across", at_least=0)
+    stiffness: Quantities = quantity(
         (2 / 3 * (2 - math.sqrt(3)), 2 / 3 * (2 + math.sqrt(3))), "N/m", "stiffness of the springs", at_least=0
     )
-    angle: tuple[float, ...] = quantity((math.radians(150), math.radians(30)), "rad", "inclination of the springs to the disc")
-    contact_stiffness: float = quantity(4 / 3, "N/m", "stiffness k_c of the contact", at_least=0)
-    preload: float = quantity(10.0, "N", "normal force P at rest", at_least=0)
-    disc_speed: float = quantity(0.5, "m/s", "speed of the disc under the pad")
+    angle: Quantities = quantity((math.radians(150), math.radians(30)), "rad", "inclination of the springs to the disc")
+    contact_stiffness: Quantity = quantity(4 / 3, "N/m", "stiffness k_c of the contact", at_least=0)
+    preload: Quantity = quantity(10.0, "N", "normal force P at rest", at_least=0)
+    disc_speed: Quantity = quantity(0.5, "m/s", "speed of the disc under the pad")
     friction: FrictionLaw = Coulomb(static=0.9, kinetic=0.9)
 
     def check(self):

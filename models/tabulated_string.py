@@ -14,7 +14,7 @@ from models.lumping import MOST, Lumping
 from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
-from toolbox import FrictionLaw, SceneError, quantity
+from toolbox import FrictionLaw, OptionalQuantities, SceneError, quantity
 from toolbox.authoring import is_finite_number
 
 
@@ -22,7 +22,7 @@ from toolbox.authoring import is_finite_number
 class DrillString(TorsionalChain):
     """A torsional chain made from tables by `DrillString.from_tables`; `depth` says where its inertias are."""
 
-    depth: tuple[float, ...] | None = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
+    depth: OptionalQuantities = quantity(None, "m", "measured depth of every inertia, for profiles", at_least=0)
 
     def check(self):
         super().check()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import casadi as ca
 
 from models.gears import tooth_friction
-from toolbox import Component, Equations, SceneError, quantity, state
+from toolbox import Component, Equations, OptionalQuantity, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,16 @@ class TopDrive(Component):
     limits and efficiency, because no motor switches its torque at once. Defaults: lags of 5 ms and 2 ms, typical, no source.
     """
 
-    drive_lag: float | None = quantity(0.005, "s", "time constant from command to motor torque", above=0)
-    encoder_lag: float | None = quantity(0.002, "s", "time constant of the measured speed", above=0)
-    torque_limit: float | None = quantity(None, "N m", "largest torque of the motor T_max", above=0)
-    rate_limit: float | None = quantity(None, "N m/s", "largest rate of the motor torque R", above=0)
-    ratio: float = quantity(1.0, "1", "gear ratio n, motor speed by top speed", above=0)
-    efficiency: float | None = quantity(None, "1", "efficiency eta of the gearbox", above=0, at_most=1)
-    idle_torque: float | None = quantity(None, "N m", "friction of the gearbox without load, at the top", above=0)
-    motor_inertia: float | None = quantity(None, "kg m2", "inertia J_m of the motor", above=0)
-    stiffness: float | None = quantity(None, "N m/rad", "stiffness k between gearbox and string", above=0)
-    damping: float | None = quantity(None, "N m s/rad", "damping c between gearbox and string", at_least=0)
+    drive_lag: OptionalQuantity = quantity(0.005, "s", "time constant from command to motor torque", above=0)
+    encoder_lag: OptionalQuantity = quantity(0.002, "s", "time constant of the measured speed", above=0)
+    torque_limit: OptionalQuantity = quantity(None, "N m", "largest torque of the motor T_max", above=0, usual=(100.0, 1e6))
+    rate_limit: OptionalQuantity = quantity(None, "N m/s", "largest rate of the motor torque R", above=0)
+    ratio: Quantity = quantity(1.0, "1", "gear ratio n, motor speed by top speed", above=0)
+    efficiency: OptionalQuantity = quantity(None, "1", "efficiency eta of the gearbox", above=0, at_most=1)
+    idle_torque: OptionalQuantity = quantity(None, "N m", "friction of the gearbox without load, at the top", above=0)
+    motor_inertia: OptionalQuantity = quantity(None, "kg m2", "inertia J_m of the motor", above=0, usual=(1e-3, math.inf))
+    stiffness: OptionalQuantity = quantity(None, "N m/rad", "stiffness k between gearbox and string", above=0, usual=(1.0, math.inf))
+    damping: OptionalQuantity = quantity(None, "N m s/rad", "damping c between gearbox and string", at_least=0)
 
     def check(self):
         if self.rate_limit is not None and self.drive_lag is None:
@@ -61,6 +62,15 @@ class TopDrive(Component):
         """What control laws find in place of the signals of the string."""
         own = self.name or "drive"
         return {"top.torque": f"{own}.command", "top.speed": f"{own}.speed"}
+
+    @property
+    def signal_limits(self):
+        """The limits of the torque of the motor, and of that on the string where nothing stands between them, for whoever draws them."""
+        if self.torque_limit is None:
+            return {}
+        motor = (-self.torque_limit, self.torque_limit)
+        direct = self.motor_inertia is None and self.efficiency is None
+        return {f"{self.name or 'drive'}.torque": motor} | ({"top.torque": (self.ratio * motor[0], self.ratio * motor[1])} if direct else {})
 
     def equations(self, signal):
         top_speed = signal("top.speed", "rad/s")

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from toolbox.errors import GrazingError as GrazingError
     from toolbox.errors import SceneError as SceneError
     from toolbox.errors import SimulationError as SimulationError
+    from toolbox.errors import UnusualValue as UnusualValue
     from toolbox.errors import ZenoError as ZenoError
     from toolbox.export.c_code import export_c as export_c
     from toolbox.export.c_code import to_control as to_control
     from toolbox.export.fmu import export_fmu as export_fmu
     from toolbox.export.from_control import from_control as from_control
+    from toolbox.files.unit_systems import units as units
     from toolbox.measuring.energy import energy_audit as energy_audit
     from toolbox.measuring.measure import cycles as cycles
     from toolbox.measuring.measure import overshoot as overshoot
@@ -38,6 +40,10 @@ if TYPE_CHECKING:
     from toolbox.modelling.elements import DryFriction as DryFriction  # not in __all__: a star import must not shadow the module `time`
     from toolbox.modelling.elements import FrictionLaw as FrictionLaw
     from toolbox.modelling.elements import Hysteresis as Hysteresis
+    from toolbox.modelling.elements import OptionalQuantities as OptionalQuantities
+    from toolbox.modelling.elements import OptionalQuantity as OptionalQuantity
+    from toolbox.modelling.elements import Quantities as Quantities
+    from toolbox.modelling.elements import Quantity as Quantity
     from toolbox.modelling.elements import Relay as Relay
     from toolbox.modelling.elements import UnilateralContact as UnilateralContact
     from toolbox.modelling.elements import quantity as quantity
@@ -73,6 +79,8 @@ if TYPE_CHECKING:
     from toolbox.robustness.worst_case import WorstCase as WorstCase
     from toolbox.robustness.worst_case import cycle_phases as cycle_phases
     from toolbox.robustness.worst_case import worst_case as worst_case
+    from toolbox.scenes.differences import Differences as Differences
+    from toolbox.scenes.differences import compare as compare
     from toolbox.scenes.scene import Scene as Scene
     from toolbox.scenes.work_precision import WorkPrecision as WorkPrecision
     from toolbox.scenes.work_precision import work_precision as work_precision
@@ -113,6 +121,7 @@ __all__ = [
     "Controller",
     "Cycle",
     "CycleError",
+    "Differences",
     "DryFriction",
     "Equations",
     "Event",
@@ -127,6 +136,10 @@ __all__ = [
     "Margins",
     "Observed",
     "Observer",
+    "OptionalQuantities",
+    "OptionalQuantity",
+    "Quantities",
+    "Quantity",
     "Recording",
     "Relay",
     "Sampled",
@@ -143,11 +156,13 @@ __all__ = [
     "Trajectory",
     "Tuned",
     "UnilateralContact",
+    "UnusualValue",
     "Update",
     "WorkPrecision",
     "WorstCase",
     "ZenoError",
     "absorber_limit",
+    "compare",
     "compose",
     "cycle_phases",
     "cycles",
@@ -189,6 +204,7 @@ __all__ = [
     "to_control",
     "triangle",
     "tune",
+    "units",
     "work_precision",
     "worst_case",
 ]
@@ -200,15 +216,17 @@ _ROOMS = {
     "toolbox.contacts.contact_run": "ContactRun",
     "toolbox.contacts.problem": "ContactProblem",
     "toolbox.contacts.stepping": "press_contacts, step_contacts",
-    "toolbox.errors": "AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, ZenoError",
+    "toolbox.errors": "AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, UnusualValue, ZenoError",
     "toolbox.export.c_code": "export_c, to_control",
     "toolbox.export.from_control": "from_control",
     "toolbox.export.fmu": "export_fmu",
+    "toolbox.files.unit_systems": "units",
     "toolbox.measuring.energy": "energy_audit",
     "toolbox.measuring.measure": "cycles, overshoot, settling, severity, stick_intervals",
     "toolbox.modelling.components": "Component, Equations, Update",
     "toolbox.modelling.composition": "compose",
-    "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, Relay, UnilateralContact, quantity, state, time",
+    "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, OptionalQuantities, OptionalQuantity, Quantities, Quantity, "
+    "Relay, UnilateralContact, quantity, state, time",
     "toolbox.modelling.hybrid_system": "HybridSystem",
     "toolbox.modelling.inputs": "ramp, sine, square, step, triangle",
     "toolbox.modelling.laws": "Controller, Sampled, Takeover",
@@ -225,6 +243,7 @@ _ROOMS = {
     "toolbox.robustness.limits": "performance_limit",
     "toolbox.robustness.margins": "Margins, margins",
     "toolbox.robustness.worst_case": "WorstCase, cycle_phases, worst_case",
+    "toolbox.scenes.differences": "Differences, compare",
     "toolbox.scenes.scene": "Scene",
     "toolbox.scenes.work_precision": "WorkPrecision, work_precision",
     "toolbox.simulation.methods": "Automatic, EventExact, Explicit, Implicit, Smoothing, TaylorSeries, TimeStepping",

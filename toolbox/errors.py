@@ -11,6 +11,13 @@ class SceneError(ValueError):
     """A plant, a scene or an argument that cannot be simulated as it stands; the message names the argument and what must hold."""
 
 
+class UnusualValue(UserWarning):
+    """A number that is outside of what its field calls usual, as where it was meant in another unit; the message names both readings.
+
+    `warnings.simplefilter("ignore", UnusualValue)` is for those who mean it.
+    """
+
+
 class SimulationError(RuntimeError):
     """A run that could not be finished. `run` is the trajectory up to the failure (None where nothing was computed)."""
 

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from controllers.string_model import StringModel, entries, string_model, with_entries
-from toolbox import Equations, Observer, SceneError, Update, quantity, state
+from toolbox import Equations, Observer, OptionalQuantities, Quantity, SceneError, Update, quantity, state
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class StringObserver(Observer):
     states: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     places: tuple[int, ...] = ()
-    model: tuple[float, ...] | None = quantity(
+    model: OptionalQuantities = quantity(
         None, "1", "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design"
     )
-    gain: tuple[float, ...] | None = quantity(None, "1", "L, the disturbance last; filled in by design")
-    begins: tuple[float, ...] | None = quantity(
+    gain: OptionalQuantities = quantity(None, "1", "L, the disturbance last; filled in by design")
+    begins: OptionalQuantities = quantity(
         None, "1", "states per torque, then per top speed, of the string that turns steadily; filled in by design"
     )
-    rock: tuple[float, ...] | None = quantity(
+    rock: OptionalQuantities = quantity(
         None, "1", "torque of the rock at speed, its excess at rest [N m] and decay [s/rad]; filled in by design"
     )
 
@@ -165,10 +165,10 @@ class Kalman(StringObserver):
     Source: R. E. Kalman, R. S. Bucy, J. Basic Eng. 83 (1961) 95-108.
     """
 
-    speed_noise: float = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
-    period: float = quantity(0.01, "s", "sample time of that noise", above=0)
-    torque_walk: float = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
-    drive_walk: float = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
+    speed_noise: Quantity = quantity(0.01, "rad/s", "standard deviation of the measured top speed", above=0)
+    period: Quantity = quantity(0.01, "s", "sample time of that noise", above=0)
+    torque_walk: Quantity = quantity(8000.0, "N m s^-0.5", "wandering of the bit torque in a second", above=0)
+    drive_walk: Quantity = quantity(50.0, "N m s^0.5", "white noise of the drive's torque", at_least=0)
 
     def gains(self, A, B, row):
         """L = P C' / R of the Riccati equation A P + P A' - P C' C P / R + Q = 0."""
@@ -191,7 +191,7 @@ class DisturbanceObserver(StringObserver):
     One number to tune: faster follows the rock sooner and passes more noise. Source: the pole placement is textbook (K. Ogata, Modern Control Engineering).
     """
 
-    bandwidth: float = quantity(6.0, "rad/s", "distance of all poles from zero", above=0)
+    bandwidth: Quantity = quantity(6.0, "rad/s", "distance of all poles from zero", above=0)
 
     def gains(self, A, B, row):
         """L that makes det(s - A + L C) = (s + bandwidth)^n."""

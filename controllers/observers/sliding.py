@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from controllers.observers.linear import StringObserver, placed
-from toolbox import quantity
+from toolbox import Quantity, quantity
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class SlidingObserver(StringObserver):
     up. Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992 (chapter on observers); gains by pole placement.
     """
 
-    bandwidth: float = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
-    size: float = quantity(5.0, "rad/s2", "injection at the edge of the layer", above=0)
-    reaching: float = quantity(20.0, "1/s", "gain on large errors", at_least=0)
-    layer: float = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
+    bandwidth: Quantity = quantity(3.0, "rad/s", "distance of the poles on the sliding surface from zero", above=0)
+    size: Quantity = quantity(5.0, "rad/s2", "injection at the edge of the layer", above=0)
+    reaching: Quantity = quantity(20.0, "1/s", "gain on large errors", at_least=0)
+    layer: Quantity = quantity(0.1, "rad/s", "half-width of the boundary layer", above=0)
 
     def injection(self, error):
         """The switching injection [rad/s2]."""

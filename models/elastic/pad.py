@@ -10,7 +10,7 @@ import numpy as np
 
 from models.elastic.reduction import ReducedBody
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, UnilateralContact, quantity, state
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class ElasticPad(Component):
     """
 
     body: ReducedBody
-    approach: tuple[float, ...] = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
-    contact_stiffness: float = quantity(1e8, "N/m", "stiffness k_c of one contact", above=0)
-    contact_damping: float = quantity(0.0, "N s/m", "damping c_c of one contact", at_least=0)
-    disc_speed: float = quantity(1.0, "m/s", "speed of the disc under the pad")
+    approach: Quantities = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
+    contact_stiffness: Quantity = quantity(1e8, "N/m", "stiffness k_c of one contact", above=0)
+    contact_damping: Quantity = quantity(0.0, "N s/m", "damping c_c of one contact", at_least=0)
+    disc_speed: Quantity = quantity(1.0, "m/s", "speed of the disc under the pad")
     pushed: str | None = None
     friction: FrictionLaw = Coulomb(static=0.5, kinetic=0.5)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.elastic.reduction import ReducedBody
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class ElasticSlider(Component):
     """
 
     body: ReducedBody
-    loads: tuple[float, ...] = quantity(unit="N", meaning="normal load of every contact", at_least=0)
+    loads: Quantities = quantity(unit="N", meaning="normal load of every contact", at_least=0)
     held: str = "held"
-    stiffness: float = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
-    damping: float = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
+    stiffness: Quantity = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)
+    damping: Quantity = quantity(5000.0, "N s/m", "damping to ground", at_least=0)
     friction: FrictionLaw = Exponential(static=0.35, kinetic=0.25, decay=1.0)
 
     def check(self):

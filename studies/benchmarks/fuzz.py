@@ -65,6 +65,8 @@ from toolbox import (
     Equations,
     FrictionLaw,
     HybridSystem,
+    Quantities,
+    Quantity,
     Sampled,
     Scene,
     SceneError,
@@ -108,14 +110,14 @@ class Network(Component):
     walls: for every mass "" (none), "elastic" or "rigid".
     """
 
-    mass: tuple[float, ...] = quantity((1.0, 1.0), "kg", "masses", above=0)
-    tie: tuple[float, ...] = quantity((10.0,), "N/m", "springs between neighbours", at_least=0)
-    ground: tuple[float, ...] = quantity((1.0, 1.0), "N/m", "springs to ground", at_least=0)
-    damping: tuple[float, ...] = quantity((0.1, 0.1), "N s/m", "damping to ground", at_least=0)
-    load: tuple[float, ...] = quantity((1.0, 1.0), "N", "normal loads of the contacts", at_least=0)
-    belt: float = quantity(0.2, "m/s", "speed of the ground")
-    gap: float = quantity(1.0, "m", "distance of the walls", at_least=0)
-    restitution: float = quantity(0.5, "1", "restitution of rigid walls", at_least=0, at_most=1)
+    mass: Quantities = quantity((1.0, 1.0), "kg", "masses", above=0)
+    tie: Quantities = quantity((10.0,), "N/m", "springs between neighbours", at_least=0)
+    ground: Quantities = quantity((1.0, 1.0), "N/m", "springs to ground", at_least=0)
+    damping: Quantities = quantity((0.1, 0.1), "N s/m", "damping to ground", at_least=0)
+    load: Quantities = quantity((1.0, 1.0), "N", "normal loads of the contacts", at_least=0)
+    belt: Quantity = quantity(0.2, "m/s", "speed of the ground")
+    gap: Quantity = quantity(1.0, "m", "distance of the walls", at_least=0)
+    restitution: Quantity = quantity(0.5, "1", "restitution of rigid walls", at_least=0, at_most=1)
     friction: FrictionLaw = Coulomb()
     rubs: tuple[str, ...] = ("ground", "")
     walls: tuple[str, ...] = ("", "")

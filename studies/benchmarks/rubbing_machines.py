@@ -12,7 +12,22 @@ from typing import Any
 import numpy as np
 
 from models import Coulomb, Drop, Exponential
-from toolbox import Component, Controller, DryFriction, Equations, Hysteresis, Relay, UnilateralContact, Update, quantity, sine, state
+from toolbox import (
+    Component,
+    Controller,
+    DryFriction,
+    Equations,
+    Hysteresis,
+    OptionalQuantities,
+    Quantities,
+    Quantity,
+    Relay,
+    UnilateralContact,
+    Update,
+    quantity,
+    sine,
+    state,
+)
 
 KINDS = ("relays", "breaks and switches", "rubbing pairs", "loaded by walls", "loads in time", "samples", "everything")
 
@@ -28,21 +43,21 @@ class Machine(Component):
     switches "read body pushed": memory of a speed, a position or the input `machine.signal`; the body `pushed` gets a kick while it is on
     """
 
-    mass: tuple[float, ...] = quantity((1.0,), "kg", "masses", above=0)
-    ground: tuple[float, ...] = quantity((1.0,), "N/m", "springs to ground", at_least=0)
-    damping: tuple[float, ...] = quantity((0.1,), "N s/m", "damping to ground", at_least=0)
-    tie: tuple[float, ...] | None = quantity(None, "N/m", "springs between neighbours", at_least=0)
-    static: tuple[float, ...] | None = quantity(None, "N", "static bounds at load 1", at_least=0)
-    kinetic: tuple[float, ...] | None = quantity(None, "N", "kinetic friction at load 1", at_least=0)
-    speed: tuple[float, ...] | None = quantity(None, "m/s", "speeds of the laws: of their break or of their decay", above=0)
-    bound: tuple[float, ...] | None = quantity(None, "N", "bounds of the relays", at_least=0)
-    lean: tuple[float, ...] | None = quantity(None, "1/s", "slopes of the surfaces of the relays", at_least=0)
-    gap: tuple[float, ...] | None = quantity(None, "m", "gaps of the walls", at_least=0)
-    stiffness: tuple[float, ...] | None = quantity(None, "N/m", "stiffness of the walls", above=0)
-    drag: tuple[float, ...] | None = quantity(None, "N s/m", "damping of the walls", at_least=0)
-    low: tuple[float, ...] | None = quantity(None, "1", "lower thresholds of the switches")
-    high: tuple[float, ...] | None = quantity(None, "1", "upper thresholds of the switches")
-    kick: tuple[float, ...] | None = quantity(None, "N", "forces of the switches")
+    mass: Quantities = quantity((1.0,), "kg", "masses", above=0)
+    ground: Quantities = quantity((1.0,), "N/m", "springs to ground", at_least=0)
+    damping: Quantities = quantity((0.1,), "N s/m", "damping to ground", at_least=0)
+    tie: OptionalQuantities = quantity(None, "N/m", "springs between neighbours", at_least=0)
+    static: OptionalQuantities = quantity(None, "N", "static bounds at load 1", at_least=0)
+    kinetic: OptionalQuantities = quantity(None, "N", "kinetic friction at load 1", at_least=0)
+    speed: OptionalQuantities = quantity(None, "m/s", "speeds of the laws: of their break or of their decay", above=0)
+    bound: OptionalQuantities = quantity(None, "N", "bounds of the relays", at_least=0)
+    lean: OptionalQuantities = quantity(None, "1/s", "slopes of the surfaces of the relays", at_least=0)
+    gap: OptionalQuantities = quantity(None, "m", "gaps of the walls", at_least=0)
+    stiffness: OptionalQuantities = quantity(None, "N/m", "stiffness of the walls", above=0)
+    drag: OptionalQuantities = quantity(None, "N s/m", "damping of the walls", at_least=0)
+    low: OptionalQuantities = quantity(None, "1", "lower thresholds of the switches")
+    high: OptionalQuantities = quantity(None, "1", "upper thresholds of the switches")
+    kick: OptionalQuantities = quantity(None, "N", "forces of the switches")
     rubs: tuple[str, ...] = ()
     relays: tuple[str, ...] = ()
     walls: tuple[str, ...] = ()
@@ -106,9 +121,9 @@ class Machine(Component):
 class Servo(Controller):
     """u = stiffness (place - x) - damping v of the first mass."""
 
-    stiffness: float = quantity(1.0, "N/m", "gain on the position")
-    damping: float = quantity(0.5, "N s/m", "gain on the speed")
-    place: float = quantity(0.0, "m", "set-point")
+    stiffness: Quantity = quantity(1.0, "N/m", "gain on the position")
+    damping: Quantity = quantity(0.5, "N s/m", "gain on the speed")
+    place: Quantity = quantity(0.0, "m", "set-point")
     drives = ("machine.servo",)
 
     def sampled(self, signal, period):

@@ -37,7 +37,7 @@ from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.questions.disks import braking_decision, critical_drop
-from toolbox import Component, Equations, HybridSystem, Sampled, compose, plot, quantity, sweep, time
+from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, compose, plot, quantity, sweep, time
 from toolbox.measuring import measures
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
@@ -83,8 +83,8 @@ def stops(points: np.ndarray) -> np.ndarray:
 class Dither(Component):
     """A force F cos(W t) on a block."""
 
-    amplitude: float = quantity(1.0, "N", "amplitude F", at_least=0)
-    frequency: float = quantity(20.0, "rad/s", "frequency W", above=0)
+    amplitude: Quantity = quantity(1.0, "N", "amplitude F", at_least=0)
+    frequency: Quantity = quantity(20.0, "rad/s", "frequency W", above=0)
 
     def equations(self, signal):
         force = self.amplitude * ca.cos(self.frequency * time)
@@ -118,7 +118,7 @@ def slow_swing(found: Sweep) -> np.ndarray:
 class Turning(Component):
     """A string that turns at a given speed."""
 
-    speed: float = quantity(10.0, "rad/s", "speed", above=0)
+    speed: Quantity = quantity(10.0, "rad/s", "speed", above=0)
 
     def equations(self, signal):
         speed = ca.SX(self.speed)

@@ -250,7 +250,7 @@ def test_a_figure_shows_traces_or_the_loop():
     signals = recording(duration=8.0)
     loop = fit(RIG, signals, "bit.friction.kinetic", contact="bit", starts=1)
     top, bottom = loop.plot()[:, 0]
-    assert top.get_ylabel() == "bit torque [N m]" and bottom.get_xlabel() == "slip of bit [rad/s]"
+    assert top.get_ylabel() == "bit torque [kN m]" and bottom.get_xlabel() == "slip of bit [rad/s]"
     del signals["bit.torque"]
     traces = fit(RIG, signals, "bit.friction.static", starts=1).plot()
     assert traces.shape == (2, 2) and traces[1, 0].get_xlabel() == "time [s]"
@@ -296,3 +296,14 @@ def test_the_example_of_the_help_reads_the_shipped_data(tmp_path, capsys, monkey
     words = shlex.split(" ".join(capsys.readouterr().out.split()).partition("example: stickslip ")[2])
     assert main([*words[:-1], str(tmp_path / "fitted"), "--starts", "1"]) == 0
     assert "bit.friction.static" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_figure_of_many_signals_has_room_for_all(tmp_path):
+    run = simulate(compose(BlockOnBelt()), 8.0, output_times=np.linspace(0, 8, 100))
+    axes = fit(compose(BlockOnBelt(mass=1.1)), run, "block.mass", {"block.mass": (0.8, 1.6)}, starts=1).plot()
+    assert axes.shape == (2, 4) and {ax.get_ylabel().split(" [")[0] for ax in axes[1]} == {"residual"}
+    figure = axes[0, 0].figure
+    figure.savefig(tmp_path / "fit.png")  # a layout without room would warn
+    whole, drawn = figure.bbox, figure.get_tightbbox(figure.canvas.get_renderer()).transformed(figure.dpi_scale_trans)
+    assert drawn.x0 >= whole.x0 and drawn.x1 <= whole.x1 and drawn.y0 >= whole.y0 and drawn.y1 <= whole.y1

@@ -391,7 +391,7 @@ def test_help_and_version_are_printed(capsys):
         assert "stickslip" in capsys.readouterr().out
 
 
-COMMANDS = ("study", "simulate", "onset", "sweep", "map", "tune", "fit", "tradeoff", "list")
+COMMANDS = ("study", "simulate", "compare", "onset", "sweep", "map", "tune", "fit", "tradeoff", "list")
 
 
 @pytest.mark.parametrize("command", COMMANDS)

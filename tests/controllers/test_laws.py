@@ -115,7 +115,7 @@ def test_no_law_commands_more_than_its_limits(kind):
 
 def test_limits_in_the_wrong_order_and_rates_without_samples_are_refused():
     with pytest.raises(SceneError, match="highest_torque"):
-        simulate(RIG, 1.0, controller=PI(lowest_torque=5.0, highest_torque=5.0))
+        simulate(RIG, 1.0, controller=PI(lowest_torque=5000.0, highest_torque=5000.0))
     with pytest.raises(SceneError, match="sample_time"):
         simulate(RIG, 1.0, controller=PI(torque_rate=100.0))
     with pytest.raises(SceneError, match="proportional"):

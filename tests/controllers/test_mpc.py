@@ -572,7 +572,7 @@ def test_bad_arguments_are_named():
         ({"delay": -0.1}, "delay"),
         ({"solver": "best"}, "solver"),
         ({"period": -1.0}, "period"),
-        ({"highest_torque": -5.0, "lowest_torque": 0.0}, "highest_torque"),
+        ({"highest_torque": -5000.0, "lowest_torque": 0.0}, "highest_torque"),
     ):
         with pytest.raises(SceneError, match=f"`.*{words}` must"):
             simulate(RIG, 1.0, controller=LinearMPC(**wrong), sample_time=0.1)

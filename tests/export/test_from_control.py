@@ -8,7 +8,21 @@ import pytest
 
 from controllers import PI
 from models import BitRock, wells
-from toolbox import Sampled, SceneError, compose, export_c, from_control, limit_cycle, onset, severity, simulate, step, sweep, to_control
+from toolbox import (
+    Sampled,
+    SceneError,
+    compose,
+    export_c,
+    from_control,
+    limit_cycle,
+    onset,
+    severity,
+    severity_map,
+    simulate,
+    step,
+    sweep,
+    to_control,
+)
 from toolbox.measuring import measures
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
@@ -85,6 +99,15 @@ def test_it_is_a_law_like_any_other(tmp_path):
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
     assert limit_cycle(RIG, 200.0, controller=from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)).period > 1.0
+
+
+@pytest.mark.slow
+def test_it_is_mapped_as_the_law_itself():
+    law = from_control(pi(), reference=9.95, **SIGNALS)
+    over = {"top.reference": ("70 rpm", "130 rpm"), "bit.weight": ("80 kN", "100 kN")}
+    mine, theirs = (severity_map(RIG, over, shape=(3, 2), duration=60.0, controller=each, halvings=0) for each in (DRIVE, law))
+    assert np.array_equal(mine.smooth.verdict, theirs.smooth.verdict) and np.array_equal(mine.sticking.verdict, theirs.sticking.verdict)
+    assert np.allclose(mine.growth, theirs.growth, rtol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import toolbox
 from controllers import PI, ImpedanceSuperTwisting, Lifting, ZTorque
 from models import BitRock, BlockOnBelt, Exponential, GaussianStribeck, TorsionalChain, wells
-from toolbox import Budget, Sampled, SceneError, compose, equilibrium, inputs, onset, ramp, simulate, sine
+from toolbox import Budget, Sampled, SceneError, compose, equilibrium, inputs, onset, ramp, severity_map, simulate, sine, sweep
 from toolbox.modelling.inputs import Table
 
 RPM = math.pi / 30
@@ -99,3 +102,48 @@ def test_steady_states_and_onsets_are_asked_for_in_field_units():
     belt = compose(BlockOnBelt())
     with pytest.raises(SceneError, match=r"`between.1` must be in m/s, but `2 N` is in N"):
         onset(belt, "block.belt_speed", (0.1, "2 N"))
+
+
+SCRIPT = Path(__file__).parents[1] / "examples" / "typed_units.py"
+
+
+@pytest.mark.slow
+def test_a_type_checker_has_nothing_to_say_about_text_with_units_where_it_is_taken(tmp_path):
+    api = pytest.importorskip("mypy.api")
+    root = SCRIPT.parents[2]
+    wrong = tmp_path / "wrong.py"
+    wrong.write_text("from controllers import PI\nspeed: str = PI(reference='60 rpm').reference\n")
+    words = ["--config-file", str(root / "pyproject.toml"), "--cache-dir", str(tmp_path)]
+    said, _, code = api.run([*words, str(SCRIPT), str(wrong)])
+    assert "expression has type \"float\", variable has type \"str\"" in said and said.count("error:") == 1 and code == 1, said
+
+
+@pytest.mark.slow
+def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
+    found = runpy.run_path(str(SCRIPT))
+    assert found["speed"] == pytest.approx(95 * RPM, rel=1e-15) and found["first"] == 4244.0
+    assert np.allclose(found["charted"].axes, [[60 * RPM, 140 * RPM], [50e3, 110e3]], rtol=1e-14, atol=0)
+    assert np.allclose([found["found"].values[0], found["found"].at], [60 * RPM, 120 * RPM], rtol=1e-14, atol=0)
+    assert found["swept"].points.ravel().tolist() == [50e3, 60e3] and np.allclose(found["listed"].points, [[50e3, 60 * RPM]], rtol=1e-14, atol=0)
+    rig, stiff = found["rig"], found["stiff"]
+    plain = sweep(rig, {"bit.weight": [50e3, 60e3]}, 5.0, controller=stiff, sample_time=0.01)
+    assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measures)
+    assert found["stuck"] == found["run"].time_in("bit", "stick", after=2.0, until=10.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: severity_map(RIG, {"bit.weight": ("50 rpm", "9 kN"), "top.torque": (1e3, 2e3)}), r"`bit.weight.0` must be in N, but `50 rpm` is in rpm"),
+        (lambda: sweep(RIG, {"bit.weight": ["50 m"]}, 1.0), r"`bit.weight.0` must be in N, but `50 m`"),
+        (lambda: sweep(RIG, {"bit.wheight": ["50 kN"]}, 1.0), r"`bit.wheight`: did you mean `bit.weight`"),
+        (lambda: simulate(RIG, 1.0).time_in("bit", "stick", after="1 N"), r"`after` must be in s"),
+        (lambda: simulate(RIG, 1.0).at("1 N"), r"`time` must be in s"),
+        (lambda: toolbox.measure.overshoot(simulate(RIG, 1.0), "top.speed", "3 N"), r"`target` must be in rad/s"),
+        (lambda: toolbox.pole_locus(RIG, "top.torque", ["3 N"]), r"`values.0` must be in N m"),
+        (lambda: toolbox.performance_limit(RIG, {"top.speed": "3 N"}), r"`top.speed` must be in rad/s"),
+    ],
+)  # fmt: skip
+def test_a_wrong_unit_is_refused_by_every_verb(call, words):
+    with pytest.raises(SceneError, match=words):
+        call()

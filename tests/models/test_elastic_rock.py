@@ -91,7 +91,7 @@ def test_torque_follows_the_weight_and_is_gone_while_the_bit_flies():
 @pytest.mark.parametrize("law", [BitRock, HystereticBitRock])
 def test_on_bottom_at_rest_an_axial_string_leaves_the_torsional_equations_as_they_were_bit_for_bit(law):
     alone = compose(wells.NAVARRO_LOPEZ_4, law(weight=WEIGHT))
-    both = compose(wells.NAVARRO_LOPEZ_4, STRING, ROCK, law(weight=1.0))  # the weight is now that of the string
+    both = compose(wells.NAVARRO_LOPEZ_4, STRING, ROCK, law(weight=1000.0))  # the weight is now that of the string
     rest = equilibrium(both, mode={"bit": "stick", "bit.bottom": "closed"})
     assert rest["bit.weight"] == pytest.approx(WEIGHT, rel=1e-13)
     random, position = np.random.default_rng(2), WEIGHT / 5e7

@@ -46,10 +46,10 @@ class Wheel(Component):
         (TopDrive(encoder_lag=None), 1, 0),
         (TopDrive(drive_lag=None), 1, 0),
         (TopDrive(), 2, 0),
-        (TopDrive(torque_limit=1.0, rate_limit=1.0), 2, 0),
+        (TopDrive(torque_limit=1000.0, rate_limit=1000.0), 2, 0),
         (TopDrive(**GEARS), 2, 1),
         (TopDrive(**MOTOR), 4, 0),
-        (TopDrive(**MOTOR, **GEARS, torque_limit=1.0, rate_limit=1.0), 4, 1),
+        (TopDrive(**MOTOR, **GEARS, torque_limit=1000.0, rate_limit=1000.0), 4, 1),
     ],
 )
 def test_a_top_drive_has_the_states_and_contacts_that_were_asked_for_and_no_others(drive, states, contacts):

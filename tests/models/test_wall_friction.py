@@ -73,7 +73,7 @@ def test_numbers_out_of_range_are_refused(changes, words):
 
 
 def test_chains_that_do_not_fit_are_refused():
-    axial = AxialChain(mass=(1.0,), stiffness=(), damping=(), hook_load=10.0)
+    axial = AxialChain(mass=(1.0,), stiffness=(), damping=(), hook_load=1000.0)
     with pytest.raises(SceneError, match="hoisting lines"):
         string_on_wall(axial, TorsionalChain(), radius=0.1, loads=(1.0,), friction=Coulomb(0.3, 0.3))
     with pytest.raises(SceneError, match="4 inertias"):

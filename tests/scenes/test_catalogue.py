@@ -1,7 +1,10 @@
 """Parts by name: what scenes can reach, and that they can reach nothing else."""
 
+import os
+import subprocess
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
@@ -158,3 +161,19 @@ def test_without_any_registered_package_the_error_says_to_install_one(register, 
     assert catalogue.parts() == []
     with pytest.raises(SceneError, match="install stickslip-toolbox"):
         catalogue.part("BitRock")
+
+
+@pytest.mark.parametrize(("package", "scene"), [("models", 'part = "BitRock"'), ("controllers", 'part = "wells.JANSEN_2"')])
+@pytest.mark.parametrize("as_file", [False, True], ids=["folder", "file"])
+def test_a_package_of_the_user_that_hides_ours_is_named(tmp_path, package, scene, as_file):
+    hiding = tmp_path / (f"{package}.py" if as_file else f"{package}/__init__.py")
+    hiding.parent.mkdir(exist_ok=True)
+    hiding.write_text("mine = 1\n")
+    law = '[[controllers]]\nlabel = "PI"\nlaw = "PI"\n'
+    (tmp_path / "rig.toml").write_text(f'title = "Rig"\nduration = 1.0\n[[plant]]\n{scene}\n[[plant]]\npart = "BitRock"\n{law}')
+    root = Path(__file__).parents[2]
+    path = os.pathsep.join([str(tmp_path), str(root), os.environ.get("PYTHONPATH", "")])
+    words = [sys.executable, "-c", "from toolbox.commands.command_line import script; script()", "simulate", "rig.toml"]
+    done = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
+    assert f"because `{hiding}` hides the package `{package}` of the toolbox: rename it" in done.stderr

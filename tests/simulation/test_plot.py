@@ -12,11 +12,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_hex, to_rgb
 
-from controllers import IdealSlidingMode
-from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
-from toolbox import SceneError, compose, simulate
+from controllers import PI, IdealSlidingMode
+from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
+from toolbox import SceneError, Trajectory, compose, simulate
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
 from toolbox.simulation.style import LINES, MANY_EVENTS, TONES
@@ -55,7 +55,7 @@ def hairlines(ax):
 
 def test_traces_give_every_unit_a_panel_and_every_axis_a_unit(rig_run):
     axes = traces(rig_run)
-    assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [N m]"]
+    assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [kN m]"]
     assert [ax.get_xlabel() for ax in axes] == ["", "time [s]"]
     assert list(curves(axes[0])) == ["top speed", "bit speed"]
     assert "top torque" in curves(axes[1]) and "bit torque" in curves(axes[1])
@@ -120,10 +120,14 @@ def test_many_events_do_not_blacken_the_picture(belt_run):
     def ink(run):
         return [c.get_alpha() for c in hairlines(traces(run, "block.speed")[0])]
 
-    plant = compose(BlockOnBelt())
-    few, many, thousands = belt_run, simulate(plant, 1500.0), simulate(plant, 6000.0)
-    assert len(few.events) < MANY_EVENTS < len(many.events) < 10 * MANY_EVENTS < len(thousands.events)
-    assert ink(few)[0] > 2 * ink(many)[0]
+    # of one contact the edges of its bands are its events; of several each has dots of its own
+    assert ink(belt_run) == []
+    plant = compose(BlockOnBelt(), BlockOnBelt(name="other", belt_speed=0.1))
+    few, many, thousands = (simulate(plant, duration) for duration in (60.0, 1500.0, 8000.0))
+    counts = [min(sum(event.element == name for event in run.events) for name in run.modes) for run in (few, many, thousands)]
+    assert counts[0] < MANY_EVENTS < counts[1] < 10 * MANY_EVENTS < counts[2]
+    assert ink(few)[0] > 2 * ink(many)[0] and len(ink(few)) == 2
+    assert len({str(c.get_linestyle()) for c in hairlines(traces(few, "block.speed")[0])}) == 2
     assert ink(thousands) == []
     assert traces(thousands, "block.speed")[0].get_lines()[0].get_linewidth() < 0.5
 
@@ -142,7 +146,7 @@ def test_by_default_the_inside_of_a_control_law_is_not_shown():
     rig = compose(wells.JANSEN_2, BitRock())
     run = simulate(rig, 5.0, controller=IdealSlidingMode())
     axes = traces(run)
-    assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [N m]"]
+    assert [ax.get_ylabel() for ax in axes] == ["speed [rad/s]", "torque [kN m]"]
     shown = [name for ax in axes for name in curves(ax)]
     assert not any(name.startswith("slidingmode") for name in shown) and "top torque" in shown
     rows = {text.get_text() for text in axes[0].texts}
@@ -248,3 +252,45 @@ def test_bad_arguments_are_refused_by_name(rig_run, belt_run):
     for call, message in refused:
         with pytest.raises(SceneError, match=message):
             call()
+
+
+def test_a_part_has_its_colour_in_every_picture(rig_run):
+    speed, torque = traces(rig_run)
+    of = {line.get_label(): line for ax in (speed, torque) for line in ax.get_lines()}
+    assert of["top speed"].get_color() == of["top torque"].get_color() != of["bit speed"].get_color() == of["bit torque"].get_color()
+    # two of one part in a panel differ in their dashes
+    assert of["top load"].get_color() == of["top torque"].get_color() and of["top load"].get_linestyle() != of["top torque"].get_linestyle()
+    (alone,) = traces(rig_run, "bit.torque")
+    (compared,) = comparison({"one": rig_run}, "bit.speed")
+    plane = phase_plane(rig_run, "chain.twist.0", "bit.speed")
+    found = {alone.get_lines()[0].get_color(), compared.get_lines()[0].get_color(), to_hex(hairlines(plane)[0].get_colors()[0])}
+    assert found == {of["bit speed"].get_color()}
+
+
+def test_a_peak_of_an_instant_does_not_flatten_the_rest_and_is_named():
+    rig = compose(wells.JANSEN_2, BitRock())
+    pulse = ([0.0, 20.0, 20.05, 20.1, 60.0], [1e4, 1e4, 3e5, 1e4, 1e4])
+    run = simulate(rig, 60.0, inputs={"top.torque": pulse})
+    (ax,) = traces(run, "top.torque", "bit.torque")
+    assert ax.get_ylim()[1] < 0.2 * 3e5
+    (text,) = [text for text in ax.texts if "kN m" in text.get_text()]
+    assert text.get_text() == "300 kN m" and text.xy[0] == pytest.approx(20.05, abs=0.01)
+    (mark,) = [line for line in ax.get_lines() if line.get_label() == "_peak"]
+    assert mark.get_xdata()[0] == pytest.approx(20.05, abs=0.01) and mark.get_ydata()[0] == ax.get_ylim()[1]
+    # what lasts is shown whole
+    (ax,) = traces(simulate(rig, 60.0, inputs={"top.torque": ([0.0, 20.0, 20.0, 60.0], [1e4, 1e4, 3e5, 3e5])}), "top.torque")
+    assert ax.get_ylim()[1] > 3e5 and not [text for text in ax.texts if "kN m" in text.get_text()]
+
+
+@pytest.mark.parametrize("law", [PI(reference=9.0, lowest_torque=0.0, highest_torque="14 kN m"), None], ids=["law", "drive"])
+def test_limits_of_the_drive_are_drawn_where_they_can_be_seen(law, tmp_path):
+    drive = () if law else (TopDrive(ratio=7.0, torque_limit=2000.0, encoder_lag=None, drive_lag=None),)
+    rig = compose(wells.JANSEN_2, BitRock(), *drive)
+    run = simulate(rig, 20.0, controller=law or PI(reference=9.0))
+    for shown in (run, Trajectory.load(run.save(tmp_path / "run.npz"))):
+        (ax,) = traces(shown, "top.torque")
+        limits = [line.get_ydata()[0] for line in ax.get_lines() if line.get_label() == "_limit"]
+        assert limits == [14e3]  # 0 N m, or the other way round, is too far from what the drive does
+        assert all(ax.get_ylim()[0] < limit < ax.get_ylim()[1] for limit in limits)
+        (ax,) = traces(shown, "bit.speed")
+        assert not [line for line in ax.get_lines() if line.get_label() == "_limit"]

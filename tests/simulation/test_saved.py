@@ -1,6 +1,7 @@
 """A run read back from its file is the run at its recorded times, and says what it cannot do."""
 
 import dataclasses
+import math
 import pickle
 
 import numpy as np
@@ -9,11 +10,21 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
-from toolbox import Budget, BudgetError, SceneError, Smoothing, Trajectory, compose, fit, simulate
+from toolbox import Budget, BudgetError, SceneError, Smoothing, Trajectory, compose, energy_audit, fit, measure, simulate
+from toolbox.simulation.saved_run import interpolated, points
+
+
+@pytest.fixture
+def closed_figures():
+    plt = pytest.importorskip("matplotlib.pyplot")
+    yield
+    plt.close("all")
+
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 RUNS = {
     "sampled drive": (RIG, 30.0, {"controller": PI(reference=9.0), "sample_time": 0.01}),
+    "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
     "a break of the law": (compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))), 20.0, {"start": {"block.position": 1.0}}),
     "bounces": (compose(Ball(stiffness=1e4, damping=20.0)), 3.0, {"start": {"ball.height": 1.0}}),
@@ -37,6 +48,94 @@ def test_a_run_read_back_has_its_records_modes_events_and_units(case, tmp_path):
         assert all(back.time_in(element, word, after=1.0) == run.time_in(element, word, after=1.0) for word in set(words))
 
 
+@pytest.mark.parametrize("case", RUNS)
+def test_a_run_read_back_answers_at_any_time_as_exactly_as_the_run(case, tmp_path):
+    plant, duration, arguments = RUNS[case]
+    run = simulate(plant, duration, **arguments)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    nodes = run.nodes.time
+    times = np.sort(np.concatenate([nodes, np.linspace(0.0, run.end, 1003), 0.3 * nodes[:-1] + 0.7 * nodes[1:]]))
+    exact, read = run.at(times), back.at(times)
+    for name in run.names:
+        size = np.abs(exact[name]).max() or 1.0
+        np.testing.assert_allclose(read[name], exact[name], rtol=0, atol=3 * run.accuracy * size)  # checked at points between, not everywhere
+    for element, words in exact.modes.items():
+        np.testing.assert_array_equal(read.modes[element], words)
+    name = next(name for name in run.names if run[name].ndim == 1)
+    assert isinstance(back.at(1.0)[name], float) and back.at(1.0)[name] == back.at([1.0])[name][0]
+
+
+def test_polynomials_are_checked_against_a_finer_run_of_points():
+    # of a signal that no low degree follows the degree is high, of one that stands still it is 1
+    values = np.sin(3.0 * points(16))[None]
+    for degree in (4, 8):
+        at = np.linspace(0.0, 1.0, 101)
+        found = interpolated(np.repeat(np.sin(3.0 * points(degree))[None], 101, axis=0), at)
+        # of degree n the error is at most 2 (3/4)^(n+1) / (n+1)! of the bound of the derivative
+        assert np.abs(found - np.sin(3.0 * at)).max() <= 2 * 0.75 ** (degree + 1) / math.factorial(degree + 1)
+    assert interpolated(values, np.array([1.0]))[0] == values[0, -1]
+
+
+def test_a_run_read_back_measures_like_the_run(tmp_path):
+    run = simulate(RIG, 60.0, controller=PI(reference=9.0), sample_time=0.01)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    for each in (measure.stick_intervals, measure.cycles, measure.stuck_ratio):
+        assert each(back, "bit", 10.0) == each(run, "bit", 10.0)
+    mine, theirs = measure.extent(back, "bit.speed", 10.0), measure.extent(run, "bit.speed", 10.0)
+    # where it stands the bit has its minimum at many times, so that times are not compared
+    assert dataclasses.astuple(mine)[:3] == pytest.approx(dataclasses.astuple(theirs)[:3], rel=1e-5, abs=1e-6 * theirs.maximum)
+    assert measure.severity(back, after=10.0) == pytest.approx(measure.severity(run, after=10.0), rel=1e-5)
+    assert measure.mean_square(back, "bit.speed", 9.0) == pytest.approx(measure.mean_square(run, "bit.speed", 9.0), rel=1e-5)
+    assert measure.overshoot(back, "top.speed", 9.0) == pytest.approx(measure.overshoot(run, "top.speed", 9.0), rel=1e-4)
+    assert measure.settling(back, "top.speed", 9.0, 0.9) == pytest.approx(measure.settling(run, "top.speed", 9.0, 0.9), abs=1e-4)
+
+
+def test_impacts_and_standstill_are_measured_on_a_run_read_back(tmp_path):
+    plant, duration, arguments = RUNS["bounces"]
+    run = simulate(plant, duration, **arguments)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    element = run.program.system.elements[0].name
+    found, exact = measure.contact(back, element), measure.contact(run, element)
+    assert found.impacts == exact.impacts >= 3
+    assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(exact), rel=1e-5)
+    assert measure.contact(back, element, after=1.0).impacts == measure.contact(run, element, after=1.0).impacts < found.impacts
+    with pytest.raises(SceneError, match="There is no unilateral contact `ball`"):
+        measure.contact(back, "ball")
+    stop = simulate(compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(1.0, 0.6))), 20.0, start={"block.speed": 2.0})
+    again = Trajectory.load(stop.save(tmp_path / "stop.npz"))
+    assert measure.standstill(again, "block.speed") == pytest.approx(measure.standstill(stop, "block.speed"), rel=1e-5)
+
+
+@pytest.mark.usefixtures("closed_figures")
+@pytest.mark.parametrize("case", ["sampled drive", "bounces", "smoothed", "no switch"])
+def test_a_run_read_back_plots_the_same_curves(case, tmp_path):
+    plant, duration, arguments = RUNS[case]
+    run = simulate(plant, duration, **arguments)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    for drawn, read in zip(run.plot(), back.plot(), strict=True):
+        assert (drawn.get_ylabel(), len(drawn.patches), len(drawn.collections)) == (read.get_ylabel(), len(read.patches), len(read.collections))
+        for line, other in zip(drawn.get_lines(), read.get_lines(), strict=True):
+            assert line.get_label() == other.get_label()
+            np.testing.assert_array_equal(line.get_xdata(), other.get_xdata())
+            np.testing.assert_allclose(line.get_ydata(), other.get_ydata(), rtol=0, atol=1e-5 * (np.abs(line.get_ydata()).max() or 1.0))
+
+
+def test_a_run_read_back_goes_to_pandas_and_csv_like_the_run(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    run = simulate(RIG, 5.0)
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    pandas.testing.assert_frame_equal(back.to_pandas(), run.to_pandas())
+    assert back.to_csv(tmp_path / "back.csv").read_text() == run.to_csv(tmp_path / "run.csv").read_text()
+
+
+def test_a_run_read_back_keeps_the_error_that_was_asked(tmp_path):
+    run = simulate(RIG, 5.0)
+    error = run.error
+    back = Trajectory.load(run.save(tmp_path / "run.npz"))
+    assert back.error == error and f"error {error:.1e}" in str(back)
+    assert str(back).splitlines()[0] == str(run).splitlines()[0]
+
+
 def test_a_run_that_failed_is_read_back_as_far_as_it_came(tmp_path):
     with pytest.raises(BudgetError) as caught:
         simulate(compose(BlockOnBelt()), 100.0, budget=Budget(events=3), output_times=[0.0, 99.0])
@@ -49,9 +148,14 @@ def test_a_run_that_failed_is_read_back_as_far_as_it_came(tmp_path):
 def test_what_a_file_does_not_hold_is_refused_by_name(tmp_path):
     run = simulate(RIG, 5.0)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
-    for wish in (lambda: back.at(1.0), lambda: back.error):
-        with pytest.raises(SceneError, match=r"has its records only: `(at|error)` needs the plant.*`pickle` the run"):
-            wish()
+    with pytest.raises(SceneError, match=r"does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run"):
+        back.error  # noqa: B018
+    with pytest.raises(SceneError, match=r"Argument `run` must be a trajectory with its plant"):
+        energy_audit(back)
+    with pytest.raises(SceneError, match=r"Argument `time` must be a number or a row of numbers between 0 and 5 s, but it is 6.0"):
+        back.at(6.0)
+    with pytest.raises(SceneError, match=r"There is no signal `chain.speed.2`"):
+        back.at(1.0)["chain.speed.2"]
     with pytest.raises(SceneError, match=r"There is no signal `bit.sped`: did you mean `bit.speed`"):
         back["bit.sped"]
     with pytest.raises(SceneError, match="There is no element `bot`"):

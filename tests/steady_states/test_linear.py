@@ -383,3 +383,25 @@ def test_a_law_closes_the_loop_of_a_steady_state_and_of_its_linear_system(rig):
     assert np.abs(run["bit.speed"] - w).max() < 1e-6 and run.events == []
     with pytest.raises(SceneError, match="continuous form"):
         linearise(rig, controller=lambda t, y: 0.0)
+
+
+def test_a_plant_is_linearised_where_a_loop_holds_it(rig):
+    """The plant alone at the steady state of a loop, against matrices written by hand; closed by the law again it has the poles of the loop."""
+    law, w = PI(reference=8.0, proportional=2000.0, integral=700.0), 6.0
+    for weight in (TORQUE / 0.155575, 0.8 * TORQUE / 0.155575):
+        rest = equilibrium(rig, controller=law, inputs={"top.reference": w, "bit.weight": weight})
+        alone = linearise(rig, at=rest, inputs="top.torque", outputs=["top.speed", "bit.speed"])
+        fall = weight * 0.155575 * 0.3 * 0.9 * math.exp(-0.9 * w)
+        matrix = [[0, 1, -1], [-K / J1, -(C12 + CR) / J1, C12 / J1], [K / J2, C12 / J2, -(C12 + CB - fall) / J2]]
+        np.testing.assert_allclose(alone.A, matrix, rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(alone.B, [[0], [1 / J1], [0]], rtol=1e-12)
+        assert alone.state_labels == ["chain_twist[0]", "chain_speed[0]", "chain_speed[1]"] and alone.input_labels == ["top_torque"]
+        k = control.tf([2000.0, 700.0], [1, 0])
+        closed = control.feedback(alone[0, 0] * control.ss(k))
+        np.testing.assert_allclose(np.sort_complex(closed.poles()), np.sort_complex(linearise(rig, at=rest, controller=law).poles()), rtol=1e-6)
+    heavier = equilibrium(rig, controller=law, parameters={"chain.stiffness": (2 * K,)})
+    assert linearise(rig, at=heavier).A[1, 0] == pytest.approx(-2 * K / J1, rel=1e-12)  # its numbers are those of the loop
+    with pytest.raises(SceneError, match="or of a loop with it, but it belongs to another plant"):
+        linearise(rig, at=equilibrium(compose(BlockOnBelt())))
+    with pytest.raises(SceneError, match="belongs to another plant"):
+        linearise(compose(wells.NAVARRO_LOPEZ_4, BitRock()), at=rest)

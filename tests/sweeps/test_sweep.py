@@ -577,7 +577,7 @@ def test_measures_that_make_no_sense_are_refused_by_name(measures, message):
         sweep(RIG, {"bit.weight": [1e3]}, duration=1.0, controller=StiffPI(), measures=measures)
 
 
-def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, caplog, monkeypatch):
     from toolbox.commands.command_line import main
 
     pytest.importorskip("zarr")
@@ -596,7 +596,7 @@ def test_the_command_sweeps_a_scene_and_goes_on_where_it_was(tmp_path, capsys, m
     assert not made  # all of it is there already
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main([*command[:-1], str(tmp_path / "plain")]) == 0
-    assert "pip install 'stickslip-toolbox[batch]'" in capsys.readouterr().err
+    assert "pip install 'stickslip-toolbox[batch]'" in caplog.text
     np.testing.assert_array_equal(Sweep.load(tmp_path / "plain" / "01_stiff_pi" / "sweep.npz")["severity"], found["severity"])
 
 
@@ -627,7 +627,7 @@ def test_the_command_takes_designs_and_tables(tmp_path, capsys):
         (["--vary", "bit.weight=1:2:3", "--vary", "bit.weight=1:2:3"], "must name every number once"),
         (["--vary", "bit.weight=1:2:3", "--runs", "4"], "`--runs` must come with a `--sampling`"),
         (["--vary", "bit.weight=1:2", "--sampling", "sobol"], "`--sampling` must come with `--runs`"),
-        (["--vary", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`seed` must be an integer >= 0"),
+        (["--vary", "bit.weight=1:2", "--sampling", "random", "--runs", "4", "--seed", "-1"], "`--seed` must be an integer >= 0"),
         ([], "`--vary` must be given, or `--rows`"),
     ):
         assert main([*command, *given, "--out", str(tmp_path / "none")]) == 2

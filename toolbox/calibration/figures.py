@@ -8,7 +8,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.calibration.residuals import MeasuredLoop, Simulated
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis
+
+COLUMNS = 2
+"""Signals side by side."""
 
 
 def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
@@ -21,13 +24,19 @@ def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
 
     Returns
     -------
-    The axes, shape (2, signals).
+    The axes, shape (2, signals): above each other signal and residual, two signals side by side.
     """
     model = misfit.model(values)
     dots = {"marker": ".", "linestyle": "none", "color": "0.6", "markersize": 2.5, "rasterized": True}
     with plt.rc_context(PAPER):
-        figure, axes = plt.subplots(2, len(misfit.outputs), squeeze=False, sharex="col", figsize=(WIDTH, 3.8), height_ratios=(2.2, 1.0),
+        count = len(misfit.outputs)
+        rows, columns = -(-count // COLUMNS), min(count, COLUMNS)
+        figure, grid = plt.subplots(2 * rows, columns, squeeze=False, sharex="col", figsize=(WIDTH, 0.4 + 3.4 * rows), height_ratios=(2.2, 1.0) * rows,
                                     layout="constrained")  # fmt: skip
+        axes = np.stack([grid[::2].ravel(), grid[1::2].ravel()])
+        for ax in axes[:, count:].ravel():
+            ax.set_axis_off()
+        axes = axes[:, :count]
         for (top, bottom), name in zip(axes.T, misfit.outputs, strict=True):
             unit = misfit.plant.unit(name)
             time, measured = misfit.time[name], misfit.measured[name]
@@ -62,8 +71,9 @@ def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
                 bottom.set_xlabel("time [s]")
             bottom.plot(x, measured - model[name], **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            top.set_ylabel(f"{in_words(name)} [{unit}]")
-            bottom.set_ylabel(f"residual [{unit}]")
-            top.legend(frameon=False, markerscale=3.0, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
+            name_axis(top.yaxis, in_words(name), unit)
+            name_axis(bottom.yaxis, "residual", unit)
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, frameon=False, markerscale=3.0, loc="outside lower center", ncols=len(labels))
         figure.align_ylabels(axes)
     return axes

@@ -13,8 +13,9 @@ one point of a line of equally good ones. The singular values of J show that, an
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,8 @@ from toolbox.calibration.resting import resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start
@@ -50,7 +53,7 @@ def fit(
     machine: HybridSystem | Scene,
     data: Any,
     free: str | Sequence[str],
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, tuple[NumberOrText, NumberOrText]] | None = None,
     *,
     columns: Mapping[str, str] | None = None,
     controller: Any = None,
@@ -195,7 +198,7 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for i, name in enumerate(names):
         if name in bounds:
-            pair = bounds[name]
+            pair = in_si(bounds[name], misfit.plant.unit(name), f"bounds.{name}")
             if len(pair) != 2 or not all(is_finite_number(value) for value in pair) or not pair[0] < pair[1]:
                 raise SceneError(
                     f"Argument `bounds` must give `{name}` two finite numbers (low, high) with low < high, but it is {pair!r}."
@@ -228,7 +231,6 @@ class LeastSquares:
 
     def fit(self) -> Fit:
         from scipy.stats import t as student
-        from tqdm import tqdm
 
         misfit = self.misfit
         sizes = {name: float(np.std(values)) or 1.0 for name, values in misfit.measured.items()}
@@ -236,12 +238,13 @@ class LeastSquares:
         found: list[Any] = []
         trial = misfit.trial()
         reason: Exception | None = None
-        with tqdm(total=self.starts, unit="start", desc="fit", delay=1.0, leave=False, disable=None) as bar:
+        evaluations = itertools.count(1)
+        with progress_bar(self.starts, "fit", unit="start") as bar:
             for begin in self._begins():
                 if len(found) == self.starts:
                     break
                 try:
-                    found.append(self._descend(begin, scales, trial.horizons()))
+                    found.append(self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations")))
                     bar.update()
                 except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
                     reason = reason or error
@@ -334,8 +337,10 @@ class LeastSquares:
         drawn = qmc.LatinHypercube(len(self.names), rng=self.seed).random(DRAWS * (self.starts - 1))
         return [inside, *(low + drawn * (high - low))]
 
-    def _descend(self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any]) -> Any:
-        """Where least squares end from some numbers, over longer and longer parts of the data."""
+    def _descend(
+        self, begin: np.ndarray, scales: Mapping[str, float], horizons: Sequence[Any], tell: Callable[[], object] = lambda: None
+    ) -> Any:
+        """Where least squares end from some numbers, over longer and longer parts of the data; tell: called after each evaluation of the model."""
         from scipy.optimize import least_squares
 
         size = self._size(self.first)
@@ -347,8 +352,12 @@ class LeastSquares:
                 found = misfit.slopes(q * size, self._size(q * size))
                 return np.concatenate([found[name] * (size / scales[name]) for name in misfit.outputs])
 
+            def left(q: np.ndarray, misfit: Any = misfit) -> np.ndarray:
+                tell()
+                return residuals(misfit, q * size, scales)
+
             whole = misfit is self.misfit
-            given: dict[str, Any] = {"fun": lambda q, misfit=misfit: residuals(misfit, q * size, scales), "jac": slopes, "x0": values / size}
+            given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": values / size}
             given |= {"x_scale": "jac", "xtol": 1e-10 if whole else 1e-4, "ftol": 1e-12 if whole else 1e-4, "gtol": 1e-12, "max_nfev": 100 if whole else 30}
             found: Any = self._unbounded(given, size) if whole and isinstance(misfit, MeasuredLoop) else None
             found = found or least_squares(**given, bounds=(self.low / size, self.high / size))

@@ -14,6 +14,8 @@ from toolbox.calibration.residuals import MeasuredLoop
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -103,6 +105,21 @@ class Fit:
         return all(residual.whiteness >= 0.05 for residual in self.residuals)
 
     def __str__(self) -> str:
+        rows = self._rows()
+        widths = [max(len(row[i]) for row in rows) for i in range(5)]
+        lines = [*self._headlines, ""]
+        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        return "\n".join([*lines, "", *self._remarks()])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title, starts = self._headlines
+        headings = ("name", "estimate", f"interval of {100 * self.confidence:g} %", "unit", "")
+        return table(title, headings, self._rows(), [starts, *self._remarks()])
+
+    @property
+    def _headlines(self) -> tuple[str, str]:
         count = sum(values.size for values in self.misfit.measured.values())
         how = (
             f"law of `{self.misfit.plant.elements[self.misfit.place].name}` against the measured loop"
@@ -110,19 +127,25 @@ class Fit:
             else "by simulation"
         )
         recording = self.misfit.recording
-        lines = [
+        return (
             f"Fit of {len(self.names)} number(s) to {count} measured values over {recording.time[-1]:g} s ({recording.source}), {how}",
             f"{self.agreeing} of {self.starts} start(s) end here; intervals of {100 * self.confidence:g} %",
-            "",
-        ]
+        )
+
+    def _rows(self) -> list[list[str]]:
+        """(name, estimate, interval, unit, relative deviation)."""
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
+            factor, unit = reading(unit)
             part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
-            rows.append([name, f"{self.values[i]:.6g}", f"{low:.6g} .. {high:.6g}", "" if unit == "1" else unit, f"deviation {part}"])
-        widths = [max(len(row[i]) for row in rows) for i in range(5)]
-        lines += ["  " + "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        lines.append("")
+            ends = f"{low * factor:.6g} .. {high * factor:.6g}"
+            rows.append([name, f"{self.values[i] * factor:.6g}", ends, "" if unit == "1" else unit, f"deviation {part}"])
+        return rows
+
+    def _remarks(self) -> list[str]:
+        """What the residuals say, and what to know about the estimates."""
+        lines: list[str] = []
         for left in self.residuals:
             lines += left.lines()
         if len(self.names) > 1:
@@ -142,7 +165,7 @@ class Fit:
                 )
         if not self.misfit.exact:
             lines.append("  slopes by differences, because a law in Python or an encoder has no exact ones")
-        return "\n".join(lines)
+        return lines
 
     def save(self, path: str | Path) -> Path:
         """Write estimates, deviations and intervals as csv in SI units."""

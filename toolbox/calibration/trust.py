@@ -46,7 +46,7 @@ class Residual:
 
     def lines(self) -> list[str]:
         """What a report says of it."""
-        line = f"  left of {self.signal}: rms {self.rms:.4g} {self.unit}, {100 * self.part:.2g} % of its range; "
+        line = f"  residual of {self.signal}: rms {self.rms:.4g} {self.unit}, {100 * self.part:.2g} % of its range; "
         if self.whiteness >= 0.05:
             return [line + f"white (p = {self.whiteness:.2g})"]
         found = [line + f"NOT white: neighbours correlate by {self.correlation:.2f}, so intervals are too narrow (p = {self.whiteness:.2g})"]

@@ -9,22 +9,25 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from toolbox.commands import fit, listing, onset, simulate, study, sweep, tradeoff, tune
+from toolbox.commands import compare, fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, UnusualValue
 from toolbox.files.interrupts import GATE
+from toolbox.files.unit_systems import SYSTEMS, units
 
-COMMANDS = (study, simulate, onset, sweep, tune, fit, tradeoff, listing)
+COMMANDS = (study, simulate, compare, onset, sweep, tune, fit, tradeoff, listing)
 
 
 def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> int:
     """Run the command line and return its exit code; the errors of a user are one line on stderr. watch: of a process that is ended by an interrupt."""
-    words = NOTHING
+    words, given = NOTHING, argparse.Namespace()
     try:
         given = _parser().parse_args(arguments)
         words = given.words(given)
@@ -34,9 +37,10 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             from toolbox.scenes.catalogue import load_parts
 
             load_parts(path)
-        return given.action(given)
+        with units(given.units):
+            return given.action(given)
     except SceneError as error:
-        return complaint(str(error), 2)
+        return complaint(_by_option(str(error), given), 2)
     except BrokenPipeError:  # whoever read the output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -50,9 +54,30 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
         return complaint(words, INTERRUPTED)
 
 
+def _by_option(text: str, given: argparse.Namespace) -> str:
+    """An error in which an argument of a Python function goes by the option that gave it; what the scene gave keeps the name of its key."""
+    found = re.match(r"Arguments? `([a-z_]+)`", text)
+    if found is None or "parser" not in given:
+        return text
+    spelled = given.spelled.get(found[1])
+    name = found[1]
+    if spelled is None and name in given and getattr(given, name) != given.parser.get_default(name):
+        spelled = "--" + name.replace("_", "-")
+    return text if spelled is None else text[: found.start(1)] + spelled + text[found.end(1) :]
+
+
 def script() -> NoReturn:
     """Run the command line as a process."""
     watch = Watch()
+    elsewhere = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, UnusualValue):  # the scene is at fault, not a line of code
+            complaint(f"warning: {message}", 0)
+        else:
+            elsewhere(message, category, *where, **more)
+
+    warnings.showwarning = show
     try:
         watch.begin()
         try:
@@ -72,7 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate stick-slip of drill strings and brakes, and compare controllers that end it.",
         epilog="exit codes: 0 done; 1 nothing could be simulated, tuned or fitted; 2 a scene or an argument is wrong; 130 interrupted",
     )
-    parser.set_defaults(words=lambda given: NOTHING)
+    parser.set_defaults(words=lambda given: NOTHING, spelled={})
     parser.add_argument("--version", action="version", version=f"stickslip-toolbox {_version()}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
@@ -81,6 +106,8 @@ def _parser() -> argparse.ArgumentParser:
         each.add_argument(
             "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
         )
+        each.set_defaults(parser=each)
+        each.add_argument("--units", choices=tuple(SYSTEMS), default="si", help="of what is printed and drawn; files of numbers stay SI (si)")
     return parser
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,11 @@ def draw(scene: Scene, label: str, run: Trajectory, traces: Path, phase: Path) -
 def draw_comparison(scene: Scene, runs: Mapping[str, Trajectory], path: Path) -> None:
     """Write the figure of the judged signal under every controller."""
     _write(_plot().comparison(runs, scene.signal, scene.contact), scene.title, path)
+
+
+def draw_overlay(runs: Mapping[str, Any], signals: Sequence[str], after: float, until: float | None, path: Path) -> None:
+    """Write the figure of runs over one another."""
+    _write(_plot().overlay(runs, *signals, after=after, until=until), None, path)
 
 
 def draw_onsets(scene: Scene, onsets: Mapping[str, Onset], path: Path) -> None:
@@ -71,6 +76,6 @@ def _write(axes: Any, title: str | None, path: Path) -> None:
 
     figure = np.ravel(axes)[0].figure
     if title is not None:
-        figure.suptitle(textwrap.fill(title, int(11 * figure.get_figwidth())))  # letters of this size that fit into an inch
+        figure.suptitle(textwrap.fill(title, int(13 * figure.get_figwidth())), fontsize=10.0)  # letters of this size that fit into an inch
     figure.savefig(path, dpi=150)
     plt.close(figure)

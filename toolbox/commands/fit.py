@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, complaint, plain
+from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -44,7 +44,7 @@ def add(commands: Any) -> None:
     )
     calibration.add_argument("--contact", metavar="NAME", help="fit the law of this contact to the measured loop, without simulation")
     calibration.add_argument("--starts", type=int, default=4, metavar="N", help="searches from different values (4)")
-    calibration.set_defaults(action=run)
+    calibration.set_defaults(action=run, spelled={"free": "--free", "bounds": "--free", "columns": "--column", "data": "DATA"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -71,7 +71,7 @@ def run(given: argparse.Namespace) -> int:
         if not equals:
             raise SceneError(f"Argument `--column` must be SIGNAL=HEADING, but it is `{text}`.")
         columns[signal_name] = heading
-    with whole_folder(given.out, FIT_FILES, _earlier_fit) if given.out else nullcontext() as folder:
+    with whole_folder(given.out, drawn_as(FIT_FILES, given.format), _earlier_fit) if given.out else nullcontext() as folder:
         try:
             found = fit(
                 scene,
@@ -89,7 +89,7 @@ def run(given: argparse.Namespace) -> int:
         if folder is not None:
             (folder / "fit.txt").write_text(text, encoding="utf-8")
             found.save(folder / "fit.csv")
-            figures.draw_found(found, scene.title, folder / "fit.png")
+            figures.draw_found(found, scene.title, folder / f"fit.{given.format}")
             dataclasses.replace(scene, parts=found.plant.parts, parameters={}).save(folder / "scene.toml")
     print(text, end="")
     if given.out:
@@ -117,4 +117,4 @@ def _earlier_fit(path: Path) -> set[str]:
             return set()
     except (OSError, ValueError):
         return set()
-    return {name for name in FIT_FILES if (path / name).is_file()}
+    return {name for name in drawn_as(FIT_FILES, *FORMATS) if (path / name).is_file()}

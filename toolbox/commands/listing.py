@@ -1,4 +1,4 @@
-"""stickslip list: wells, models, control laws, observers and friction laws with their parameters and units."""
+"""stickslip list: wells, models, control laws, observers and friction laws with their parameters and units, and the keys of a scene file."""
 
 from __future__ import annotations
 
@@ -19,17 +19,25 @@ def add(commands: Any) -> None:
         "list",
         help="list wells, models, control laws, observers and friction laws with their parameters and units",
         description="List what scene files can name: ready-made parts such as wells, models, control laws, observers and friction laws, each with its "
-        "parameters, their values, units and meaning; for models made from tables, what those take.",
+        "parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a scene file.",
         epilog="example: stickslip list BitRock",
     )
-    listing.add_argument("name", nargs="?", metavar="NAME", help="show only the entries whose name contains this")
+    listing.add_argument("name", nargs="?", metavar="NAME", help="show only the entries whose name contains this; `scene`: the keys of a scene file")
     listing.set_defaults(action=run)
 
 
 def run(given: argparse.Namespace) -> int:
     """Print what there is. Returns the exit code."""
-    from toolbox.scenes import catalogue
+    from toolbox.scenes import catalogue, keys
 
+    if given.name == "scene":
+        print("Keys of a scene file; numbers are SI or text with a unit")
+        for table, entries_of in keys.KEYS.items():
+            print("At its head" if table == "scene" else table)
+            for key in entries_of:
+                heading = f"{key.name} [{key.unit}]" if key.unit else key.name
+                print(f"  {heading:<30} {key.default:<24} {key.meaning}")
+        return 0
     entries = [entry for entry in catalogue.parts() if given.name is None or given.name.lower() in entry.name.lower()]
     if not entries:
         if given.name is None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, plain, progress
+from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
 
@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
     border.add_argument("--at", metavar="VALUE", help="working point whose margin is reported; the value of the scene without")
     border.add_argument("--values", type=int, default=13, metavar="N", help="values at which both branches are simulated (13)")
     border.add_argument("--tolerance", metavar="X", help="of the borders; a thousandth of the range without")
-    border.set_defaults(action=run)
+    border.set_defaults(action=run, spelled={"between": "--from` and `--to"})
 
 
 def run(given: argparse.Namespace) -> int:
@@ -70,7 +70,7 @@ def run(given: argparse.Namespace) -> int:
         raise SceneError(f"Argument `--from` must be below `--to`, but they are `{given.low}` and `{given.high}`.")
     onsets, failures = {}, {}
     stems = file_stems(labels)
-    names = [*ONSET_FILES, *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
+    names = [*drawn_as(ONSET_FILES, given.format), *(f"{stem}_{table}.csv" for stem in stems for table in ("onset", "borders"))]
     with whole_folder(given.out, names, _earlier_onset) if given.out else nullcontext() as folder:
         with progress(len(labels)) as reached:
             for i, label in enumerate(labels):
@@ -80,7 +80,7 @@ def run(given: argparse.Namespace) -> int:
                     continue
                 try:
                     onsets[label] = onset(
-                        scene, given.parameter, (number["from"], number["to"]), controller=label,  # type: ignore[arg-type]
+                        scene, given.parameter, (number["from"], number["to"]), controller=label,
                         values=given.values, tolerance=number["tolerance"], at=number["at"],
                     )  # fmt: skip
                 except (SceneError, SimulationError) as error:
@@ -96,8 +96,7 @@ def run(given: argparse.Namespace) -> int:
                     onsets[label].save(folder / f"{stem}_onset.csv")
                     onsets[label].save_borders(folder / f"{stem}_borders.csv")
             if onsets:
-
-                figures.draw_onsets(scene, onsets, folder / "onset.png")
+                figures.draw_onsets(scene, onsets, folder / f"onset.{given.format}")
     print(text, end="")
     if given.out:
         print(f"\nFigure, report and tables are in {given.out}")
@@ -112,4 +111,4 @@ def _earlier_onset(path: Path) -> set[str]:
     except (OSError, ValueError):
         return set()
     tables = [file for table in ("onset", "borders") for file in path.glob(f"[0-9][0-9]_*_{table}.csv")]
-    return {file.name for file in [*tables, *(path / name for name in ONSET_FILES)] if file.is_file()}
+    return {file.name for file in [*tables, *(path / name for name in drawn_as(ONSET_FILES, *FORMATS))] if file.is_file()}

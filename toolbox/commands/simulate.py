@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, plain, progress
+from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
 from toolbox.errors import SimulationError
 from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
@@ -53,7 +53,7 @@ def run(given: argparse.Namespace) -> int:
     plant = scene.plant()
     texts, failed = [scene.title], 0
     with (
-        whole_folder(given.out, [REPORT, *(stem + tail for stem in stems for tail in RUN_FILES)], _earlier)
+        whole_folder(given.out, [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))], _earlier)
         if given.out
         else nullcontext() as folder
     ):
@@ -76,8 +76,8 @@ def run(given: argparse.Namespace) -> int:
                     reached(i + 0.5, f"{label}: figure")
                     found.save(folder / f"{stem}.npz")
                     found.to_csv(folder / f"{stem}.csv")
-                    figures.draw_found(found, label, folder / f"{stem}.png")
-                    parts.append(f"  files {stem}: npz, csv, png")
+                    figures.draw_found(found, label, folder / f"{stem}.{given.format}")
+                    parts.append(f"  files {stem}: npz, csv, {given.format}")
                 texts.append("\n".join(parts))
         text = "\n\n".join(texts) + "\n"
         if folder is not None:
@@ -96,6 +96,6 @@ def _earlier(path: Path) -> set[str]:
         return set()
     if not text.startswith("Simulation of "):
         return set()
-    stems = re.findall(r"^  files (\d\d\S*): npz, csv, png$", text, re.MULTILINE)
-    names = [REPORT, *(stem + tail for stem in stems if stem == Path(stem).name for tail in RUN_FILES)]
+    stems = re.findall(r"^  files (\d\d\S*): npz, csv, \w{3}$", text, re.MULTILINE)
+    names = [REPORT, *(stem + tail for stem in stems if stem == Path(stem).name for tail in drawn_as(RUN_FILES, *FORMATS))]
     return {name for name in names if (path / name).is_file()}

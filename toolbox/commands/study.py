@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, progress
+from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, progress
 from toolbox.files.atomic import whole_folder
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
                 "folder for the results; an earlier study in it is replaced, other files stay",
                 required=True,
                 controller=None,
-                scene="what to simulate; see `toolbox/scenes/scene_file.py` and studies/scenes for the keys",
+                scene="what to simulate; see `stickslip list scene` for the keys, and studies/scenes",
             )
         ],
         help="simulate every controller of a scene; table, figures and data",
@@ -43,7 +43,8 @@ def run(given: argparse.Namespace) -> int:
 
     scene = Scene.load(given.scene)
     stems = file_stems(scene.labels)
-    with whole_folder(given.out, [*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], _earlier_study) as folder:
+    names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems for tail in CASE_FILES)], given.format)
+    with whole_folder(given.out, names, _earlier_study) as folder:
         rows, runs = [], {}
         with progress(len(scene.cases)) as reached:
             for i, (label, stem) in enumerate(zip(scene.labels, stems, strict=True)):
@@ -53,11 +54,11 @@ def run(given: argparse.Namespace) -> int:
                 if run is not None and run.time.size > 1:
                     reached(i + 0.5, f"{label}: figures")
                     run.save(folder / f"{stem}.npz")
-                    figures.draw(scene, label, run, folder / f"{stem}.png", folder / f"{stem}_phase.png")
+                    figures.draw(scene, label, run, folder / f"{stem}.{given.format}", folder / f"{stem}_phase.{given.format}")
                     runs[label] = run
             if runs:
                 reached(len(scene.cases) - 0.1, "comparison")
-                figures.draw_comparison(scene, runs, folder / "comparison.png")
+                figures.draw_comparison(scene, runs, folder / f"comparison.{given.format}")
         verdicts.write_table(rows, folder / "table.csv")
         scene.save(folder / "scene.toml")
     print(verdicts.table(scene, rows))
@@ -79,5 +80,5 @@ def _earlier_study(path: Path) -> set[str]:
             stems = [row["files"] for row in table if row["files"]]
     except (OSError, ValueError, csv.Error):
         return set()
-    names = {*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)}
+    names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)], *FORMATS)
     return {name for name in names if (path / name).is_file()}

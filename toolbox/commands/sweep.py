@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, file_stems, plain
+from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.messages import LOG
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
@@ -28,7 +28,7 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip sweep` and `stickslip map`."""
     many = commands.add_parser(
         "sweep",
-        parents=[common("folder for the results; that of an interrupted sweep is continued", required=True)],
+        parents=[common("folder for the results; that of an interrupted sweep is continued", required=True, drawn=False)],
         help="simulate a scene over many values of its numbers, on all cores",
         description="Simulate every controller of a scene over a grid, a design or a table of inputs and parameters. The folder gets one folder per controller "
         "with the result (sweep.zarr, written as runs finish, and sweep.csv in SI units); an interrupted sweep that is called again goes on where it was.",
@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
         help="a run for every row of a table whose headings are names with units, in place of --vary",
     )
     many.add_argument("--measure", action="append", metavar="NAME", help="what is measured (severity, stuck_ratio); may be repeated")
-    many.set_defaults(action=run, words=lambda given: GOES_ON)
+    many.set_defaults(action=run, spelled={"measures": "--measure", "bounds": "--vary"}, words=lambda given: GOES_ON)
     chart = commands.add_parser(
         "map",
         parents=[common("folder for the results; that of an interrupted map is continued", required=True)],
@@ -68,7 +68,7 @@ def add(commands: Any) -> None:
     )
     chart.add_argument("--y", required=True, metavar="NAME=LOW:HIGH", help="what varies along the second axis")
     chart.add_argument("--shape", default="50x50", metavar="NxM", help="points along both axes (50x50)")
-    chart.set_defaults(action=run_map, words=lambda given: GOES_ON)
+    chart.set_defaults(action=run_map, spelled={"over": "--x` and `--y"}, words=lambda given: GOES_ON)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -101,9 +101,7 @@ def _goes_on() -> bool:
 
     found = all(find_spec(name) for name in ("zarr", "xarray"))
     if not found:
-        print(
-            "stickslip: without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'", file=sys.stderr
-        )
+        LOG.warning("without zarr an interrupted call starts again from nothing: pip install 'stickslip-toolbox[batch]'")
     return found
 
 
@@ -194,12 +192,12 @@ def run_map(given: argparse.Namespace) -> int:
                 raise
             failures[label] = str(error)
             continue
-        names = MAP_FILES if goes_on else (*MAP_FILES, "map.npz")
+        names = drawn_as(MAP_FILES if goes_on else (*MAP_FILES, "map.npz"), given.format)
         with whole_folder(folder, names, _earlier_map, last=False) as made:
             if not goes_on:
                 found.save(made / "map.npz")
             (made / "map.txt").write_text(f"{found}\n", encoding="utf-8")
-            figures.draw_found(found, found.title, made / "map.png")
+            figures.draw_found(found, found.title, made / f"map.{given.format}")
         print(f"{found}\n")
     for label, text in failures.items():
         print(f"{label}: {text}\n")
@@ -214,7 +212,7 @@ def _earlier_map(path: Path) -> set[str]:
             return set()
     except (OSError, ValueError):
         return set()
-    return {name for name in MAP_FILES if (path / name).is_file()}
+    return {name for name in drawn_as(MAP_FILES, *FORMATS) if (path / name).is_file()}
 
 
 def _closed(scene: Any, label: str) -> HybridSystem:

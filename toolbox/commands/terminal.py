@@ -10,12 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from toolbox.messages import progress_bar
 
-def common(out: str, *, required: bool = False, scene: str = "the machine and its controllers", controller: str | None = "") -> argparse.ArgumentParser:
+
+def common(
+    out: str, *, required: bool = False, scene: str = "the machine and its controllers", controller: str | None = "", drawn: bool = True
+) -> argparse.ArgumentParser:
     """The arguments that most commands share, as a parent of their parsers: the scene, `--controller` and `--out`.
 
     out: what the folder gets;  required: whether it must be given;  scene: what the scene is to the command;  controller: what one label is, any number of
-    labels where it is empty, and none where it is None.
+    labels where it is empty, and none where it is None;  drawn: whether the command writes figures.
     """
     parent = argparse.ArgumentParser(add_help=False)
     parent.add_argument("scene", type=Path, metavar="SCENE.toml", help=scene)
@@ -24,7 +28,23 @@ def common(out: str, *, required: bool = False, scene: str = "the machine and it
     elif controller is not None:
         parent.add_argument("--controller", metavar="LABEL", action="append", help="only this one; may be repeated")
     parent.add_argument("--out", type=Path, required=required, metavar="DIR", help=out)
+    if drawn:
+        figure_format(parent)
     return parent
+
+
+FORMATS = ("png", "pdf", "svg")
+"""Formats of figures; the names of files below have the first."""
+
+
+def figure_format(parser: argparse.ArgumentParser) -> None:
+    """Declare the argument `--format` of a command that writes figures."""
+    parser.add_argument("--format", choices=FORMATS, default=FORMATS[0], metavar="KIND", help=f"format of figures: {', '.join(FORMATS)} ({FORMATS[0]})")
+
+
+def drawn_as(names: Sequence[str], *formats: str) -> list[str]:
+    """Names of files, figures once in each of the formats."""
+    return [name.removesuffix(".png") + f".{kind}" if name.endswith(".png") else name for name in names for kind in (formats if name.endswith(".png") else "-")]
 
 
 def complaint(text: str, code: int) -> int:
@@ -42,9 +62,7 @@ def file_stems(labels: Sequence[str]) -> list[str]:
 @contextmanager
 def progress(total: int) -> Iterator[Any]:
     """A bar on stderr, where that is a terminal, that appears after a second; yields a function of (cases done, what is going on)."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, delay=1.0, leave=False, disable=None, bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
+    with progress_bar(total, "", bar_format="{desc} |{bar:30}| {percentage:3.0f}% {elapsed}") as bar:
 
         def reached(done: float, text: str) -> None:
             bar.set_description_str(text, refresh=False)

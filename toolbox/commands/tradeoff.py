@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
-from toolbox.commands.terminal import common, complaint, plain
+from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
 from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
 
@@ -40,7 +40,7 @@ def run(given: argparse.Namespace) -> int:
     scene = Scene.load(given.scene)
     if given.controller:
         scene.case(given.controller)
-    with whole_folder(given.out, TRADE_FILES, _earlier_tradeoff) if given.out else nullcontext() as folder:
+    with whole_folder(given.out, drawn_as(TRADE_FILES, given.format), _earlier_tradeoff) if given.out else nullcontext() as folder:
         try:
             duration = None if given.duration is None else parse(given.duration, "s", "--duration")
             found = work_precision(scene, duration, case=given.controller)
@@ -48,7 +48,7 @@ def run(given: argparse.Namespace) -> int:
             return complaint(str(error), 1)
         if folder is not None:
             found.save(folder / "tradeoff.csv")
-            figures.draw_found(found, None, folder / "tradeoff.png")
+            figures.draw_found(found, None, folder / f"tradeoff.{given.format}")
     print(found)
     if given.out:
         print(f"\nFigure and table are in {given.out}")
@@ -65,4 +65,4 @@ def _earlier_tradeoff(path: Path) -> set[str]:
                 return set()
     except (OSError, ValueError, csv.Error):
         return set()
-    return {name for name in TRADE_FILES if (path / name).is_file()}
+    return {name for name in drawn_as(TRADE_FILES, *FORMATS) if (path / name).is_file()}

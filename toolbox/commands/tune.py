@@ -11,7 +11,7 @@ from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.interrupt import NOTHING
-from toolbox.commands.terminal import complaint, plain
+from toolbox.commands.terminal import FORMATS, complaint, drawn_as, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
 
@@ -57,7 +57,8 @@ def add(commands: Any) -> None:
     tuning.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the results; those of an earlier tuning are replaced"
     )
-    tuning.set_defaults(action=run, words=_words)
+    figure_format(tuning)
+    tuning.set_defaults(action=run, spelled={"bounds": "--free", "controller": "--controller"}, words=_words)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -81,7 +82,7 @@ def run(given: argparse.Namespace) -> int:
     }
     if given.processes < 1:
         raise SceneError(f"Argument `--processes` must be >= 1, but it is {given.processes}.")
-    with whole_folder(given.out, [*TUNE_FILES, *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
+    with whole_folder(given.out, [*drawn_as(TUNE_FILES, given.format), *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
         found = tune(
             list(scenes.values()), given.law, list(given.objective), bounds,
             over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,
@@ -90,7 +91,7 @@ def run(given: argparse.Namespace) -> int:
         (folder / "tune.txt").write_text(f"{found}\n", encoding="utf-8")
         found.save(folder / "trials.csv")
         if found.front:
-            figures.draw_found(found, found.title, folder / "tune.png")
+            figures.draw_found(found, found.title, folder / f"tune.{given.format}")
             for path, scene in scenes.items():
                 found.applied(scene, given.law).save(folder / names[path])
     print(found)
@@ -144,4 +145,4 @@ def _earlier_tuning(path: Path) -> set[str]:
             return set()
     except (OSError, ValueError):
         return set()
-    return {file.name for file in [*path.glob("tuned_*.toml"), *(path / name for name in TUNE_FILES)] if file.is_file()}
+    return {file.name for file in [*path.glob("tuned_*.toml"), *(path / name for name in drawn_as(TUNE_FILES, *FORMATS))] if file.is_file()}

@@ -24,6 +24,7 @@ import casadi as ca
 from toolbox.compilation.dense_systems import BLOCK, NAMES, blocks, factor_size, module_text
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
+from toolbox.messages import LOG
 from toolbox.modelling.elimination import calls, size_solved
 
 FLAGS = "contract nsz arcp"
@@ -386,8 +387,8 @@ def _write_atomically(path: Path, image: bytes) -> None:
         _make_room(path.parent)
         with replaced(path) as file:
             file.write(image)
-    except (OSError, SceneError):
-        pass
+    except (OSError, SceneError) as error:
+        LOG.debug("machine code is not kept, so that it is made again: %s", error)
 
 
 def _make_room(directory: Path, most: int = 4096) -> None:

@@ -1,9 +1,10 @@
-"""A word on stderr before something long is compiled, so that nobody takes the pause for a hang."""
+"""A word before something long is compiled, so that nobody takes the pause for a hang."""
 
 from __future__ import annotations
 
-import sys
 from typing import Any
+
+from toolbox.messages import LOG
 
 _SAID: set[Any] = set()
 
@@ -36,12 +37,12 @@ def announced(name: str, *functions: Any) -> bool:
 
     if all(map(known, fresh)):
         return False
-    print(f"stickslip: compiling the {name}, once per machine (up to a minute) ...", file=sys.stderr, flush=True)
+    LOG.info("compiling the %s, once per machine (up to a minute) ...", name)
     return True
 
 
 def announced_code(instructions: int) -> bool:
     """Say that the equations of a model are being written in so many instructions, where that takes seconds; returns whether it was said."""
     if instructions > LONG:
-        print(f"stickslip: writing the equations as {instructions:,} machine instructions ...", file=sys.stderr, flush=True)
+        LOG.info("writing the equations as %s machine instructions ...", f"{instructions:,}")
     return instructions > LONG

@@ -18,6 +18,7 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import State, time
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -194,7 +195,7 @@ def _linear(expression: ca.SX, symbols: ca.SX) -> bool:
 
 
 # --------------------------------------------------------------------------------------------------------------------------------------------- C
-def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> tuple[Path, Path]:
+def export_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> tuple[Path, Path]:
     """Write a sampled law as C99: NAME.c, and NAME.h beside it.
 
         void NAME_start(double *memory);
@@ -232,8 +233,9 @@ def export_c(controller: Any, plant: HybridSystem, period: float, path: str | Pa
     return c, h
 
 
-def declared_c(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Declared:
+def declared_c(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> Declared:
     """Write a law as `export_c` does, and return what its header lists."""
+    period = in_si(period, "s", "period")
     if not is_finite_number(period) or period <= 0:
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     c, h = c_paths(path)

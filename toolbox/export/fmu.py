@@ -16,10 +16,11 @@ from typing import Any
 from toolbox.errors import SceneError
 from toolbox.export.c_code import Declared, c_paths, declared_c
 from toolbox.files.atomic import replaced
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
-def export_fmu(controller: Any, plant: HybridSystem, period: float, path: str | Path) -> Path:
+def export_fmu(controller: Any, plant: HybridSystem, period: NumberOrText, path: str | Path) -> Path:
     """Write a sampled law as NAME.fmu, a co-simulation unit of FMI 2.0 for the machine that runs this.
 
     Its inputs are what the law measures and its set-points, with their defaults as start values; its outputs are what the law drives, and its memory can be

@@ -11,12 +11,21 @@ import contextlib
 import math
 import re
 import reprlib
+import sys
+import warnings
 from decimal import Decimal
 from functools import cache
 from numbers import Real
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, UnusualValue, suggest
+
+if TYPE_CHECKING:
+    NumberOrText = float | Any  # to a type checker, because a function that has converted its argument goes on with a float of that name
+else:
+    NumberOrText = float | str
+    """An argument that takes a number in SI or text with a unit."""
 
 USUAL = (
     "1", "%", "rad", "deg", "s", "ms", "min", "h", "Hz", "kHz", "rad/s", "rad/s2", "deg/s", "rpm", "m", "mm", "km", "ft", "in", "m/s", "mm/s", "ft/s",
@@ -27,6 +36,13 @@ USUAL = (
 
 HABITS = {"1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "lb": "lbf", "lbs": "lbf", "klb": "klbf", "klbs": "klbf", "t": "t_force", "ft-lb": "lbf ft"}
 """What drillers write for a speed of rotation, a force or a torque, where that is what is wanted."""
+
+MISTAKEN = {
+    "rad/s": ("rpm",), "rad": ("deg",), "m": ("mm", "in"), "N": ("kN", "klbf"), "N m": ("kN m", "klbf ft"), "N m/rad": ("kN m/rad",),
+    "N m s/rad": ("kN m s/rad",), "kg m2": ("t m2",), "kg": ("t",), "Pa": ("MPa", "GPa"), "N/m": ("kN/m", "N/mm"), "s": ("ms",),
+    "kg/m3": ("g/cm3",),
+}  # fmt: skip
+"""{unit of a field: units in which its number is often meant}; where none of them makes it usual, a warning names none."""
 
 LONGEST = 400
 """Characters that a quantity may have: the longest number that is finite has 309 digits."""
@@ -88,6 +104,51 @@ def in_si(value: Any, unit: str, name: str, instead: str | None = None) -> Any:
     if isinstance(value, (tuple, list)) and any(isinstance(entry, str) for entry in value):
         return type(value)(parse(entry, unit, f"{name}.{i}", instead) for i, entry in enumerate(value))
     return value
+
+
+def warn_unusual(given: Any, value: Any, unit: str, usual: tuple[float, float], part: str, field: str) -> None:
+    """Warn once of every number among those of a field, typed as `given`, whose size is neither 0 nor within what is usual; symbols are left alone."""
+    low, high = usual
+    for typed, number in zip(given, value, strict=True) if isinstance(value, tuple) else ((given, value),):
+        if not isinstance(number, (int, float)) or not math.isfinite(number) or number == 0 or low <= abs(number) <= high:
+            continue
+        if (field, float(number)) in _WARNED:
+            continue
+        _WARNED.add((field, float(number)))
+        warnings.warn(_unusual(typed, number, unit, usual, f"{part}.{field}"), UnusualValue, stacklevel=_outside())
+
+
+_WARNED: set[tuple[str, float]] = set()
+"""Numbers of which a warning was given; a law hands its own to the one that it designs."""
+
+
+def _unusual(typed: Any, number: float, unit: str, usual: tuple[float, float], name: str) -> str:
+    low, high = usual
+    others = MISTAKEN.get(unit, ())
+    sizes = {other: parse(f"1 {other}", unit) for other in others}
+    first = sizes[others[0]] if others else 1.0
+    told = f"`{typed}` = {number:.4g} {unit}" if isinstance(typed, str) else f"{number:.4g} {unit}"
+    if others and not isinstance(typed, str):
+        told += f", which is {number / first:.3g} {others[0]}"
+    known = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+    bounds = f"{known} {unit}" + (f" ({low / first:.3g} to {high / first:.3g} {others[0]})" if others and high < math.inf else "")
+    meant = [other for other in others if low <= abs(number) * sizes[other] <= high and not isinstance(typed, str)]
+    asked = " or ".join(f"`{number:.4g} {other}` = {number * sizes[other]:.3g} {unit}" for other in meant)
+    return f"Argument `{name}` is {told}; usual is {bounds}" + (f". Did you mean {asked}?" if meant else ".")
+
+
+def _outside() -> int:
+    """How many calls lie between `warn_unusual` and the line of the user that made the part."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None:
+        file = frame.f_code.co_filename
+        if not file.startswith(_OURS) and not (file == "<string>" and frame.f_code.co_name == "__init__") and Path(file).name != "dataclasses.py":
+            break
+        frame, level = frame.f_back, level + 1
+    return level
+
+
+_OURS = str(Path(__file__).parents[1])
 
 
 def _shown(value: Any) -> str:

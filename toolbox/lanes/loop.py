@@ -12,7 +12,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     APPLIED,
@@ -204,7 +204,7 @@ def begin(scalar, w, rest, parameters, start, memory, held, steps):
 def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
     w.ints[BUDGET], w.ints[RECORDS] = steps, 0
-    return _call_scalar(scalar, w)
+    return _call_scalar(scalar, owned(w))
 
 
 @inlined
@@ -396,6 +396,8 @@ def run(code, b, given, found, lanes, w, first, last):
     code, b, given, found, lanes: `BlockCode`, `BlockArrays`, `Scenarios`, `Results` and `LaneStates` of `toolbox.lanes.layout`;  w: the arrays of the
     scalar loop.
     """
+    b, given, found, lanes = lent(b), lent(given), lent(found), lent(lanes)
+    w = lent(w)
     width = b.block.shape[1]
     _start_block(b, w)
     following, running = first, 0

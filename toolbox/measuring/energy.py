@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.errors import SceneError
 from toolbox.modelling.elements import UnilateralContact
+from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Samples, check_run, output_function, window
 from toolbox.simulation.trajectory import Trajectory
 
@@ -80,6 +83,8 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
         The balance in J; `print` it for the table.
     """
     check_run(run)
+    if not isinstance(run, Trajectory):
+        raise SceneError("Argument `run` must be a trajectory with its plant, whose energies are integrated, but it was read from a file: simulate again.")
     nodes = run.nodes
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]
@@ -118,12 +123,12 @@ def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     return math.fsum(fall.ravel()) if np.isfinite(fall).all() else math.nan  # of a motion that overflows
 
 
-def _borders(run: Trajectory, begin: float, end: float) -> np.ndarray:
+def _borders(run: Recorded, begin: float, end: float) -> np.ndarray:
     nodes = run.nodes.time
     return np.unique(np.concatenate([[begin], nodes[(nodes > begin) & (nodes < end)], [end]]))
 
 
-def gauss(run: Trajectory, begin: float, end: float) -> Iterator[tuple[np.ndarray, Samples]]:
+def gauss(run: Recorded, begin: float, end: float) -> Iterator[tuple[np.ndarray, Any]]:
     """Yield (weights [s], signals) at the Gauss points of every step between `begin` and `end`, in portions."""
     borders = _borders(run, begin, end)
     for first in range(0, borders.size - 1, CHUNK):

@@ -11,26 +11,26 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.energy import EnergyAudit as EnergyAudit
 from toolbox.measuring.energy import energy_audit as energy_audit
-from toolbox.measuring.energy import gauss, nodes_at
+from toolbox.measuring.energy import gauss
 from toolbox.measuring.severity import SEVERITIES, Extent, severity_of
-from toolbox.modelling.elements import UnilateralContact
-from toolbox.simulation.samples import Samples, scalar, window
-from toolbox.simulation.trajectory import Trajectory
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import scalar, window
 
 if TYPE_CHECKING:
     from toolbox.measuring.quintics import Steps
 
 
 # ------------------------------------------------------------------------------------------------------------------------- intervals of stick
-def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[tuple[float, float]]:
+def stick_intervals(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[tuple[float, float]]:
     """Return (begin, end) [s] of every stay in stick, cut to the window.
 
     Begin and end are located events, not nodes.
@@ -62,7 +62,7 @@ def stick_intervals(run: Trajectory, element: str, after: float = 0.0, until: fl
     return found
 
 
-def stuck_ratio(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> float:
+def stuck_ratio(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
     """Measure the part of the window that an element spends in stick, from 0 to 1.
 
     Takes what `stick_intervals` takes, and raises SceneError as it does.
@@ -85,7 +85,7 @@ class StickSlipPeriod:
         return self.slip + self.stick
 
 
-def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> list[StickSlipPeriod]:
+def cycles(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> list[StickSlipPeriod]:
     """Find every whole cycle of stick-slip of an element, from release to release.
 
     A final stick that nothing ends belongs to no cycle; slip in both directions counts as slip.
@@ -118,7 +118,7 @@ def cycles(run: Trajectory, element: str, after: float = 0.0, until: float | Non
     ]
 
 
-def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None = None) -> Extent:
+def extent(run: Recorded, signal: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Extent:
     """Measure the extrema and the time mean of a scalar signal, as accurately as the run.
 
     The mean is the Gauss-Legendre integral over every step, divided by the length of the window; at a jump both sides count as values.
@@ -150,7 +150,7 @@ def extent(run: Trajectory, signal: str, after: float = 0.0, until: float | None
     return Extent(low, high, min(max(mean, low), high), when_low, when_high)
 
 
-def mean_square(run: Trajectory, signal: str, target: float = 0.0, *, after: float = 0.0, until: float | None = None) -> float:
+def mean_square(run: Recorded, signal: str, target: float = 0.0, *, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
     """Measure the time mean of (signal - target)^2, in the unit of the signal squared.
 
     It is the Gauss-Legendre integral over every step; its derivatives are those of `Sensitivity.mean_square`.
@@ -178,13 +178,13 @@ def mean_square(run: Trajectory, signal: str, target: float = 0.0, *, after: flo
 
 
 def severity(
-    run: Trajectory,
+    run: Recorded,
     signal: str = "bit.speed",
-    after: float = 0.0,
+    after: NumberOrText = 0.0,
     definition: str = "half-range",
     *,
-    until: float | None = None,
-    reference: float | None = None,
+    until: NumberOrText | None = None,
+    reference: NumberOrText | None = None,
 ) -> float:
     """Measure the severity of stick-slip [1]: how far a speed swings, as a part of its mean or of a set-point.
 
@@ -221,6 +221,7 @@ def severity(
     """
     if not isinstance(definition, str) or definition not in SEVERITIES:
         raise SceneError(f"There is no definition of severity `{definition}`: {suggest(definition, SEVERITIES)}")
+    (reference,) = _in_unit(run, signal, reference=reference)
     if definition == "reference":
         if not is_finite_number(reference) or reference == 0:
             raise SceneError(f"Argument `reference` must be a finite set-point other than 0, but it is {reference!r}.")
@@ -231,14 +232,14 @@ def severity(
 
 # ------------------------------------------------------------------------------------------------------------------------ step-response measures
 def settling(
-    run: Trajectory,
+    run: Recorded,
     signal: str,
-    target: float,
+    target: NumberOrText,
     band: float = 0.02,
     *,
-    after: float = 0.0,
-    until: float | None = None,
-    size: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
+    size: NumberOrText | None = None,
 ) -> float:
     """Measure how long a signal takes to stay within |y - target| <= band * size for the rest of the window.
 
@@ -270,6 +271,7 @@ def settling(
         If the target is 0 and there is no size, the band is outside (0, 1), or the signal is unknown or a vector.
     """
     begin, end = window(run, after, until)
+    target, size = _in_unit(run, signal, target=target, size=size)
     size = _size(target, size)
     if not is_finite_number(band) or not 0 < band < 1:
         raise SceneError(f"Argument `band` must be between 0 and 1, but it is {band!r}.")
@@ -294,7 +296,7 @@ def settling(
     return high - begin
 
 
-def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float = 0.0) -> float:
+def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberOrText = 0.0) -> float:
     """Find the time [s] at which a signal that is above `speed` first falls to it.
 
     The time is located to round-off.
@@ -343,7 +345,7 @@ def standstill(run: Trajectory, signal: str, speed: float = 0.0, *, after: float
 
 
 def overshoot(
-    run: Trajectory, signal: str, target: float, *, after: float = 0.0, until: float | None = None, size: float | None = None
+    run: Recorded, signal: str, target: NumberOrText, *, after: NumberOrText = 0.0, until: NumberOrText | None = None, size: NumberOrText | None = None
 ) -> float:
     """Measure the largest excursion of a signal beyond its target, as a part of `size`.
 
@@ -373,6 +375,7 @@ def overshoot(
         If the target is 0 and there is no size, the signal is unknown or a vector, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
+    target, size = _in_unit(run, signal, target=target, size=size)
     size = _size(target, size)
     start = _value(run, signal, begin)
     found = extent(run, signal, begin, end)
@@ -382,7 +385,12 @@ def overshoot(
     return max(0.0, beyond) / size
 
 
-def _size(target: float, size: float | None) -> float:
+def _in_unit(run: Recorded, signal: str, **given: Any) -> list[Any]:
+    """What is given as text, as numbers in the unit of a signal."""
+    return [in_si(value, run.unit(signal), word) if isinstance(value, str) else value for word, value in given.items()]
+
+
+def _size(target: NumberOrText, size: float | None) -> float:
     if not is_finite_number(target):
         raise SceneError(f"Argument `target` must be a finite number, but it is {target!r}.")
     if size is None:
@@ -408,7 +416,7 @@ class Contact:
     speed: float
 
 
-def contact(run: Trajectory, element: str, after: float = 0.0, until: float | None = None) -> Contact:
+def contact(run: Recorded, element: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Contact:
     """Measure impacts, closed time, largest force and largest speed of approach of a `UnilateralContact`.
 
     An impact is a closing, or a bounce of a rigid contact.
@@ -428,22 +436,18 @@ def contact(run: Trajectory, element: str, after: float = 0.0, until: float | No
         If the element is no unilateral contact, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    found = next((e for e in run.program.system.elements if e.name == element), None)
-    if not isinstance(found, UnilateralContact):
-        contacts = [e.name for e in run.program.system.elements if isinstance(e, UnilateralContact)]
-        raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, contacts)}")
-    times = np.array([e.time for e in run.events if e.element == element and e.before == "open" and begin <= e.time <= end])
-    nodes = run.nodes
-    before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
-    approach = nodes_at(nodes, before).computed(f"{element}.rate", found.rate) if times.size else np.zeros(1)
+    speeds = run.approach(element)
+    times = np.array([e.time for e in run.events if e.element == element and e.before == "open"])
+    speeds = speeds[(times >= begin) & (times <= end)] if times.size else speeds
     closed = run.time_in(element, "closed", begin, end)
-    return Contact(times.size, closed, extent(run, f"{element}.force", begin, end).maximum if closed else 0.0, float(approach.max()))
+    force = extent(run, f"{element}.force", begin, end).maximum if closed else 0.0
+    return Contact(speeds.size, closed, force, float(speeds.max(initial=0.0)))
 
 
 # -------------------------------------------------------------------------------------------------------------------------------------- energy
 
 
-def _steps(run: Trajectory, signal: str, begin: float, end: float) -> Steps:
+def _steps(run: Recorded, signal: str, begin: float, end: float) -> Steps:
     """What a scalar signal does in every step; raises SceneError for an unknown name or a vector."""
     from toolbox.measuring.quintics import steps_of
 
@@ -451,16 +455,11 @@ def _steps(run: Trajectory, signal: str, begin: float, end: float) -> Steps:
     return steps_of(run.nodes, signal, begin, end)
 
 
-def _value(run: Trajectory, signal: str, t: float) -> float:
+def _value(run: Recorded, signal: str, t: float) -> float:
     """Value of a scalar signal, on the far side of a jump."""
     return float(scalar(run.nodes.at(np.array([t])), signal)[0])
 
 
-def _value_in(run: Trajectory, signal: str, steps: Steps, i: int, t: float) -> float:
+def _value_in(run: Recorded, signal: str, steps: Steps, i: int, t: float) -> float:
     """Value of a signal in step i; at its end that on the near side of a jump."""
-    nodes, row = run.nodes, int(steps.row[i])
-    if t < steps.end[i]:
-        return _value(run, signal, t)
-    states = nodes.states[row + 1 : row + 2] if t == nodes.time[row + 1] else nodes.at(np.array([t])).states
-    sides = Samples(nodes.program, np.array([t]), states, nodes.mode[row : row + 1], nodes.held[row : row + 1], nodes.parameters, False)
-    return float(scalar(sides, signal)[0])
+    return float(scalar(run.nodes.inside(steps.row[i : i + 1], np.array([t])), signal)[0])

@@ -14,7 +14,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, FrictionLaw, State, fields_in_si
+from toolbox.modelling.elements import Element, FrictionLaw, State, declared_type, fields_in_si
 
 
 @dataclass
@@ -95,6 +95,11 @@ class Component:
         """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
 
     @property
+    def signal_limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that the part keeps a signal within, for whoever draws it; None is no limit."""
+        return {}
+
+    @property
     def routes(self) -> Mapping[str, str]:
         """{signal that control laws name: signal they find in its place while this part is in the plant}; none for most parts.
 
@@ -139,7 +144,7 @@ def fields_of(kind: type) -> tuple[_Field, ...]:
         return known
     found = []
     for spec in dataclasses.fields(kind):
-        declared = str(spec.type)
+        declared = declared_type(spec)
         tuples = declared.startswith("tuple[float")
         numeric = spec.name != "name" and ("unit" in spec.metadata or tuples or declared.startswith(("float", "<class 'float'>")))
         optional = spec.default is None or "None" in declared
@@ -296,7 +301,10 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
                 else:
                     changes[field.name] = float(values[offset])
                     offset += 1
-        return dataclasses.replace(node, **changes)
+        clone = copy.copy(node)  # not made anew: nobody typed these numbers, and nothing is left to convert
+        for name, value in changes.items():
+            object.__setattr__(clone, name, value)
+        return clone
 
     return rebuild(part)
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.files.units import in_si
+from toolbox.files.units import in_si, warn_unusual
 
 time = ca.SX.sym("time")
 """The symbol of time [s]: build input expressions from it, e.g. `10_000 + 500*casadi.sin(3*time)`."""
@@ -51,6 +51,51 @@ def state(name: str, unit: str, size: int | None = None) -> State:
     return State(name, unit, size)
 
 
+if TYPE_CHECKING:
+    _Read = TypeVar("_Read", covariant=True)
+
+    class _Field(Generic[_Read]):
+        """A field that is read as one type and takes others, too, as a type checker understands it of the fields of a dataclass.
+
+        What it takes is `Any` beside what it reads as: mypy reads a field that a frozen dataclass inherits as what it takes, so that `float | str` would make
+        an error of every product with it.
+        """
+
+        def __get__(self, part: Any, kind: Any = None) -> _Read: ...
+        def __set__(self, part: Any, value: _Read | Any) -> None: ...
+
+else:
+
+    class _Field:
+        """At run time, what the field reads as."""
+
+        def __class_getitem__(cls, read: Any) -> Any:
+            return read
+
+
+Quantity = _Field[float]
+"""Annotation of a field declared with `quantity`: it takes a number in SI or text with a unit, and reads as a float."""
+
+OptionalQuantity = _Field[float | None]
+"""Annotation of a `Quantity` that may be None."""
+
+Quantities = _Field[tuple[float, ...]]
+"""Annotation of a field that takes a row of numbers or texts, and reads as a tuple of floats."""
+
+OptionalQuantities = _Field[tuple[float, ...] | None]
+"""Annotation of `Quantities` that may be None."""
+
+_ANNOTATIONS = {
+    "Quantity": "float", "OptionalQuantity": "float | None", "Quantities": "tuple[float, ...]", "OptionalQuantities": "tuple[float, ...] | None",
+}  # fmt: skip
+
+
+def declared_type(field: dataclasses.Field[Any]) -> str:
+    """The annotation of a field as it is written, with the names above as what they stand for."""
+    written = str(field.type)
+    return _ANNOTATIONS.get(written.rpartition(".")[2], written)
+
+
 def quantity(
     default: Any = dataclasses.MISSING,
     unit: str = "1",
@@ -59,10 +104,13 @@ def quantity(
     at_least: float | None = None,
     above: float | None = None,
     at_most: float | None = None,
+    usual: tuple[float, float] | None = None,
 ) -> Any:
-    """Declare a numeric field of a part, in SI: `mass: float = quantity(1.0, "kg", "mass of the block", above=0)`.
+    """Declare a numeric field of a part, in SI: `mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)`.
 
-    Who makes the part may also give text with a unit, such as "2 t": it is converted when the part is made, and the field reads as a float in SI.
+    Who makes the part may also give text with a unit, such as "2 t": it is converted when the part is made, and the field reads as a float in SI. The
+    annotations `Quantity`, `OptionalQuantity` (or None), `Quantities` (a tuple) and `OptionalQuantities` say so to a type checker; where no text is typed,
+    `float` and its like do as well.
     A float, or a tuple of floats, becomes a symbol of the compiled model, so that a new value never recompiles. None means that the quantity is absent, which
     is structure. The bounds hold for every entry; they are checked on numbers when a plant is composed and when a run overrides them.
 
@@ -76,8 +124,11 @@ def quantity(
         What the number is, and its source.
     at_least, above, at_most
         Bounds: >=, > and <=.
+    usual
+        (low, high) in SI: sizes between which every number lies that is neither 0 nor mistaken, `math.inf` for no upper end. Making a part with another one
+        warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
     """
-    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most}
+    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -88,13 +139,22 @@ def fields_in_si(part: Any, instead: Mapping[str, str] | None = None) -> None:
     """
     for field in dataclasses.fields(part):
         given = value = getattr(part, field.name)
-        if isinstance(value, (list, np.ndarray)) and str(field.type).startswith("tuple"):
+        if isinstance(value, (list, np.ndarray)) and declared_type(field).startswith("tuple"):
             value = tuple(value.tolist() if isinstance(value, np.ndarray) else value)
         unit = field.metadata.get("unit")
         if unit is not None:
             value = in_si(value, unit, f"{type(part).__name__}.{field.name}", (instead or {}).get(unit))
+            if field.metadata.get("usual") is not None and not _below(value, field.metadata):
+                warn_unusual(given, value, unit, field.metadata["usual"], type(part).__name__, field.name)
         if value is not given:
             object.__setattr__(part, field.name, value)
+
+
+def _below(value: Any, bounds: Mapping[str, Any]) -> bool:
+    """Whether numbers are below a bound, which is said of them when the plant is composed."""
+    least = bounds.get("above") if bounds.get("at_least") is None else bounds["at_least"]
+    numbers = value if isinstance(value, tuple) else (value,)
+    return least is not None and any(isinstance(number, (int, float)) and number < least for number in numbers)
 
 
 TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}

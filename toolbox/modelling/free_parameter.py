@@ -43,6 +43,10 @@ class FreeParameter:
             return float(in_si(inputs[self.name], self.unit, self.name))
         return float(np.array(plant.input_defaults(plant.values)).ravel()[list(plant.inputs).index(self.name)])
 
+    def typed(self, word: str, given: Any) -> Any:
+        """What an argument of it holds, with text as numbers in its unit."""
+        return in_si(given, self.unit, word)
+
     def between(self, given: Any) -> tuple[float, float]:
         """A range of it, numbers in SI or text with units. Raises SceneError unless it is (low, high) in that order."""
         return checked_range(in_si(given, self.unit, "between"))

@@ -13,6 +13,8 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
@@ -133,6 +135,13 @@ class HybridSystem:
         contacts = ", ".join(element.name for element in self.elements) or "none"
         free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, entry in self.parameters.items():
+            factor, unit = reading(entry.unit)
+            rows.append((name, _shown(factor * self.parameter(name)), "" if unit == "1" else unit, entry.meaning))
+        return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 
     @property
     def switching(self) -> Switching:
@@ -325,6 +334,14 @@ class HybridSystem:
         for part in self.parts:
             yield offset
             offset += len(numbers_of(part))
+
+
+def _shown(value: Any) -> Any:
+    """The value of a parameter as a cell of a table; of a long row the ends."""
+    if np.ndim(value) == 0:
+        return value
+    words = [f"{entry:.6g}" for entry in value]
+    return ", ".join(words if len(words) <= 6 else [*words[:3], "...", words[-1]]) + (f" ({len(words)} values)" if len(words) > 6 else "")
 
 
 def checked_plant(given: Any, argument: str = "plant") -> HybridSystem:

@@ -23,7 +23,7 @@ from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
-from toolbox.modelling.elements import quantity, time
+from toolbox.modelling.elements import OptionalQuantities, Quantity, quantity, time
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -86,9 +86,9 @@ class Sensors(Component):
     """
 
     noisy: tuple[str, ...] = ()
-    noise: tuple[float, ...] | None = quantity(None, "1", "standard deviations of the measurement noise", at_least=0)
+    noise: OptionalQuantities = quantity(None, "1", "standard deviations of the measurement noise", at_least=0)
     coarse: tuple[str, ...] = ()
-    resolution: tuple[float, ...] | None = quantity(None, "1", "steps of the measured values", above=0)
+    resolution: OptionalQuantities = quantity(None, "1", "steps of the measured values", above=0)
 
     @staticmethod
     def of(noise: Mapping[str, float], resolution: Mapping[str, float]) -> Sensors:
@@ -134,10 +134,10 @@ class Sampled:
     """
 
     law: Controller | Callable[[float, Any], Any]
-    period: float
-    delay: float = 0.0
-    noise: Mapping[str, float] = field(default_factory=dict)
-    resolution: Mapping[str, float] = field(default_factory=dict)
+    period: Quantity = quantity(unit="s", meaning="sample time")
+    delay: Quantity = quantity(0.0, "s", "time from a sample until its outputs take effect")
+    noise: Mapping[str, Any] = field(default_factory=dict)
+    resolution: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     measures: str | Sequence[str] | None = None
     drives: str | Sequence[str] | None = None
@@ -222,7 +222,7 @@ class External(Component):
     drives: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
-    defaults: tuple[float, ...] | None = quantity(None, "1", "defaults of the last signals that it measures")
+    defaults: OptionalQuantities = quantity(None, "1", "defaults of the last signals that it measures")
     sensors: Sensors = field(default_factory=Sensors)
 
     def equations(self, signal: Signal) -> Equations:
@@ -317,7 +317,7 @@ class Takeover(Controller):
 
     before: Controller = field(default_factory=Controller)
     after: Controller = field(default_factory=Controller)
-    at: float = quantity(0.0, "s", "time of the takeover", at_least=0)
+    at: Quantity = quantity(0.0, "s", "time of the takeover", at_least=0)
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
 from toolbox.modelling.hybrid_system import HybridSystem
 
@@ -54,7 +55,8 @@ class Equilibrium:
         lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
         units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
         for name, unit in units.items():
-            value = self[name]
+            factor, unit = reading(unit)
+            value = self[name] * factor
             shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
             lines.append(f"  {name:<18} {shown} {unit}")
         return "\n".join(lines)

@@ -12,9 +12,13 @@ from typing import Any, Protocol
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path
 
 from toolbox.errors import SceneError
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words
+from toolbox.onsets.regions import MEANINGS, outlines
+from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
 
 
 class DrawnVerdict(Protocol):
@@ -89,6 +93,8 @@ class DrawnMap(Protocol):
     def sticking(self) -> DrawnBranch: ...
     @property
     def borders(self) -> dict[str, np.ndarray]: ...
+    @property
+    def regions(self) -> dict[str, np.ndarray]: ...
 
 
 def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
@@ -96,7 +102,6 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
     with plt.rc_context(PAPER):
         if ax is None:
             _, ax = plt.subplots(figsize=(WIDTH, 3.0), layout="constrained")
-        unit = "" if found.unit == "1" else f" [{found.unit}]"
         for low, high in found.bistable:
             ax.axvspan(low, high, color="0.90", linewidth=0, zorder=0, label="bistable")
         for point in found.hopf:
@@ -121,7 +126,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
             ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
-        ax.set_xlabel(in_words(found.parameter) + unit)
+        name_axis(ax.xaxis, in_words(found.parameter), found.unit)
         ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])
         ax.set_ylim(bottom=0.0)
@@ -160,36 +165,52 @@ def onset_panels(onsets: Mapping[str, DrawnOnset]) -> Any:
     return panels
 
 
+TINTS = {
+    "free": "#d5ead3", "bistable": "#fbe3b5", "smooth or stuck": "#cfd8e6", "stick-slip": "0.55", "swing": "#d9c7e8", "stuck": "#8d9db8", "none": "#f3e3d3",
+}  # fmt: skip
+"""Colours of the regions; stick-slip is grey by its severity."""
+
+BORDERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "smooth": ("smooth running is lost", {"colors": "#3f78b5", "linestyles": "-", "linewidths": 2.6}),
+    "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
+    "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
+}
+
+
 def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
     """Severity over two numbers on both branches, with the linear border, the loss of smooth running and the end of stick-slip. Returns both axes.
 
-    The grey tells the severity, and white where the machine runs smoothly; lines differ in their dashes as well.
+    Regions have tints and are shaded up to their borders, not by cells of the grid; the grey tells the severity of what is not smooth. The legend says
+    what each region means for who runs the machine.
     """
-    from matplotlib.collections import LineCollection
-
-    looks: dict[str, tuple[str, dict[str, Any]]] = {
-        "smooth": ("smooth running is lost", {"colors": "#8fb4dc", "linestyles": "-", "linewidths": 3.2}),
-        "linear": ("poles on the imaginary axis", {"colors": "black", "linestyles": (0, (1.2, 1.2)), "linewidths": 1.2}),
-        "sticking": ("stick-slip ends", {"colors": LINES[1]["color"], "linestyles": (0, (5, 1.5)), "linewidths": 1.8}),
-    }
     with plt.rc_context(PAPER):
         if axes is None:
-            _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 3.5), layout="constrained", sharex=True, sharey=True)
-        (x, y), scales = found.axes, [_thousands(axis, unit) for axis, unit in zip(found.axes, found.units, strict=True)]
-        values = np.concatenate([found.smooth.severity.ravel(), found.sticking.severity.ravel()])
+            _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 4.4), layout="constrained", sharex=True, sharey=True)
+        scales = [_thousands(axis, unit) for axis, unit in zip(found.axes, found.units, strict=True)]
+        divisors = np.array([scale for scale, _ in scales])
+        grid = (found.axes[0] / divisors[0], found.axes[1] / divisors[1])
+        borders = {name: found.borders[name] / divisors for name in BORDERS}
+        regions = found.regions
+        lasting = {"smooth": found.smooth.verdict > 0, "sticking": regions["bistable"] | regions["stick-slip"]}
+        lasting["smooth"] &= ~regions["none"]
+        values = np.concatenate([found.smooth.severity[lasting["smooth"]], found.sticking.severity[lasting["sticking"]]])
         top = float(np.quantile(values[np.isfinite(values)], 0.99)) if np.isfinite(values).any() else 1.0
         shade = None
-        for ax, branch, title in zip(axes, (found.smooth, found.sticking), ("from smooth running", "from inside stick-slip"), strict=True):
-            ax.set_facecolor("#f3e3d3")
-            shown = np.ma.masked_invalid(np.where(branch.verdict == -1, np.nan, branch.severity))
-            shade = ax.pcolormesh(
-                x / scales[0][0], y / scales[1][0], shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="nearest", rasterized=True
-            )
-            for name, (label, look) in looks.items():
-                segments = found.borders[name] / [scales[0][0], scales[1][0]]
-                ax.add_collection(LineCollection(lines_of(segments), label=label, zorder=3, **look))
-            ax.set_title(title, loc="left", fontsize=9.0)
-            ax.set(xlim=(x[0] / scales[0][0], x[-1] / scales[0][0]), ylim=(y[0] / scales[1][0], y[-1] / scales[1][0]))
+        titles = {"smooth": "from smooth running", "sticking": "from inside stick-slip"}
+        for ax, (name, branch) in zip(axes, (("smooth", found.smooth), ("sticking", found.sticking)), strict=True):
+            ax.set_facecolor(TINTS["free"])
+            for region in ("smooth or stuck", "stuck", "swing", "none"):
+                _filled(ax, grid, regions[region], np.empty((0, 2, 2)), TINTS[region])
+            if name == "smooth":
+                _filled(ax, grid, lasting["sticking"], borders["sticking"], TINTS["bistable"])
+            # the severity of the nearest point where there is one reaches up to the border
+            shown = _nearest(np.where(lasting[name], branch.severity, np.nan))
+            shade = ax.pcolormesh(*grid, shown.T, cmap="Greys", vmin=0.0, vmax=1.25 * top, shading="gouraud", rasterized=True, zorder=1)
+            shade.set_clip_path(_path(outlines(grid, lasting[name], borders[name])), ax.transData)
+            for border, (label, look) in BORDERS.items():
+                ax.add_collection(LineCollection(lines_of(borders[border]), label=label, zorder=3, **look))
+            ax.set_title(titles[name], loc="left", fontsize=9.0)
+            ax.set(xlim=grid[0][[0, -1]], ylim=grid[1][[0, -1]])
             ax.set_xlabel(f"{in_words(found.names[0])} [{scales[0][1]}]")
         axes[0].set_ylabel(f"{in_words(found.names[1])} [{scales[1][1]}]")
         figure = axes[0].figure
@@ -197,15 +218,44 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
             shade, ax=list(axes), label=f"severity of {in_words(found.signal)} [1]", boundaries=np.linspace(0.0, top, 129), extend="max"
         )
         bar.set_ticks(list(np.arange(0.0, top + 1e-9, 0.5 if top > 1 else 0.1)))
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+        patches = [Patch(facecolor=TINTS[name], edgecolor="0.5", linewidth=0.5, label=f"{'smooth' if name == 'free' else name}: {MEANINGS[name]}")
+                   for name, where in regions.items() if where.any() or name == "free"]  # fmt: skip
+        lines = axes[0].get_legend_handles_labels()[0]
+        figure.legend(handles=[*patches, *lines], loc="outside lower center", ncols=2, frameon=False)
     return axes
+
+
+def _path(polygons: Sequence[np.ndarray]) -> Path:
+    """All polygons as one path; an empty one hides everything."""
+    return Path.make_compound_path(*(Path(polygon, closed=True) for polygon in map(_closed, polygons))) if polygons else Path(np.zeros((3, 2)))
+
+
+def _closed(polygon: np.ndarray) -> np.ndarray:
+    return np.vstack([polygon, polygon[:1]])
+
+
+def _filled(ax: Any, grid: tuple[np.ndarray, np.ndarray], where: np.ndarray, segments: np.ndarray, colour: str) -> None:
+    """Fill a region up to its border; of several such the last lies on top."""
+    polygons = outlines(grid, where, segments)
+    if polygons:  # without seams between the cells
+        ax.add_patch(PathPatch(_path(polygons), facecolor=colour, edgecolor=colour, linewidth=0.3, zorder=0.5))
+
+
+def _nearest(values: np.ndarray) -> np.ndarray:
+    """Numbers of a grid with those that are nan taken from the nearest one that is not; zeros where all are nan."""
+    from scipy.ndimage import distance_transform_edt
+
+    unknown = ~np.isfinite(values)
+    if unknown.all():
+        return np.zeros(values.shape)
+    places = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    return values[tuple(places)]
 
 
 def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
     """(divisor, unit) in which an axis is read best."""
-    large = float(np.abs(axis).max()) >= 1e4 and unit.split()[0].split("/")[0] in ("N", "Pa", "W", "J")
-    return (1e3, f"k{unit}") if large else (1.0, unit)
+    factor, shown = reading_of(unit, float(np.abs(axis).max()))
+    return 1.0 / factor, shown
 
 
 def lines_of(segments: np.ndarray) -> list[np.ndarray]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -54,13 +55,14 @@ class Point:
 
 @dataclass
 class Front:
-    """The alive points of a map with the state of their cycle; runs: how many it took."""
+    """The alive points of a map with the state of their cycle; runs: how many it took;  bar: of progress, which moves with each."""
 
     loop: MapLoop
     points: np.ndarray
     shape: tuple[int, int]
     known: dict[int, Point] = field(default_factory=dict)
     runs: int = 0
+    bar: Any = None
 
     # -------------------------------------------------------------------------------------------------------------------------------------- one run
     def _judged_point(self, run: Trajectory) -> Point:
@@ -81,6 +83,8 @@ class Front:
 
     def _carried(self, run: Run, duration: float) -> Point | None:
         self.runs += 1
+        if self.bar is not None:
+            self.bar.update()
         try:
             return self._judged_point(carry_out(run_of(run, max(duration, self.loop.run.duration))))
         except SimulationError:

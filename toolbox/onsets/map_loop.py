@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import in_si
 from toolbox.measuring import measures
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
@@ -68,6 +69,7 @@ class MapLoop:
     title: str
     names: tuple[str, str]
     units: tuple[str, str]
+    ranges: tuple[tuple[float, float], ...]
     run: Run
     closed: HybridSystem
     element: str
@@ -99,7 +101,7 @@ class MapLoop:
             accuracy = scene.accuracy if accuracy is None else accuracy
         else:
             plant, law = checked_plant(asked.machine, "machine"), controller
-        duration = 120.0 if duration is None else duration
+        duration, after = in_si(120.0 if duration is None else duration, "s", "duration"), in_si(after, "s", "after")
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
         after = duration / 2 if after is None else after
@@ -107,6 +109,10 @@ class MapLoop:
             raise SceneError(f"Argument `after` must be > 0 s and before the end at {duration:g} s, but it is {after!r}.")
         if not isinstance(over, Mapping) or len(over) != 2:
             raise SceneError(f"Argument `over` must map two names to (low, high), but it is {over!r}.")
+        laws = law if isinstance(law, (list, tuple)) or law is None else [law]
+        if any(isinstance(end, str) for ends in over.values() if isinstance(ends, (tuple, list)) for end in ends):
+            known = continuous_loop(plant, laws, inputs={k: v for k, v in (inputs or {}).items() if k not in over}, parameters=parameters)
+            over = {name: in_si(ends, FreeParameter.of(known, name).unit, name) for name, ends in over.items()}
         for name, ends in over.items():
             if not (isinstance(ends, (tuple, list)) and len(ends) == 2 and all(map(is_finite_number, ends)) and ends[0] < ends[1]):
                 raise SceneError(f"Argument `{name}` must be a range (low, high) with low < high, but it is {ends!r}.")
@@ -121,7 +127,6 @@ class MapLoop:
             plant, Variations(names, middle[None, :], (1,)), float(duration), inputs=fixed, parameters=own, controller=law, sample_time=sample_time,
             accuracy=1e-6 if accuracy is None else accuracy,
         )  # fmt: skip
-        laws = law if isinstance(law, (list, tuple)) or law is None else [law]
         closed = continuous_loop(plant, laws, inputs=fixed, parameters=own)
         free_parameters = [FreeParameter.of(closed, name) for name in names]
         here = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if k.is_input}
@@ -138,7 +143,8 @@ class MapLoop:
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")
         return MapLoop(
             title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts), names=names,
-            units=(free_parameters[0].unit, free_parameters[1].unit), run=run, closed=closed, element=contact, signal=speed, after=float(after),
+            units=(free_parameters[0].unit, free_parameters[1].unit), ranges=tuple(over.values()),
+            run=run, closed=closed, element=contact, signal=speed, after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
         )  # fmt: skip
 

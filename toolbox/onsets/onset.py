@@ -22,7 +22,8 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
-from toolbox.files.units import in_si
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.messages import progress_bar
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -44,20 +45,20 @@ if TYPE_CHECKING:
 def onset(
     machine: HybridSystem | Scene,
     parameter: str,
-    between: tuple[float, float],
+    between: tuple[NumberOrText, NumberOrText],
     *,
     controller: Any = None,
-    sample_time: float | None = None,
-    inputs: Mapping[str, float] | None = None,
+    sample_time: NumberOrText | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
     element: str | None = None,
     signal: str | None = None,
     values: int = 13,
-    tolerance: float | None = None,
-    at: float | None = None,
-    duration: float | None = None,
+    tolerance: NumberOrText | None = None,
+    at: NumberOrText | None = None,
+    duration: NumberOrText | None = None,
     perturbation: float = 1e-3,
     accuracy: float | None = None,
 ) -> Onset:
@@ -118,7 +119,7 @@ def onset(
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
     free = FreeParameter.of(closed, parameter)
     low, high = free.between(between)
-    at, duration = in_si(at, free.unit, "at"), in_si(duration, "s", "duration")
+    at, duration, tolerance = in_si(at, free.unit, "at"), in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     input_values(closed, given or {})
     contact = judged_contact(closed, asked.element)
@@ -156,7 +157,8 @@ def onset(
     search.duration = PERIODS * search.period if duration is None else float(duration)
     sampled = any(isinstance(each, Sampled) for each in laws or [])
     tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
-    return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+    with progress_bar(None, "onset") as search.bar:
+        return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ class _Asked:
     plant: HybridSystem
     law: Any
     title: str
-    inputs: Mapping[str, float] | None
+    inputs: Mapping[str, NumberOrText] | None
     parameters: Mapping[str, Any] | None
     element: str | None
     signal: str | None

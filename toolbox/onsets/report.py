@@ -14,6 +14,8 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")
@@ -217,7 +219,8 @@ class Onset:
     @property
     def advice(self) -> str:
         """The working point in one sentence, with its margins to both borders."""
-        shown = f"{self.at:.6g} {self.unit}"
+        factor, unit = reading(self.unit)
+        shown = f"{self.at * factor:.6g} {unit}"
         if not self.values[0] <= self.at <= self.values[-1]:
             return f"The working point {shown} is outside of the range."
         words = {
@@ -241,37 +244,65 @@ class Onset:
         )
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        lines = [
-            f"Onset of stick-slip: {self.title}",
-            f"{self.parameter} from {self.values[0]:g} to {self.values[-1]:g}{unit}, judged by `{self.element}` and `{self.signal}`",
-            "",
-        ]
-        rows = [
-            (f"Hopf point, {p.kind} loss", f"{p.value:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
-            for p in self.hopf
-        ]
-        for name, borders in self._named:
-            rows += [(name, f"{b.value:.6g}", f"+- {b.tolerance:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
-            if not borders:
-                rows.append((name, "-", self._nowhere(name)))
-        rows += [("bistable", f"{low:.6g} .. {high:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+        unit = reading(self.unit).tail
+        rows = self._border_rows()
         widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
-        lines += [f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows]
+        lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
         lines += ["", self.advice, ""]
-        head = (f"{self.parameter}", "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
-        cells = [head]
-        for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
-            longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
-            cells.append((f"{value:.5g}", a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
+        cells = [self._head, *self._value_rows()]
         widths = [max(len(row[i]) for row in cells) for i in range(7)]
         lines += ["  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
-        checked = (
+        return "\n".join([*lines, "", self._checked, *(f"Note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title, judged = self._headlines
+        notes = [self.advice, *(f"Note: {note}" for note in self.notes)]
+        borders = table(title, ("border", f"{self.parameter} [{reading(self.unit).unit}]", ""), self._border_rows(), notes)
+        return borders + table(judged, self._head, self._value_rows(), [self._checked])
+
+    @property
+    def _headlines(self) -> tuple[str, str]:
+        read = reading(self.unit)
+        span = f"{self.parameter} from {self.values[0] * read.factor:.6g} to {self.values[-1] * read.factor:.6g}{read.tail}"
+        return f"Onset of stick-slip: {self.title}", f"{span}, judged by `{self.element}` and `{self.signal}`"
+
+    @property
+    def _checked(self) -> str:
+        """How the borders were checked."""
+        return (
             f"Checked: {self.runs} runs of {self.duration:.4g} s ({PERIODS} periods of {self.period:.3g} s) at accuracy {self.accuracy:g}; smooth running "
             f"disturbed by {self.perturbation:g} of the slip; both sides of each border again with five times the duration and a hundredth of the accuracy; "
             "cycles and standstill followed to their ends where they can be."
         )
-        return "\n".join([*lines, "", checked, *(f"Note: {note}" for note in self.notes)])
+
+    def _border_rows(self) -> list[tuple[str, str, str]]:
+        """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""
+        factor = reading(self.unit).factor
+        rows = [
+            (f"Hopf point, {p.kind} loss", f"{p.value * factor:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
+            for p in self.hopf
+        ]
+        for name, borders in self._named:
+            rows += [(name, f"{b.value * factor:.6g}", f"+- {b.tolerance * factor:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
+            if not borders:
+                rows.append((name, "-", self._nowhere(name)))
+        return rows + [("bistable", f"{low * factor:.6g} .. {high * factor:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+
+    @property
+    def _head(self) -> tuple[str, ...]:
+        """Headings of `_value_rows`."""
+        return (self.parameter, "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
+
+    def _value_rows(self) -> list[tuple[str, ...]]:
+        """Verdicts at each value."""
+        cells: list[tuple[str, ...]] = []
+        for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
+            longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
+            number = f"{value * reading(self.unit).factor:.5g}"
+            cells.append((number, a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
+        return cells
 
     @staticmethod
     def _how(border: Border) -> str:
@@ -342,17 +373,18 @@ class Comparison:
         """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
         lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
         for label, found in self.onsets.items():
+            factor = reading(found.unit).factor
             inside = found.values[0] <= found.at <= found.values[-1]
             borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row]
             lines.append(
                 (
                     label,
-                    shown(min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
-                    shown(found.loss),
-                    shown(found.end),
-                    shown(found.breakaway),
-                    ", ".join(f"{low:.3g} .. {high:.3g}" for low, high in found.bistable) or "-",
-                    f"{found.at:.4g}",
+                    shown(factor * min((p.value for p in found.hopf), key=lambda v: abs(v - found.at), default=math.nan)),
+                    shown(factor * found.loss),
+                    shown(factor * found.end),
+                    shown(factor * found.breakaway),
+                    ", ".join(f"{low * factor:.3g} .. {high * factor:.3g}" for low, high in found.bistable) or "-",
+                    f"{found.at * factor:.4g}",
                     found.verdict(found.at) if inside else "outside",
                     f"{100 * min(borders):+.0f} %" if borders else "-",
                 )
@@ -367,3 +399,6 @@ class Comparison:
         ]
         lines.insert(1, "-" * max(map(len, lines)))
         return "\n".join([*lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
+
+    def _repr_html_(self) -> str:
+        return table("Onsets of stick-slip", self.rows[0], self.rows[1:], [f"{label} failed: {reason}" for label, reason in self.failures.items()])

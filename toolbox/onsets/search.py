@@ -57,6 +57,7 @@ class OnsetSearch:
     runs: int = 0
     notes: list[str] = field(default_factory=list)
     led: dict[float, tuple[str, End]] = field(default_factory=dict)
+    bar: Any = None
 
     def run(
         self, value: float, begin: End, others: Mapping[str, Any] | None = None, /, longer: float = 1.0, finer: float = 1.0
@@ -66,6 +67,8 @@ class OnsetSearch:
         changes |= self.numbers(value, others)
         duration = whole(self.base, longer * self.duration)
         self.runs += 1
+        if self.bar is not None:
+            self.bar.update()
         for _ in range(3):
             try:
                 run = self.base.again(duration=duration, longest_step=duration / 256, **changes)

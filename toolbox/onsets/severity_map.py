@@ -25,10 +25,15 @@ import numpy as np
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
+from toolbox.onsets.regions import MEANINGS
 from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
 
@@ -120,47 +125,54 @@ class SeverityMap:
         }  # fmt: skip
 
     def __str__(self) -> str:
-        size = self.smooth.verdict.size
+        read = [reading(unit) for unit in self.units]
         lines = [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
-                f"  {name} from {axis[0]:g} to {axis[-1]:g} {'' if unit == '1' else unit}".rstrip() + f", {axis.size} values"
-                for name, unit, axis in zip(self.names, self.units, self.axes, strict=True)
+                f"  {name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}, {axis.size} values"
+                for name, each, axis in zip(self.names, read, self.axes, strict=True)
             ),
             f"  {self.runs} runs of {self.duration:g} s, judged from {self.after:g} s, at accuracy {self.accuracy:g}, in {self.seconds:.3g} s",
             "",
             "  share of the map",
         ]
-        words = {
-            "free": "a disturbance dies, and stick-slip that has begun ends",
-            "bistable": "smooth until disturbed, then stick-slip for ever",
-            "smooth or stuck": "smooth until it is stopped, then at rest for good",
-            "stuck": "the least disturbance brings it to rest for good",
-            "stick-slip": "the least disturbance grows into it",
-            "swing": "the least disturbance grows, without stick",
-            "none": "no steady running, or a run that failed",
-        }
-        lines += [
-            f"    {name:<16}{100 * where.sum() / size:5.1f} %   {words[name]}"
-            for name, where in self.regions.items()
-            if where.any() or name == "free"
-        ]
+        lines += [f"    {name:<16}{share:>5} %   {meaning}" for name, share, meaning in self._share_rows()]
         lines += ["", f"  border                         {self.names[0]:>30}   {self.names[1]:>30}"]
-        titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
-        for name, segments in self.borders.items():
-            if not len(segments):
-                lines.append(f"    {titles[name]:<28} not in the map")
-                continue
-            ranges = [f"{segments[..., k].min():.5g} .. {segments[..., k].max():.5g} {self.units[k]}" for k in range(2)]
-            lines.append(f"    {titles[name]:<28} {ranges[0]:>29}   {ranges[1]:>30}")
+        lines += [f"    {name:<28} {first:>29}   {second:>30}".rstrip() for name, first, second in self._border_rows()]
         lines += [f"  note: {note}" for note in self.notes]
         if self.errors:
             lines.append(f"  {len(self.errors)} runs failed")
             for (branch, i, j), text in list(self.errors.items())[:3]:
-                lines.append(f"    {branch}, {self.axes[0][i]:.5g}, {self.axes[1][j]:.5g}: {text}")
+                lines.append(f"    {branch}, {self.axes[0][i] * read[0].factor:.5g}, {self.axes[1][j] * read[1].factor:.5g}: {text}")
         return "\n".join(lines)
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        shares = table(f"Severity map of {self.title}", ("region", "share of the map [%]", "what the machine does"), self._share_rows())
+        read = [reading(unit) for unit in self.units]
+        ranges = [
+            f"{name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}"
+            for name, each, axis in zip(self.names, read, self.axes, strict=True)
+        ]
+        notes = [f"{', '.join(ranges)}; {self.runs} runs of {self.duration:g} s, {len(self.errors)} failed", *self.notes]
+        return shares + table("Borders", ("border", *self.names), self._border_rows(), notes)
+
+    def _share_rows(self) -> list[tuple[str, str, str]]:
+        """(region, part of the map [%], meaning) of the regions that there are, and of the free one."""
+        found = self.regions.items()
+        return [(name, f"{100 * where.mean():.1f}", MEANINGS[name]) for name, where in found if where.any() or name == "free"]
+
+    def _border_rows(self) -> list[tuple[str, str, str]]:
+        """(border, range of the first number, range of the second)."""
+        titles = {"linear": "poles on the imaginary axis", "smooth": "smooth running is lost", "sticking": "existing stick-slip ends"}
+        rows = []
+        for name, segments in self.borders.items():
+            ranges = ["not in the map", ""]
+            for k, (factor, unit) in enumerate(map(reading, self.units)) if len(segments) else ():
+                ranges[k] = f"{segments[..., k].min() * factor:.5g} .. {segments[..., k].max() * factor:.5g} {unit}"
+            rows.append((titles[name], ranges[0], ranges[1]))
+        return rows
 
     def border(self, name: str, along: float) -> np.ndarray:
         """Return where a border crosses a value of the second number: values of the first one, in increasing order.
@@ -243,13 +255,13 @@ class SeverityMap:
 
 def severity_map(
     machine: HybridSystem | Scene,
-    over: Mapping[str, tuple[float, float]],
+    over: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
     shape: tuple[int, int] = (50, 50),
-    duration: float | None = None,
-    after: float | None = None,
+    duration: NumberOrText | None = None,
+    after: NumberOrText | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: NumberOrText | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
@@ -272,7 +284,7 @@ def severity_map(
     machine
         A plant, or a scene.
     over
-        The two ranges {name: (low, high)} in SI; the first name gives the rows of all arrays.
+        The two ranges {name: (low, high)}, in SI or text with units; the first name gives the rows of all arrays.
     shape
         Number of points of the grid along both axes.
     duration, after
@@ -308,7 +320,7 @@ def severity_map(
         raise SceneError(f"Argument `shape` must be two integers >= 2, but it is {shape!r}.")
     if isinstance(halvings, bool) or not isinstance(halvings, int) or not 0 <= halvings <= 20:
         raise SceneError(f"Argument `halvings` must be an integer from 0 to 20, but it is {halvings!r}.")
-    axes = tuple(np.linspace(*over[name], n) for name, n in zip(loop.names, shape, strict=True))
+    axes = tuple(np.linspace(*ends, n) for ends, n in zip(loop.ranges, shape, strict=True))
     points = grid(dict(zip(loop.names, axes, strict=True))).points
     stages = iter(range(1000))
     count = 0
@@ -330,11 +342,12 @@ def severity_map(
     front = Front(loop, points, shape)
     smooth, inside = ([column[part] for column in columns] for part in (slice(0, len(points)), slice(len(points), None)))
     verdicts = inside[2].copy()
-    _changed(inside, front.spread(verdicts))
-    inside[2] = verdicts
-    with np.errstate(invalid="ignore"):
-        grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
-    _changed(smooth, front.settled(np.flatnonzero(grows)))
+    with progress_bar(None, "map, near borders") as front.bar:
+        _changed(inside, front.spread(verdicts))
+        inside[2] = verdicts
+        with np.errstate(invalid="ignore"):
+            grows = (smooth[2] == SWING) | ((smooth[2] == STICK_SLIP) & (smooth[0] < 0.8 * inside[0]))
+        _changed(smooth, front.settled(np.flatnonzero(grows)))
     branches = [MapSide(*(column.reshape(shape) for column in branch)) for branch in (smooth, inside)]
     growth = growth.reshape(shape)
     names = ("smooth", "sticking")
@@ -345,7 +358,8 @@ def severity_map(
         """Whether smooth running is lost."""
         return loop.growth(points) > 0 if not loop.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
-    places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
+    with progress_bar(None, "map, borders") as front.bar:
+        places = (edges[0].halved(lost, halvings if loop.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
     borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
     borders = {"linear": linear.segments(linear.halved(lambda points: loop.growth(points) > 0, LINEAR_HALVINGS)), **borders}

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.files.unit_systems import reading
 from toolbox.orbits.orbit import Cycle
 
 
@@ -69,7 +70,7 @@ class Branch:
         """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked."""
         import matplotlib.pyplot as plt
 
-        from toolbox.simulation.style import LINES
+        from toolbox.simulation.style import LINES, name_axis
 
         if ax is None:
             _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
@@ -92,15 +93,15 @@ class Branch:
             labels.add(point.kind)
             ax.plot([point.value] * 2, [low, high], markers[point.kind], color=LINES[1]["color"], markersize=5.5, markeredgecolor="0.1",
                     markeredgewidth=0.6, linestyle="none", label=label, zorder=4)  # fmt: skip
-        unit = self.cycles[0].run.unit(signal)
-        ax.set_xlabel(f"{self.parameter}" + ("" if self.unit == "1" else f" [{self.unit}]"))
-        ax.set_ylabel(f"{signal}, smallest and largest" + ("" if unit == "1" else f" [{unit}]"))
+        name_axis(ax.xaxis, self.parameter, self.unit)
+        name_axis(ax.yaxis, f"{signal}, smallest and largest", self.cycles[0].run.unit(signal))
         ax.legend(frameon=False)
         return ax
 
     def __str__(self) -> str:
+        factor, unit = reading(self.unit)
         lines = [
-            f"{len(self.values)} cycles, {self.parameter} from {min(self.values):.6g} to {max(self.values):.6g} {self.unit}: "
+            f"{len(self.values)} cycles, {self.parameter} from {min(self.values) * factor:.6g} to {max(self.values) * factor:.6g} {unit}: "
             f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"
         ]
         return "\n".join([*lines, *(f"  {point}" for point in self.bifurcations)])

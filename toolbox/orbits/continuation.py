@@ -28,6 +28,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, number, whole
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
 from toolbox.orbits.orbit import Cycle, signature_of
@@ -38,11 +39,11 @@ from toolbox.steady_states.hopf import hopf_points
 def follow(
     cycle: Cycle,
     parameter: str,
-    span: tuple[float, float],
+    span: tuple[NumberOrText, NumberOrText],
     *,
     points: int = 100,
     step: float = 0.02,
-    towards: float | None = None,
+    towards: NumberOrText | None = None,
 ) -> Branch:
     """Follow the branch of limit cycles through `cycle` while a parameter changes, by pseudo-arclength continuation.
 
@@ -78,6 +79,9 @@ def follow(
     """
     if not isinstance(cycle, Cycle):
         raise SceneError(f"Argument `cycle` must be a cycle found by `limit_cycle`, but it is {cycle!r}.")
+    if isinstance(towards, str) or (isinstance(span, Sequence) and any(isinstance(end, str) for end in span)):
+        unit = unit_of(cycle.run, parameter)
+        span, towards = in_si(span, unit, "span"), in_si(towards, unit, "towards")
     if not isinstance(span, Sequence) or len(span) != 2 or not all(is_finite_number(v) for v in span) or not span[0] < span[1]:
         raise SceneError(f"Argument `span` must be (low, high) with low < high, but it is {span!r}.")
     if not is_finite_number(step) or not step > 0:
@@ -88,8 +92,7 @@ def follow(
     whole("points", points, 1)
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    unit = unit_of(cycle.run, parameter)
-    branch = Branch(parameter, unit, [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    branch = Branch(parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

@@ -22,6 +22,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.orbits.orbit import Cycle, CycleError, Orbit
@@ -32,14 +33,14 @@ from toolbox.simulation.trajectory import Trajectory
 
 def limit_cycle(
     plant: HybridSystem | Trajectory,
-    settle: float | None = None,
+    settle: NumberOrText | None = None,
     *,
-    period: float | None = None,
+    period: NumberOrText | None = None,
     start: Mapping[str, Any] | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: NumberOrText | None = None,
     accuracy: float = 1e-11,
 ) -> Cycle:
     """Find the periodic motion near the end of a run, attracting or not, to 1e-10 of its size.
@@ -74,6 +75,7 @@ def limit_cycle(
     SceneError
         If an argument is wrong.
     """
+    settle, period = in_si(settle, "s", "settle"), in_si(period, "s", "period")
     if isinstance(plant, Trajectory):
         if settle is not None or start or inputs or parameters or controller is not None or sample_time is not None:
             raise SceneError("Argument `plant` must be a plant for the other arguments to apply, but it is a trajectory, which has them.")

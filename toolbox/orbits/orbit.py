@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.inputs import Table
 from toolbox.orbits.sampled_memory import check_laws
 from toolbox.orbits.sensitivity import parameter_column
@@ -110,23 +112,42 @@ class Cycle:
         return phase_plane(self.run, x, y, ax=ax)
 
     def __str__(self) -> str:
+        title, *notes = self._headlines
+        lines = [title, *(f"  {note}" for note in notes)]
+        return "\n".join([*lines, *(f"  {name:<20} {low:.6g} .. {high:.6g} {unit}" for name, low, high, unit in self._rows())])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title, *notes = self._headlines
+        return table(title, ("state", "smallest", "largest", "unit"), self._rows(), notes)
+
+    @property
+    def _headlines(self) -> list[str]:
+        """What the cycle is, its multipliers, and how long elements stick."""
         shown = ", ".join(_complex(value) for value in self.multipliers[:6]) + (", ..." if self.multipliers.size > 6 else "")
         lines = [
             f"{'Stable' if self.stable else 'Unstable'} cycle of {self.period:.10g} s, {'forced' if self.forced else 'free'}, "
             f"found in {self.iterations} steps, the last of {self.step:.1e}",
-            f"  Floquet multipliers  {shown or 'none'}",
+            f"Floquet multipliers  {shown or 'none'}",
         ]
-        system = self.run.program.system
-        for element in system.elements:
+        for element in self.run.program.system.elements:
             if "stick" in element.legend.values():
-                lines.append(f"  {element.name:<20} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+                lines.append(f"{element.name:<20} sticks {100 * self.stick_share(element.name):.2f} % of the period")
+        return lines
+
+    def _rows(self) -> list[tuple[str, float, float, str]]:
+        """(state, smallest value, largest value, unit) of the states that return."""
+        rows = []
+        system = self.run.program.system
         for name, (row, size, unit) in system.states.items():
             for i in range(size or 1):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
+                    factor, shown = reading(unit)
                     low, high = self.extremes(label)
-                    lines.append(f"  {label:<20} {low:.6g} .. {high:.6g} {unit}")
-        return "\n".join(lines)
+                    rows.append((label, factor * low, factor * high, shown))
+        return rows
 
 
 def _complex(value: complex) -> str:

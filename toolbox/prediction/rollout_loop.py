@@ -77,7 +77,7 @@ def _first_crossing(addresses, guard, h, interval, x, k, p, m, y, z, ne):  # pra
     return h, guard
 
 
-@inlined
+@inlined(_nrt=True)
 def _carried(y, J, K, ne):  # pragma: no cover - compiled
     """Carry the derivatives J over a step, whose own derivatives stand in y behind states and guards."""
     n, nu = J.shape[0], J.shape[1] - J.shape[0]

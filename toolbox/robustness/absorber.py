@@ -18,6 +18,7 @@ import numpy as np
 
 from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
@@ -46,7 +47,7 @@ class Absorber:
 
     def __str__(self) -> str:
         return (
-            f"An ideal absorber keeps `{self.signal}` smooth down to {self.speed:.4g} {self.unit}: "
+            f"An ideal absorber keeps `{self.signal}` smooth down to {self.speed * reading(self.unit).factor:.4g} {reading(self.unit).unit}: "
             f"damping {self.damping:.4g}, stiffness {self.stiffness:.4g}, inertia {self.inertia:.4g} in SI"
         )
 

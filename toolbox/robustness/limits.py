@@ -28,6 +28,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
 from toolbox.robustness.loop import zero_order_hold
@@ -82,13 +83,13 @@ class PerformanceLimit:
 
 def performance_limit(
     plant: HybridSystem,
-    at: Mapping[str, float],
+    at: Mapping[str, NumberOrText],
     *,
     measures: str | Sequence[str] = "top.speed",
     drives: str = "top.torque",
-    period: float | None = None,
-    delay: float = 0.0,
-    inputs: Mapping[str, float] | None = None,
+    period: NumberOrText | None = None,
+    delay: NumberOrText = 0.0,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> PerformanceLimit:
     """Compute the best disk margin and peak sensitivity that any linear law can have at a set-point, with what it measures and its delay.
@@ -125,6 +126,7 @@ def performance_limit(
         raise SceneError(
             f"Argument `drives` must be the name of one input, but it is {drives!r}: with several the limits are not known in this form."
         )
+    period, delay = in_si(period, "s", "period"), in_si(delay, "s", "delay")
     if period is not None and (not is_finite_number(period) or period <= 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     if not is_finite_number(delay) or delay < 0 or (delay > 0 and period is None):

@@ -9,6 +9,8 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
 from toolbox.robustness.disk_margins import JointMargins, LoopMargins, joint_margins, loop_margins
@@ -97,7 +99,7 @@ class Margins:
 
     def __str__(self) -> str:
         at = ", ".join(
-            f"{row.command} = {self.signals[row.command]:.4g} {self.units[row.command]}"
+            f"{row.command} = {self.signals[row.command] * reading(self.units[row.command]).factor:.4g} {reading(self.units[row.command]).unit}"
             for row in self.loops
             if row.command in self.signals
         )
@@ -132,13 +134,13 @@ def margins(
     plant: HybridSystem,
     controller: Any,
     *,
-    sample_time: float | None = None,
-    inputs: Mapping[str, float] | None = None,
+    sample_time: NumberOrText | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     start: Mapping[str, Any] | None = None,
     measured: bool | None = None,
     inertia: str | None = None,
-    duration: float = 60.0,
+    duration: NumberOrText = 60.0,
 ) -> Margins:
     """Compute disk margin, peak sensitivity, gain, phase and delay margin of a closed loop at steady running.
 
@@ -173,6 +175,7 @@ def margins(
         If an argument is wrong as in `simulate`, laws have different periods, or measured margins are needed but no steady running is known: give `start`.
     """
     checked_plant(plant)
+    duration = in_si(duration, "s", "duration")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     laws = law_list(plant, controller, sample_time)

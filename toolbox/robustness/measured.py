@@ -19,7 +19,7 @@ import numpy as np
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.measuring import measure
 from toolbox.modelling.components import Equations, Signal, Update
-from toolbox.modelling.elements import quantity
+from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.simulation.run import Budget
@@ -55,7 +55,7 @@ class Amplified(Controller):
     """A law whose commands are multiplied by a factor on their way to the plant, of which it knows nothing."""
 
     law: Controller = dataclasses.field(default_factory=Controller)
-    factor: float = quantity(1.0, "1", "factor of the commands")
+    factor: Quantity = quantity(1.0, "1", "factor of the commands")
 
     @property
     def drives(self) -> tuple[str, ...]:  # type: ignore[override]

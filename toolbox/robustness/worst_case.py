@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measures
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
@@ -171,16 +172,16 @@ def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) ->
 def worst_case(
     plant: HybridSystem,
     controller: Any,
-    duration: float,
+    duration: NumberOrText,
     *,
     errors: Mapping[str, float | Sequence[float]] | None = None,
     corners: Sequence[Mapping[str, float]] = (),
     starts: Sequence[Mapping[str, Any]] | None = None,
     seeds: Sequence[int] = (0,),
-    sample_time: float | None = None,
-    inputs: Mapping[str, float] | None = None,
-    after: float | None = None,
-    target: float | None = None,
+    sample_time: NumberOrText | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
+    after: NumberOrText | None = None,
+    target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
 ) -> WorstCase:
@@ -221,6 +222,7 @@ def worst_case(
         If a name is unknown, or a number is none.
     """
     checked_plant(plant)
+    duration, after = in_si(duration, "s", "duration"), in_si(after, "s", "after")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     window = 0.7 * duration if after is None else after
@@ -230,7 +232,7 @@ def worst_case(
     contact = judged_contact(system, None)
     speed = judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
-    wanted = _set_point(system, inputs or {}) if target is None else float(target)
+    wanted = _set_point(system, inputs or {}) if target is None else float(in_si(target, system.signal_unit(speed), "target"))
     cases = _cases(errors, corners)
     names = sorted({name for case in cases.values() for name in case if name != DELAY})
     declared = {name: _declared(system, name, inputs or {}) for name in names}

@@ -170,6 +170,10 @@ class Scene:
         scene_file.write({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.contact}, Path(path))
         return Path(path)
 
+    def keys(self) -> dict[str, Any]:
+        """Every key of the scene file with its value in SI: `duration`, `plant.BitRock.weight`, `controllers.soft torque.reference`."""
+        return scene_file.flat({each.name: getattr(self, each.name) for each in fields(self)} | {"contact": self.element})
+
     def __str__(self) -> str:
         lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]
         for case in self.cases:

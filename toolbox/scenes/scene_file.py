@@ -1,20 +1,7 @@
 """The TOML form of a scene.
 
 A scene file is data only: it names parts and laws of the catalogue and gives them numbers. A number is SI (angles in rad), or text with
-its unit. The keys, with those in brackets optional:
-
-    title, duration, [accuracy], [reference]      reference: set-point of the judged signal; laws with a field `reference` take it
-    [[plant]]         part, and any of its parameters; a friction law is { law = "Exponential", static = 0.8, ... }; a part made from tables
-                      takes the arguments of its `from_tables` instead, paths relative to the scene file
-    [[controllers]]   label, [law], [sample_time], [delay], [noise], [resolution], [seed], [inputs], and any parameter of the law; none at all: the
-                      plant alone. noise = { "top.speed" = 0.01 }: standard deviation of what a sampled law measures; resolution: its steps. A law may
-                      be a table { law = "LinearMPC", delay = "30 ms", ... }: parameters with the names of keys are what the law itself knows
-    [start]           state = value at the beginning; all else is at rest
-    [inputs]          signal = number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, table = { times, values }
-                      the signal is an input of the plant, or one that every law asks for, such as `top.reference`
-    [parameters]      name = value: what the plant really is, where that differs from what the controllers are designed for
-    [verdict]         element, signal, effort: whose sticking, which speed and whose peak to report; after: when the transient is over; for a
-                      stop [standstill]: the value of the signal at which the machine stands, where the verdict ends
+its unit. The keys, their units, defaults and meanings stand in `toolbox.scenes.keys`; `stickslip list scene` prints them.
 """
 
 from __future__ import annotations
@@ -39,7 +26,7 @@ from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import TURNED, FrictionLaw
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import UNITS
-from toolbox.scenes import catalogue
+from toolbox.scenes import catalogue, keys
 from toolbox.scenes.cases import Case, Number, Waveform
 from toolbox.scenes.judged import judged_effort, judged_signal
 from toolbox.simulation.request import Request
@@ -84,12 +71,11 @@ def _data(path: Path) -> dict[str, Any]:
 
 
 def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    known = ("title", "duration", "accuracy", "reference", "plant", "controllers", "start", "inputs", "parameters", "verdict")
-    _keys(data, "the scene", known, ("title", "duration", "plant"))
+    _keys(data, "the scene", keys.names("scene"), keys.required("scene"))
     parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
-    verdict = _keys(data.get("verdict", {}), "verdict", ("element", "signal", "effort", "after", "standstill"))
+    verdict = _keys(data.get("verdict", {}), "verdict", keys.names("[verdict]"), keys.required("[verdict]"))
     contacts = [element.name for element in plant.elements]
     if not contacts:
         raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
@@ -126,7 +112,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _component(data: Any, where: str, folder: Path) -> Component:
-    _keys(data, where, None, ("part",))
+    _keys(data, where, None, keys.required("[[plant]]"))
     item = catalogue.part(data["part"], "part")
     values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
     if isinstance(item, type) and hasattr(item, "from_tables"):
@@ -155,9 +141,9 @@ def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> 
 
 
 def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -> Case:
-    _keys(data, where, None, ("label",))
+    _keys(data, where, None, keys.required("[[controllers]]"))
     label = _text(data["label"], f"{where}.label")
-    own: dict[str, Any] = {"label": label, "law": None, "sample_time": None, "inputs": {}} | dict.fromkeys(_SAMPLED)
+    own = keys.names("[[controllers]]")
     if "law" not in data:
         _keys(data, label, ("label", "inputs"))
         return Case(label, inputs=_inputs(data.get("inputs", {}), f"{label}.inputs", plant))
@@ -170,7 +156,7 @@ def _case(data: Any, where: str, plant: HybridSystem, reference: float | None) -
     values = {key: value for key, value in data.items() if key not in own} | known
     if reference is not None and "reference" not in values and any(spec.name == "reference" for spec in dataclasses.fields(item)):
         values["reference"] = reference
-    law = _filled(item, values, _text(named, where), tuple(own))
+    law = _filled(item, values, _text(named, where), own)
     sample_time = data.get("sample_time")
     if sample_time is not None:
         sample_time = parse(sample_time, "s", f"{label}.sample_time")
@@ -344,6 +330,28 @@ def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     data["plant"] = [{"part": catalogue.name_of(type(part))} | _fields(part) for part in scene["parts"]]
     data["controllers"] = [_resolved_case(case) for case in scene["cases"]]
     return data
+
+
+def flat(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """{key: value in SI} of a scene given by its fields: a part or a law goes by its name in the catalogue or its label, numbered where there are several."""
+    found: dict[str, Any] = {}
+
+    def put(name: str, value: Any) -> None:
+        if isinstance(value, Mapping):
+            for key, each in value.items():
+                put(f"{name}.{key}" if name else key, each)
+        elif value is not None:
+            found[name] = value
+
+    data = _resolved(scene)
+    for key, value in data.items():
+        if key in ("plant", "controllers"):
+            titles = [str(entry.get("label", entry.get("part"))) for entry in value]
+            for i, (title, entry) in enumerate(zip(titles, value, strict=True)):
+                put(f"{key}.{title}" + (f" {titles[: i + 1].count(title)}" if titles.count(title) > 1 else ""), entry)
+        else:
+            put(key, value)
+    return found
 
 
 def _resolved_case(case: Case) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from toolbox.errors import SimulationError
 from toolbox.files import tables
+from toolbox.files.unit_systems import reading
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
@@ -148,9 +149,9 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
     plant = scene.plant()
-    effort, speed = plant.unit(scene.effort), plant.unit(scene.signal)
-    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill:g} {speed}"
-    set_point = f"; set-point {scene.reference:.4g} {speed}" if scene.reference else ""
+    effort, speed = reading(plant.unit(scene.effort)), reading(plant.unit(scene.signal))
+    until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
+    set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
     if scene.standstill is not None:
         head[head.index("settling")] = "stands at"
@@ -164,7 +165,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 _number(row.severity, "{:.3f}"),
                 "never" if row.settling == math.inf else _number(row.settling, "{:.1f} s"),
                 "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
-                _number(row.peak, ("{:.0f} " if row.peak >= 1000 else "{:.4g} ") + effort),
+                _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
                 _number(row.error, "{:.0e}"),
                 _number(1e3 * row.wall_time, "{:.2g} ms"),
             ]

@@ -20,6 +20,8 @@ import numpy as np
 from toolbox.arguments import is_finite_number, numbers, whole
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import names
 from toolbox.scenes.scene import Scene
@@ -103,7 +105,7 @@ class WorkPrecision:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
-        from toolbox.simulation.plot import work_precision
+        from toolbox.scenes.figures import work_precision
 
         return work_precision(self, ax=ax)
 
@@ -115,7 +117,7 @@ class WorkPrecision:
 
 def work_precision(
     plant: HybridSystem | Scene | Mapping[str, HybridSystem],
-    duration: float | None = None,
+    duration: NumberOrText | None = None,
     *,
     methods: Sequence[str] = ("explicit", "stiff", "time-stepping", "smoothed"),
     accuracies: Iterable[float] = ACCURACIES,
@@ -164,6 +166,7 @@ def work_precision(
         If no truth can be computed.
     """
     title, plants, duration, arguments = _resolved(plant, duration, case, arguments)
+    duration = in_si(duration, "s", "duration")
     if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     if len(plants) > 1 and not signals:
@@ -184,18 +187,17 @@ def work_precision(
     truth, used = _truth(first, "explicit")
     second, other = _truth(first, "stiff")
     disagreement = _difference(second, truth, signals)
-    from tqdm import tqdm
-
     settings = [
         (run, label, method, varied, setting, changes)
         for label, run in runs.items()
         for method in methods
         for varied, setting, changes in _settings(run, method, given, lengths, shares)
     ]
-    bar = tqdm(settings, unit="run", desc="work and precision", delay=1.0, leave=False, disable=None)
-    points = [
-        _point(run, label, method, varied, setting, changes, truth, signals, repeats) for run, label, method, varied, setting, changes in bar
-    ]
+    points = []
+    with progress_bar(len(settings), "work and precision") as bar:
+        for run, label, method, varied, setting, changes in settings:
+            points.append(_point(run, label, method, varied, setting, changes, truth, signals, repeats))
+            bar.update()
     return WorkPrecision(title, duration, tuple(points), disagreement, (used, other))
 
 

@@ -19,6 +19,7 @@ from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
+from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.laws import External
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
@@ -121,19 +122,19 @@ def carry_out(run: Run) -> Trajectory:
                     chunk = max(1, min(2 * chunk, int(0.1 * progress(work)[1] / spent)))
                 if progress(work)[1] >= following:
                     if pays(run, program, work, look):
+                        LOG.debug("the plant is stiff: stepped implicitly from the start")
                         left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                         return carry_out(dataclasses.replace(run, method=Implicit(), budget=left))
                     look = progress(work)
                     following = 2 * look[1]
                 if bar is None and spent > 1.0:
-                    from tqdm import tqdm
-
-                    bar = tqdm(total=run.duration, unit="s", unit_scale=True, leave=False, disable=None)  # silent where stderr is no terminal
+                    bar = progress_bar(run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
                 if bar is not None:
                     bar.update(float(work.reals[loop_layout.TIME]) - bar.n)
             elif isinstance(program.pair, Taylor) and status in (loop_layout.NO_SERIES, loop_layout.UNDERFLOW) and not run.laws:
                 left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                 again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
+                LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[loop_layout.TIME]))
                 again.why = f"explicit: no Taylor series at t = {float(work.reals[loop_layout.TIME]):.9g} s"
                 return again
             else:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BOUNDS,
@@ -285,11 +285,12 @@ def advance(w, series):
     series: True where the steps are Taylor series, else None: another type, so that the loop of other steps is compiled without them. A condition
     on it stands alone, because numba leaves out only what such a condition alone decides.
     """
+    w = lent(w)
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
     rejected = False
-    if w.ints[STARTED] == 0 and not begin(w):
+    if w.ints[STARTED] == 0 and not begin(owned(w)):
         return INCONSISTENT
     while True:
         t = w.reals[TIME]

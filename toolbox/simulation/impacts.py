@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent
 from toolbox.compilation.loop_layout import EPS, FIELD, FRICTION, IMPULSE, NE, PROBE, RIGID, SWITCH, N
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.guards import guard_size, nudge, project
@@ -46,6 +46,7 @@ def balanced(w, t):
 @called
 def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
+    w = lent(w)
     n, ne = w.ints[N], w.ints[NE]
     for elastic in range(1, -1, -1):
         w.m_other[ne] = float(elastic)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     BOUNDS,
     COUPLED,
@@ -169,7 +169,7 @@ def fire(w, t):
             w.m[i] = 1.0 - w.m[i]
         strike = strike or (w.kind[i] == RIGID and w.before[i] != 0.0 and w.fired[2 * i])
     if strike:
-        impact(w, t)
+        impact(owned(w), t)
     for i in range(ne):
         if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
             if flies(w, i):
@@ -189,7 +189,7 @@ def fire(w, t):
         return False
     if w.ints[COUPLED] == 1:
         for e in range(events, w.ints[EVENTS]):
-            w.ev_m[e, 2] = np.int8(_other_choice(w, t, w.ev_i[e]))
+            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
     if w.ints[EVENTS] == events and not kink:
         w.ints[MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
     return True
@@ -201,6 +201,7 @@ def _other_choice(w, t, i):
 
     The others decide anew each time. Where forces hold each other and static friction is above kinetic both can be consistent. Leaves the modes in m.
     """
+    w = lent(w)
     ne = w.ints[NE]
     if w.kind[i] != FRICTION or not w.zero[i]:
         return False
@@ -233,6 +234,7 @@ def begin(w):
     An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
     switches turn until their guards agree.
     """
+    w = lent(w)
     n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
     t = w.reals[TIME]
     for i in range(ne):

@@ -7,8 +7,6 @@ the panel and as grey bands behind the curve. Tones and line styles differ enoug
 
 from __future__ import annotations
 
-import itertools
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
@@ -20,32 +18,45 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
-from toolbox.simulation.samples import Event, Samples, scalar, window
+from toolbox.files.units import NumberOrText
+from toolbox.simulation import curves
+from toolbox.simulation.samples import Event, scalar, short, window
 from toolbox.simulation.style import (
     BAND,
     LINES,
     MANY_EVENTS,
     PAPER,
-    RESOLUTION,
     TONES,
     WIDTH,
-    axis_label,
+    axis_words,
     in_words,
     legend_above,
     line_styles,
+    name_axis,
 )
 
 
 class Pictured(Protocol):
     """What a picture asks of a run."""
 
-    program: Any
     time: np.ndarray
     end: float
 
     @property
     def events(self) -> list[Event]:
         """Every switch of every element."""
+
+    @property
+    def contacts(self) -> list[str]:
+        """Names of the elements with friction."""
+
+    @property
+    def main_signals(self) -> list[str]:
+        """Names of the signals that say most."""
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that a drive keeps signals within."""
 
     @property
     def nodes(self) -> Any:
@@ -64,14 +75,11 @@ class Pictured(Protocol):
     def unit(self, name: str) -> str:
         """Unit of a signal."""
 
-    def at(self, time: Any) -> Samples:
-        """Signals at any times."""
-
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element."""
 
 
-def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, until: float | None = None) -> Any:
+def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> Any:
     """Draw signals against time, with a ribbon of modes above, grey bands where the only contact sticks, and thin lines at events.
 
     Parameters
@@ -96,7 +104,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
         If a signal is unknown, signals of several units share one `ax`, or the window lies outside the run.
     """
     begin, end = window(run, after, until)
-    names = list(signals) or _interesting(run)
+    names = list(signals) or run.main_signals
     units: dict[str, list[str]] = {}
     for name in names:
         units.setdefault(run.unit(name), []).append(name)
@@ -104,19 +112,21 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: float = 0.0, unt
         raise SceneError(
             f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
         )
-    samples = _curve(run, begin, end)
+    samples = curves.sampled(run, begin, end)
     elements = list(run.modes)
-    contacts = [element.name for element in run.program.system.elements if element.law is not None]
+    contacts, looks = run.contacts, curves.part_colours(run)
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
-            lines = _lines(panel, samples, group)
-            panel.set_ylabel(axis_label(group, unit))
+            lines = curves.draw_signals(panel, samples, group, looks)
             panel.set_xlim(begin, end)
+            curves.scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit)
+            curves.draw_limits(panel, run.limits, group, looks)
+            name_axis(panel.yaxis, axis_words(group, unit), unit)
             top = panel is panels[0]
             if len(contacts) == 1:
                 _bands(panel, run, contacts[0], begin, end)
-            _event_lines(panel, run, begin, end)
+            _event_lines(panel, run, begin, end, [name for name in elements if len(contacts) != 1 or name != contacts[0]])
             height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
                 legend_above(panel, height)
@@ -133,8 +143,8 @@ def phase_plane(
     element: str | None = None,
     ax: Any = None,
     *,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
 ) -> Any:
     """Draw one signal against another; where `element` sticks the line is thick, the start is a ring, and arrows show the direction.
 
@@ -160,7 +170,7 @@ def phase_plane(
         element = names[0]
     if element is not None and element not in names:
         raise SceneError(f"There is no element `{element}`: {suggest(element, names)}")
-    samples = _curve(run, begin, end)
+    samples = curves.sampled(run, begin, end)
     x, y = scalar(samples, x_signal), scalar(samples, y_signal)
     sticks = samples.mode[:, names.index(element)] == 0 if element is not None else np.zeros(x.size, bool)
     with plt.rc_context(PAPER):
@@ -170,7 +180,7 @@ def phase_plane(
         points = np.stack([x, y], axis=1)
         pieces = np.stack([points[:-1], points[1:]], axis=1)
         both = sticks[:-1] & sticks[1:]
-        color = LINES[0]["color"]
+        color = curves.part_colours(run).get(y_signal.partition(".")[0], LINES[0])["color"]
         ax.add_collection(LineCollection(list(pieces[~both]), colors=color, linewidths=1.0, capstyle="round"))
         if both.any():
             starts = np.flatnonzero(both & ~np.concatenate([[False], both[:-1]]))
@@ -184,8 +194,8 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        ax.set_xlabel(f"{in_words(x_signal)} [{run.unit(x_signal)}]")
-        ax.set_ylabel(f"{in_words(y_signal)} [{run.unit(y_signal)}]")
+        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal))
+        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal))
     return ax
 
 
@@ -195,10 +205,10 @@ def comparison(
     element: str | None = None,
     ax: Any = None,
     *,
-    after: float = 0.0,
-    until: float | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
 ) -> Any:
-    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax` under one ribbon per run.
+    """Draw one signal of several runs: one panel per run on common axes with grey bands of stick, or all curves in `ax`, as `overlay` does.
 
     Parameters
     ----------
@@ -221,8 +231,96 @@ def comparison(
     SceneError
         If there is no run, the signal is unknown or a vector, the element is unknown, or the window lies outside the longest run.
     """
-    if not runs:
-        raise SceneError("Argument `runs` must hold at least one run, but it is empty.")
+    if ax is not None:
+        return overlay(runs, signal, element=element, ax=ax, after=after, until=until)
+    longest, begin, end, shown = _together(runs, element, after, until)
+    look = curves.part_colours(longest).get(signal.partition(".")[0], LINES[0]) | {"linestyle": "-"}
+    with plt.rc_context(PAPER):
+        panels = stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
+        for panel, (label, run) in zip(panels, runs.items(), strict=True):
+            last = min(end, float(run.nodes.time[-1]))
+            if last > begin:
+                samples = curves.sampled(run, begin, last)
+                curves.draw_line(panel, samples.time, scalar(samples, signal), label, look)
+            contact = shown[label]
+            if contact is not None:
+                _bands(panel, run, contact, begin, last)
+            _event_lines(panel, run, begin, last, [name for name in run.modes if name != contact])
+            panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
+            panel.set_xlim(begin, end)
+            name_axis(panel.yaxis, in_words(signal), longest.unit(signal))
+        panels[0].figure.supylabel(panels[0].get_ylabel(), fontsize=9.0)
+        plt.setp(panels, ylabel="")
+        if any(contact is not None for contact in shown.values()):
+            band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
+            panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
+        panels[-1].set_xlabel("time [s]")
+    return np.array(panels)
+
+
+def overlay(
+    runs: Mapping[str, Pictured],
+    *signals: str,
+    element: str | None = None,
+    ax: Any = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
+) -> Any:
+    """Draw signals of several runs over one another: one panel per signal, one colour per run, and above them a ribbon of modes per run.
+
+    Parameters
+    ----------
+    runs
+        {label: run}; fresh runs and runs that were read from a file.
+    signals
+        Names of scalar signals; by default those that a plot of the first run shows and that all runs have.
+    element
+        The contact whose modes are shown; by default the first, where there is one.
+    ax
+        Where to draw, for one signal; by default a figure with one panel per signal.
+    after, until
+        As in `traces`; by default to the end of the longest run.
+
+    Returns
+    -------
+    axes
+        `ax`, or an array with one entry per signal.
+
+    Raises
+    ------
+    SceneError
+        If there is no run, a signal is unknown or a vector, several signals share one `ax`, the element is unknown, or the window lies outside the longest
+        run.
+    """
+    longest, begin, end, shown = _together(runs, element, after, until)
+    names = list(signals) or [name for name in next(iter(runs.values())).main_signals if all(name in run.names for run in runs.values())]
+    if not names or (ax is not None and len(names) > 1):
+        raise SceneError(f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}.")
+    with plt.rc_context(PAPER):
+        panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
+        lasting = {label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin}
+        styles = dict(zip(runs, line_styles(len(runs)), strict=True))
+        for panel, name in zip(panels, names, strict=True):
+            drawn = {label: (samples.time, scalar(samples, name)) for label, samples in lasting.items()}
+            for label, (time, values) in drawn.items():
+                curves.draw_line(panel, time, values, label, styles[label])
+            panel.set_xlim(begin, end)
+            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name))
+            name_axis(panel.yaxis, in_words(name), longest.unit(name))
+        rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
+        legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
+        panels[-1].set_xlabel("time [s]")
+        if len(panels) > 1:
+            panels[0].figure.align_ylabels(panels)
+    return ax if ax is not None else np.array(panels)
+
+
+def _together(
+    runs: Mapping[str, Pictured], element: str | None, after: NumberOrText, until: NumberOrText | None
+) -> tuple[Pictured, float, float, dict[str, str | None]]:
+    """(the longest run, begin and end of the window, {label: contact to be shown}); raises SceneError."""
+    if not isinstance(runs, Mapping) or not runs:
+        raise SceneError(f"Argument `runs` must hold at least one run as {{label: run}}, but it is {short(runs)}.")
     longest = max(runs.values(), key=lambda run: float(run.nodes.time[-1]))
     begin, end = window(longest, after, until)
     shown: dict[str, str | None] = {}
@@ -231,114 +329,7 @@ def comparison(
         if element is not None and element not in names:
             raise SceneError(f'There is no element `{element}` in the run "{label}": {suggest(element, names)}')
         shown[label] = element or (names[0] if names else None)
-    with plt.rc_context(PAPER):
-        panels = [ax] * len(runs) if ax is not None else stacked_panels(len(runs), 1.25 if len(runs) > 1 else 2.3, 0.0, sharey=True)
-        for panel, style, (label, run) in zip(panels, line_styles(len(runs)), runs.items(), strict=True):
-            last = min(end, float(run.nodes.time[-1]))
-            if last > begin:
-                samples = _curve(run, begin, last)
-                _line(panel, samples.time, scalar(samples, signal), label, style if ax is not None else dict(LINES[0]))
-            contact = shown[label]
-            if ax is None:
-                if contact is not None:
-                    _bands(panel, run, contact, begin, last)
-                _event_lines(panel, run, begin, last)
-                panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
-        for panel in panels:
-            panel.set_xlim(begin, end)
-        quantity = f"{in_words(signal)} [{longest.unit(signal)}]"
-        if ax is not None:
-            rows = {
-                label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None
-            }
-            height = _ribbon(ax, rows, begin, end)
-            legend_above(ax, height)
-            ax.set_ylabel(quantity)
-        else:
-            panels[0].figure.supylabel(quantity, fontsize=9.0)
-            if any(contact is not None for contact in shown.values()):
-                band = Patch(facecolor=BAND, edgecolor="0.6", linewidth=0.5, label="stick")
-                panels[0].legend(handles=[band], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderaxespad=0.1)
-        panels[-1].set_xlabel("time [s]")
-    return ax if ax is not None else np.array(panels)
-
-
-# ---------------------------------------------------------------------------------------------------------------------------- sampling of curves
-def _curve(run: Pictured, begin: float, end: float) -> Samples:
-    """Signals at both sides of every step and at enough points inside; a jump is two samples at one time."""
-    nodes = run.nodes
-    long = np.flatnonzero((np.diff(nodes.time) > 0) & (nodes.time[1:] > begin) & (nodes.time[:-1] < end))
-    left, right = np.maximum(nodes.time[long], begin), np.minimum(nodes.time[long + 1], end)
-    parts = np.maximum(1, np.ceil((right - left) / (end - begin) * RESOLUTION)).astype(int)
-    # corners of a cycle need points even where the whole picture is coarse
-    parts = np.maximum(parts, 1 if long.size > RESOLUTION else 6)
-    row = np.repeat(np.arange(long.size), parts)
-    index = np.arange(row.size) - np.repeat(np.cumsum(parts) - parts, parts)
-    times = left[row] + (right - left)[row] * (index / parts[row])
-    inside = nodes.at(times)
-    # the end of each step with the modes and held signals of that step: `at` would give what follows
-    cut = nodes.time[long + 1] > end
-    ends = nodes.states[long + 1].copy()
-    if cut.any():
-        ends[cut] = nodes.at(right[cut]).states
-    order = np.argsort(np.concatenate([2 * row, 2 * np.arange(long.size) + 1]), kind="stable")
-    return Samples(
-        nodes.program,
-        np.concatenate([times, right])[order],
-        np.concatenate([inside.states, ends])[order],
-        np.concatenate([nodes.mode[long[row]], nodes.mode[long]])[order],
-        np.concatenate([nodes.held[long[row]], nodes.held[long]])[order],
-        nodes.parameters,
-        False,
-    )
-
-
-def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The curve, or for very many points its smallest and largest value in each of many columns, which looks the same."""
-    columns = 2 * RESOLUTION
-    if time.size <= 8 * columns:
-        return time, values
-    edges = np.searchsorted(time, np.linspace(time[0], time[-1], columns + 1)[:-1])
-    edges = np.unique(edges)
-    centre = np.repeat(time[edges], 2)
-    both = np.empty(2 * edges.size)
-    both[::2], both[1::2] = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
-    return centre, both
-
-
-# --------------------------------------------------------------------------------------------------------------------------------- what to show
-def _interesting(run: Pictured) -> list[str]:
-    """Speeds, then torques and forces, then positions: at most three of a unit, none twice, none that only stands still."""
-    system, nodes = run.program.system, run.nodes
-    step = max(1, nodes.time.size // 400)
-    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
-    ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
-    own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
-    # what a part gives comes before the force and slip of its contact, which often repeat it
-    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
-    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
-    names = [name for name in (*system.signals, *system.inputs) if name not in own and name.partition(".")[0] not in laws] + sorted(own)
-    seen: list[np.ndarray] = []
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        unit = run.unit(name)
-        values = np.asarray(some[name])
-        if unit not in ranks or values.ndim != 1:
-            continue
-        size = np.abs(values).max(initial=0.0)
-        if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
-            continue
-        if name in own and groups.get(unit):
-            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
-                continue
-            groups[unit] = []  # a load that stands still makes room for what it presses
-        if len(groups.get(unit, [])) < 3:
-            seen.append(values)
-            groups.setdefault(unit, []).append(name)
-    moving = {unit: group for unit, group in groups.items() if any(np.ptp(some[name]) > 0 for name in group)}
-    chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
-    found = [name for unit in chosen for name in groups[unit]]
-    return found or [next(iter(system.states))]
+    return longest, begin, end, shown
 
 
 def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False) -> list[Any]:
@@ -349,32 +340,6 @@ def stacked_panels(rows: int, height: float, extra: float, sharey: bool = False)
     return list(panels[:, 0])
 
 
-def _lines(ax: Any, samples: Samples, names: Sequence[str]) -> int:
-    """Draw signals, entries of vectors one by one; returns how many curves there are."""
-    curves: list[tuple[str, np.ndarray]] = []
-    for name in names:
-        values = np.asarray(samples[name])
-        if values.ndim == 1:
-            curves.append((in_words(name), values))
-        else:
-            curves += [(f"{in_words(name)} {i}", values[:, i]) for i in range(values.shape[1])]
-    many = len(curves) > 8  # then the first and the last name the row of shades between them
-    for i, ((label, values), style) in enumerate(zip(curves, line_styles(len(curves)), strict=True)):
-        named = not many or i in (0, len(curves) - 1)
-        if many:
-            style = style | {"linestyle": "-", "linewidth": 0.9}
-        _line(ax, samples.time, values, label if named else "_" + label, style)
-    return len(curves)
-
-
-def _line(ax: Any, time: np.ndarray, values: np.ndarray, label: str, style: dict[str, Any]) -> None:
-    """One curve against time, thinner where it swings so often that its strokes would merge."""
-    rounded = np.rint(values * (100.0 / (np.ptp(values) or 1.0)))  # what cannot be seen does not count as a swing
-    turns = int(np.count_nonzero(np.diff(np.sign(rounded[1:] - rounded[:-1])[rounded[1:] != rounded[:-1]])))
-    width = style["linewidth"] * min(1.0, max(0.25, 60 / max(turns, 1)))
-    ax.plot(*_thinned(time, values), label=label, solid_joinstyle="round", **(style | {"linewidth": width}))
-
-
 def _bands(ax: Any, run: Pictured, element: str, begin: float, end: float) -> None:
     """Grey bands behind a panel while an element sticks."""
     pieces = [(max(b, begin), min(e, end)) for b, e, mode in run.intervals(element) if mode == "stick" and b < end and e > begin]
@@ -383,12 +348,17 @@ def _bands(ax: Any, run: Pictured, element: str, begin: float, end: float) -> No
     )
 
 
-def _event_lines(ax: Any, run: Pictured, begin: float, end: float) -> None:
-    """A hairline at every event; fainter where there are many, none where they would only darken the picture."""
-    times = np.unique([event.time for event in run.events if begin <= event.time <= end])
-    if 0 < times.size <= 10 * MANY_EVENTS:
-        strength = 0.55 * min(1.0, MANY_EVENTS / times.size)
-        ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.4, alpha=strength, zorder=0.5)
+def _event_lines(ax: Any, run: Pictured, begin: float, end: float, elements: Sequence[str]) -> None:
+    """Dotted hairlines at the events of elements, each with dots of its own; fainter where there are many, none where they would only darken the picture.
+
+    Those of the contact whose stick is shaded are the edges of its bands.
+    """
+    for i, element in enumerate(elements):
+        times = np.unique([event.time for event in run.events if event.element == element and begin <= event.time <= end])
+        if 0 < times.size <= 10 * MANY_EVENTS:
+            strength = 0.7 * min(1.0, MANY_EVENTS / times.size)
+            dots = (0, (1 + 2 * (i % 4), 2))
+            ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5)
 
 
 def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end: float) -> float:
@@ -425,7 +395,7 @@ def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end
     handles = [Patch(label=mode, linewidth=0, **TONES[mode]) for mode in TONES if mode in present]
     legend = Legend(
         ax, handles, [str(handle.get_label()) for handle in handles], loc="lower right", bbox_to_anchor=(1.0, height), bbox_transform=in_panel,
-        ncols=3, frameon=False, borderaxespad=0.1, handlelength=1.6, handleheight=0.8, columnspacing=1.2, fontsize=8.0,
+        ncols=max(len(handles), 1), frameon=False, borderaxespad=0.1, handlelength=1.6, handleheight=0.8, columnspacing=1.2, fontsize=8.0,
     )  # fmt: skip
     ax.add_artist(legend)
     legend.set_clip_on(False)  # otherwise the layout makes no room for it
@@ -459,42 +429,3 @@ def _arrows(ax: Any, x: np.ndarray, y: np.ndarray, slides: np.ndarray, color: st
                     zorder=3,
                 )
             )
-
-
-TRADE: Sequence[tuple[str, str, str, str]] = (
-    ("#12355b", "o", "-", "full"),
-    ("#6b6b6b", "s", "-", "full"),
-    ("#e07a1f", "^", "--", "full"),
-    ("#4f9d8f", "D", "--", "none"),
-    ("black", "x", ":", "full"),
-    ("#a23b72", "v", ":", "none"),
-    ("0.45", "P", "-.", "full"),
-    ("black", "*", "-.", "none"),
-    ("#a23b72", "<", "-", "full"),
-)
-"""Colour, mark, line and filling of the curves of a trade."""
-
-
-def work_precision(trade: Any, ax: Any = None) -> Any:
-    """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; what lies left of the grey edge is not known."""
-    with plt.rc_context(PAPER):
-        if ax is None:
-            _, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
-        curves: dict[str, list[Any]] = {}
-        several = len({point.plant for point in trade.points}) > 1
-        for point in trade.points:
-            if not point.failed:
-                curves.setdefault(f"{point.method}, {point.plant}" if several else point.method, []).append(point)
-        known = max(2.0 * trade.disagreement, 1e-16)
-        for (label, points), (colour, mark, line, fill) in zip(curves.items(), itertools.cycle(TRADE), strict=False):
-            good = [point for point in points if known < point.error < 1.0]
-            style = {"color": colour, "marker": mark, "linestyle": line, "fillstyle": fill, "markersize": 4.5, "linewidth": 1.1}
-            ax.loglog([point.error for point in good], [1e3 * point.seconds for point in good], label=label, **style)
-        ax.set(xlabel="error of the states, in parts of their size", ylabel="time [ms]")
-        low, high = ax.get_xlim()
-        low = min(low, known / 3.0)
-        ax.axvspan(low, known, color=BAND, lw=0)
-        ax.set_xlim(high, low)  # better to the right
-        ax.legend(frameon=False)
-        ax.set_title(textwrap.fill(trade.title, 64), fontsize=9)
-    return ax

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
+from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.methods import Method, method_of
 
@@ -34,7 +35,7 @@ class Budget:
 
     steps: int = 20_000_000
     events: float = np.inf
-    seconds: float = np.inf
+    seconds: Quantity = quantity(np.inf, "s", "time that a run may take")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seconds", in_si(self.seconds, "s", "budget.seconds"))

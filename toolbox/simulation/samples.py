@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 
 
 class Event(NamedTuple):
@@ -23,7 +24,7 @@ class Event(NamedTuple):
 
 
 class Stays:
-    """How long elements of a run stay in their modes, by its events: what a run, and one read from a file, have in common."""
+    """How long elements of a run stay in their modes, by its events."""
 
     end: float
     events: list[Event]
@@ -51,12 +52,13 @@ class Stays:
         out.append((begin, end, mode))
         return [piece for piece in out if piece[1] > piece[0]]
 
-    def time_in(self, element: str, mode: str, after: float = 0.0, until: float | None = None) -> float:
+    def time_in(self, element: str, mode: str, after: NumberOrText = 0.0, until: NumberOrText | None = None) -> float:
         """Seconds that an element spends in a mode between `after` and `until` (the end of the run). Raises SceneError for an `after` beyond the end."""
         intervals = self.intervals(element)
         known = self._legends[element].values()
         if mode not in known:
             raise SceneError(f"There is no mode `{mode}` of `{element}`: {suggest(mode, known)}")
+        after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
         for word, value in (("after", after), ("until", until)):
             if (value is not None or word == "after") and not (isinstance(value, (int, float, np.integer, np.floating)) and value == value):
                 raise SceneError(f"Argument `{word}` must be a time in s, but it is {value!r}.")
@@ -168,7 +170,7 @@ def output_function(program: Any, name: str, expression: ca.SX | None = None) ->
 
 
 # ------------------------------------------------------------------------------------------------------------------- sampling inside the steps
-def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
+def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[float, float]:
     """Check a window and return (begin, end) [s]; a run that failed ends at its last node.
 
     Parameters
@@ -184,6 +186,7 @@ def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
         If the window is empty or outside the run.
     """
     check_run(run)
+    after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
     last = float(run.nodes.time[-1])
     if last == 0.0:
         raise SceneError("Argument `run` must last longer than 0 s to be measured, but it ends where it begins.")
@@ -198,7 +201,7 @@ def window(run: Any, after: float, until: float | None) -> tuple[float, float]:
 
 def check_run(run: Any) -> None:
     """Raise SceneError for anything but a trajectory."""
-    if not (isinstance(run, Stays) and isinstance(run, Samples)):
+    if not isinstance(run, Stays):
         raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
 
 

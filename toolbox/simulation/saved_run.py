@@ -1,23 +1,245 @@
-"""A run read back from a file: what was recorded, and nothing that needs the plant."""
+"""Runs in files: what is written of a run, and the run that is read back.
+
+A file holds data only, and needs neither the plant nor code to be read. Between its nodes every signal is a polynomial through its values at the
+Chebyshev-Lobatto points of the step, of the lowest degree from 1 to 32 that agrees with the run at points between to the accuracy of the run, in parts of
+the size of the signal (J.-P. Berrut and L. N. Trefethen (2004), doi:10.1137/S0036144502417715). Therefore a run that is read back answers at any time,
+and is plotted, measured and compared like the run itself.
+
+Keys of the npz file: `time` [s] and `end` [s]; one array per signal, named by it, at the recorded times; `<element>.mode` with 1, 0, -1 for slip+, stick,
+slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`,
+`event.before`, `event.after`; `unit.names` and `unit.values`, the unit of each signal. `step.time` [s] and `step.mode`: nodes, of which each begins a step with
+its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per step. `contacts`,
+`main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for
+no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
+`report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
-from toolbox.simulation.samples import Event, Modes, Stays
+from toolbox.files.atomic import replaced
+from toolbox.modelling.elements import UnilateralContact
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import Event, Modes
+
+DEGREES = (1, 2, 4, 8, 16, 32)
+"""Degrees of the polynomials: the points of one are every second point of the next."""
+
+CHUNK = 4096
+"""Steps that are sampled together."""
 
 
-class SavedRun(Stays):
-    """A run as `Trajectory.save` wrote it: `saved.time`, `saved["bit.speed"]`, `saved.modes["bit"]`, `saved.events`, `saved.unit(name)`, `saved.time_in`.
+def write(run: Any, target: Path) -> Path:
+    """Write a trajectory, whole or not at all."""
+    written: dict[str, np.ndarray] = {"time": run.time, "end": np.array(run.end)}
+    written |= {name: run[name] for name in run.names}
+    elements = list(run.modes)
+    written |= {f"{name}.mode": run.mode[:, i] for i, name in enumerate(elements)}
+    legend = [(name, mode, word) for name, words in run._legends.items() for mode, word in words.items()]
+    written["modes.element"] = np.array([name for name, _, _ in legend], dtype=np.str_)
+    written["modes.number"] = np.array([mode for _, mode, _ in legend], dtype=np.int8)
+    written["modes.word"] = np.array([word for _, _, word in legend], dtype=np.str_)
+    written["modes.last"] = np.array([run._at_last(name) for name in elements], dtype=np.str_)
+    written["event.time"] = np.array([event.time for event in run.events])
+    for field in ("element", "before", "after"):
+        written[f"event.{field}"] = np.array([getattr(event, field) for event in run.events], dtype=np.str_)
+    written["unit.names"] = np.array(run.names, dtype=np.str_)
+    written["unit.values"] = np.array([run.unit(name) for name in run.names], dtype=np.str_)
+    degree, values = polynomials(run)
+    written |= {"step.time": run.nodes.time, "step.mode": run.nodes.mode, "step.degree": degree}
+    written |= {f"step.{name}": points for name, points in values.items()}
+    written["contacts"] = np.array(run.contacts, dtype=np.str_)
+    written["main"] = np.array(run.main_signals, dtype=np.str_)
+    limits = {name: [np.nan if end is None else end for end in ends] for name, ends in run.limits.items()}
+    written["limit.names"] = np.array(list(limits), dtype=np.str_)
+    written["limit.values"] = np.array(list(limits.values())).reshape(-1, 2)
+    for element in run.program.system.elements:
+        if isinstance(element, UnilateralContact):
+            written[f"approach.{element.name}"] = run.approach(element.name)
+    written["report"] = np.array(run._headlines, dtype=np.str_)
+    written["error"] = np.array(vars(run).get("error", np.nan))
+    written["accuracy"] = np.array(run.accuracy)
+    with replaced(target) as file:
+        np.savez_compressed(file, **written)  # type: ignore[arg-type]
+    return target
 
-    time: the recorded times, shape (nt,), s;  end: time reached [s];  names: of all signals. A file holds no plant, so that `at`, `error` and whatever else
-    simulates again raise SceneError; `pickle.dumps(run)` keeps a run whole.
+
+def points(degree: int) -> np.ndarray:
+    """Chebyshev-Lobatto points between 0 and 1, in increasing order, shape (degree + 1,)."""
+    return 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))
+
+
+def interpolated(values: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The polynomials through `values` (steps, degree + 1, ...) at the points `degree`, at the places `at` (steps,) between 0 and 1: shape (steps, ...)."""
+    degree = values.shape[1] - 1
+    if degree == 0:
+        return values[:, 0]
+    weights = np.where(np.arange(degree + 1) % 2, -1.0, 1.0)
+    weights[[0, -1]] *= 0.5
+    distance = at[:, None] - points(degree)
+    hit = distance == 0.0
+    parts = np.where(hit.any(axis=1)[:, None], hit, weights / np.where(hit, 1.0, distance))
+    parts /= parts.sum(axis=1, keepdims=True)
+    return np.einsum("sk,sk...->s...", parts, values)
+
+
+def polynomials(run: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """(degree of each node, {signal: values at the points of all nodes in order}), as a file holds them."""
+    nodes = run.nodes
+    size = {name: np.maximum(np.abs(np.asarray(nodes[name])).max(axis=0, initial=0.0), 1e-300) for name in run.names}
+    tolerance = max(run.accuracy, 1e-10)
+    long = np.append(np.diff(nodes.time) > 0, False)[: nodes.time.size]
+    degree = np.zeros(nodes.time.size, np.int8)
+    kept: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
+    for first in range(0, nodes.time.size, CHUNK):
+        rows = np.arange(first, min(first + CHUNK, nodes.time.size))
+        instants, rows = rows[~long[rows]], rows[long[rows]]
+        if instants.size:
+            kept.append((instants, _sampled(nodes, instants, 0, run.names)))
+        for fine in DEGREES[2:] if rows.size else ():
+            values = _sampled(nodes, rows, fine, run.names)
+            # the first comparison has the degrees 1 and 2 on the points of 4, so that nothing passes by chance at one point
+            for coarse in (1, 2) if fine == 4 else (fine // 2,):
+                fits = _agrees(values, coarse, fine, size, tolerance)
+                kept.append((rows[fits], {name: each[fits][:, :: fine // coarse] for name, each in values.items()}))
+                degree[rows[fits]] = coarse
+                rows, values = rows[~fits], {name: each[~fits] for name, each in values.items()}
+            if not rows.size:
+                break
+        else:
+            if rows.size:
+                kept.append((rows, values))
+                degree[rows] = DEGREES[-1]
+    offset = np.cumsum(degree + 1, dtype=int) - (degree + 1)
+    found = {}
+    for name in run.names:
+        flat = np.empty((int((degree + 1).sum(dtype=int)), *np.shape(nodes[name])[1:]))
+        for rows, values in kept:
+            flat[offset[rows][:, None] + np.arange(values[name].shape[1])] = values[name]
+        found[name] = flat
+    return degree, found
+
+
+def _sampled(nodes: Any, rows: np.ndarray, degree: int, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """{signal: values (steps, degree + 1, ...)} at the points of a degree in the steps that begin at `rows`."""
+    end = nodes.time[np.minimum(rows + 1, nodes.time.size - 1)]
+    times = nodes.time[rows][:, None] + (end - nodes.time[rows])[:, None] * points(degree)
+    times[:, -1] = end if degree else times[:, -1]
+    samples = nodes.inside(np.repeat(rows, degree + 1), times.ravel())
+    found = {}
+    for name in names:
+        values = np.asarray(samples[name])
+        found[name] = values.reshape(rows.size, degree + 1, *values.shape[1:])
+    return found
+
+
+def _agrees(values: dict[str, np.ndarray], coarse: int, fine: int, size: dict[str, Any], tolerance: float) -> np.ndarray:
+    """In which steps the polynomials of the coarse degree are those of the fine one, to the tolerance."""
+    agrees = np.ones(len(next(iter(values.values()))), bool)
+    between = [k for k in range(fine + 1) if k % (fine // coarse)]
+    basis = interpolated(np.broadcast_to(np.eye(coarse + 1), (len(between), coarse + 1, coarse + 1)), points(fine)[between])
+    for name, exact in values.items():
+        guessed = np.einsum("bk,sk...->sb...", basis, exact[:, :: fine // coarse])
+        agrees &= (np.abs(guessed - exact[:, between]) <= tolerance * size[name]).all(axis=tuple(range(1, exact.ndim)))
+    return agrees
+
+
+class SavedSamples:
+    """Signals of a saved run at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state; floats at a single time."""
+
+    def __init__(self, steps: SavedSteps, row: np.ndarray, time: np.ndarray, single: bool):
+        self.steps = steps
+        self.row = row
+        self.time = time
+        self.mode = steps.mode[row]
+        self._single = single
+
+    def __getitem__(self, name: str) -> Any:
+        values = self.steps.values(name, self.row, self.time)
+        return (float(values[0]) if values.ndim == 1 else values[0]) if self._single else values
+
+    @property
+    def modes(self) -> dict[str, np.ndarray]:
+        """Mode of each element, as words."""
+        return Modes(
+            {name: np.array([words[mode] for mode in self.mode[:, i].tolist()], np.str_) for i, (name, words) in enumerate(self.steps.words.items())}
+        )
+
+
+class SavedSteps:
+    """The steps of a saved run: `time` and `mode` of the nodes that begin them, and a polynomial of each signal in each.
+
+    words: {element: {mode: its word}};  signals: {name: values at the points of all steps in order}.
+    """
+
+    def __init__(self, time: np.ndarray, mode: np.ndarray, degree: np.ndarray, words: dict[str, dict[int, str]], signals: dict[str, np.ndarray]):
+        self.time = time
+        self.mode = mode.reshape(time.size, len(words))
+        self.words = words
+        self._degree = degree.astype(int)
+        self._first = np.cumsum(self._degree + 1) - (self._degree + 1)
+        self._signals = signals
+        count = int((self._degree + 1).sum())
+        if self._degree.shape != time.shape or any(len(each) != count for each in signals.values()):
+            raise ValueError("its steps do not fit to one another")
+
+    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples:
+        """Signals at times within the steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
+        return SavedSamples(self, row, times, single)
+
+    def at(self, times: np.ndarray) -> SavedSamples:
+        """Signals at any times within the run; right-hand limits at events."""
+        return self.inside(np.maximum(np.searchsorted(self.time, times, side="right") - 1, 0), times)
+
+    def values(self, name: str, row: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Values of a signal at times within the steps that begin at the nodes `row`."""
+        if name not in self._signals:
+            head, _, tail = name.rpartition(".")
+            whole = self.values(head, row, times) if head in self._signals else np.empty((0, 0))
+            if whole.ndim != 2 or not tail.isdigit() or int(tail) >= whole.shape[1]:
+                raise SceneError(f"There is no signal `{name}`: {suggest(name, self._signals)}")
+            return whole[:, int(tail)]
+        points = self._signals[name]
+        found = np.empty((row.size, *points.shape[1:]))
+        length = self.time[np.minimum(row + 1, self.time.size - 1)] - self.time[row]
+        place = (times - self.time[row]) / np.where(length > 0, length, 1.0)
+        place[times == self.time[row] + length] = 1.0
+        degrees = self._degree[row]
+        for degree in np.unique(degrees):
+            chosen = np.flatnonzero(degrees == degree)
+            index = self._first[row[chosen]][:, None] + np.arange(degree + 1)
+            found[chosen] = interpolated(points[index], place[chosen])
+        return found
+
+
+class SavedRun(Recorded):
+    """A run as `Trajectory.save` wrote it: it is read, plotted, measured, compared and tabled like the run itself.
+
+    A file holds no plant, so that what simulates again, or needs the equations, raises SceneError; `pickle.dumps(run)` keeps a run whole.
+
+    Attributes
+    ----------
+    time
+        The recorded times [s], shape (nt,).
+    end
+        Time reached [s].
+    names
+        Names of all signals.
+    nodes
+        The steps of the run.
+    contacts, main_signals
+        Names of the elements with friction, and of the signals that a plot shows.
+    limits
+        {signal: (lowest, highest)} that the drive and the laws keep signals within.
+    accuracy
+        Accuracy of the run.
     """
 
     def __init__(self, path: Path, arrays: dict[str, np.ndarray]):
@@ -34,6 +256,18 @@ class SavedRun(Stays):
             {name: np.array([words[mode] for mode in arrays[f"{name}.mode"].tolist()], np.str_) for name, words in self._words.items()}
         )
         self.events = [Event(*row) for row in zip(*(arrays[f"event.{field}"].tolist() for field in Event._fields), strict=True)]
+        polynomials = {name: arrays[f"step.{name}"] for name in self._units}
+        self.nodes = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
+        self.contacts: list[str] = arrays["contacts"].tolist()
+        self.main_signals: list[str] = arrays["main"].tolist()
+        self.limits: dict[str, tuple[float | None, float | None]] = {
+            name: (None if np.isnan(low) else low, None if np.isnan(high) else high)
+            for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
+        }
+        self.accuracy = float(arrays["accuracy"])
+        self._report: list[str] = arrays["report"].tolist()
+        self._error = float(arrays["error"])
+        self._approach = {name: arrays[f"approach.{name}"] for name in self._words if f"approach.{name}" in arrays}
 
     @staticmethod
     def read(path: Path) -> SavedRun:
@@ -50,18 +284,31 @@ class SavedRun(Stays):
     def __contains__(self, name: object) -> bool:
         return name in self._signals
 
-    def __iter__(self) -> Iterator[str]:
+    def __iter__(self) -> Any:
         return iter(self._signals)
 
     def __getitem__(self, name: str) -> np.ndarray:
+        if name in self._signals:
+            return self._signals[name]
         self.unit(name)
-        return self._signals[name]
+        head, _, tail = name.rpartition(".")
+        return self._signals[head][:, int(tail)]
 
     def unit(self, name: str) -> str:
-        """Unit of a signal; raises SceneError for an unknown name."""
-        if name not in self._units:
-            raise SceneError(f"There is no signal `{name}`: {suggest(name, self._units)}")
-        return self._units[name]
+        """Unit of a signal, or of one entry of a vector (`chain.speed.0`); raises SceneError for an unknown name."""
+        if name in self._units:
+            return self._units[name]
+        head, _, tail = str(name).rpartition(".")
+        vector = self._signals.get(head)
+        if vector is None or vector.ndim != 2 or not tail.isdigit() or int(tail) >= vector.shape[1]:
+            raise SceneError(f"There is no signal `{name}`: {suggest(str(name), self._units)}")
+        return self._units[head]
+
+    def approach(self, element: str) -> np.ndarray:
+        """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
+        if element not in self._approach:
+            raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, self._approach)}")
+        return self._approach[element]
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:
@@ -70,14 +317,16 @@ class SavedRun(Stays):
     def _at_last(self, element: str) -> str:
         return self._last[element]
 
-    def at(self, time: Any) -> NoReturn:
-        """Raises SceneError: between records only the run itself knows its signals."""
-        raise SceneError(f"A run read from `{self.path}` has its records only: `at` needs the plant; simulate again, or `pickle` the run.")
+    @property
+    def error(self) -> float:
+        """What `run.error` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
+        if np.isnan(self._error):
+            raise SceneError(f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run.")
+        return self._error
 
     @property
-    def error(self) -> NoReturn:
-        """Raises SceneError: the error is measured by a second run."""
-        raise SceneError(f"A run read from `{self.path}` has its records only: `error` needs the plant; ask it before `save`, or `pickle` the run.")
+    def _headlines(self) -> list[str]:
+        return [*self._report, f"read from {self.path}"]
 
     def __repr__(self) -> str:
         return f"SavedRun({str(self.path)!r}: {self.time.size} times to {self.end:g} s, {len(self.events)} events)"

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     BOUNDS,
     END,
@@ -130,6 +130,7 @@ def _first_fall(w, h, j, shift, length):
     length: of the first piece;  shift: leave out so many first coefficients, of a guard that begins at zero, and look at what it is divided by that
     power of time.
     """
+    w = lent(w)
     n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
     width = n + ng
     c = w.z
@@ -210,14 +211,14 @@ def watch_series(w, h, node):
                     w.ints[LOCATED] = j
                     return True, True, False, 0.0, 1.0
                 continue
-            zero, fraction = _first_fall(w, h, j, 0, 1.0 if b <= 0.0 else 0.5)
+            zero, fraction = _first_fall(owned(w), h, j, 0, 1.0 if b <= 0.0 else 0.5)
             if node and bound and fraction == 1.0 and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
         elif b < -1e-12 * guard_size(w, j):
             hit, doubtful = True, True
         elif b > 0.0:
             rise = w.side[j] * w.k[n + j] > 0.0
-            zero, fraction = _first_fall(w, h, j, 1 if rise else 2, 1.0)
+            zero, fraction = _first_fall(owned(w), h, j, 1 if rise else 2, 1.0)
             doubtful = doubtful or fraction <= 1.0
         if fraction <= 1.0:
             hit = True
@@ -265,13 +266,14 @@ def turns(w, h):
     for i in range(w.ints[NE]):
         j = 2 * i
         if w.m[i] != 0.0 and w.kind[i] == FRICTION and w.g[ng + j] < 0.0 and w.y[2 * n + ng + j] > 0.0:
-            first = min(first, _turn(w, h, j))
+            first = min(first, _turn(owned(w), h, j))
     return first
 
 
 @called
 def _turn(w, h, j):
     """Where the slope of guard j, negative at the start and positive at the end of the step h, is zero, in parts of h."""
+    w = lent(w)
     n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
     width = n + ng
     power = 1.0

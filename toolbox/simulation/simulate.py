@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 if TYPE_CHECKING:
     import numpy as np
 
+    from toolbox.files.units import NumberOrText
     from toolbox.modelling.hybrid_system import HybridSystem
     from toolbox.modelling.steady_point import Equilibrium
     from toolbox.simulation.methods import Method
@@ -21,13 +22,13 @@ FORMER = {"step": "method=TimeStepping(step=...)", "width": "method=Smoothing(wi
 
 def simulate(
     plant: HybridSystem,
-    duration: float | str,
+    duration: NumberOrText,
     *,
     start: Mapping[str, Any] | Samples | Equilibrium | None = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
-    sample_time: float | str | None = None,
+    sample_time: NumberOrText | None = None,
     method: Method | str = "event",
     accuracy: float = 1e-6,
     output_times: Sequence[float] | np.ndarray | None = None,

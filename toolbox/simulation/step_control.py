@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BURDEN,
@@ -79,7 +79,7 @@ def spread_round_off(w, h):
     for i in range(w.ints[N]):
         reached = reached or (w.scale[i] > 0.0 and w.noise[i] * h > 1e-7 * w.scale[i])
     if reached:
-        _spread(w, h)
+        _spread(owned(w), h)
 
 
 @called
@@ -88,6 +88,7 @@ def _spread(w, h):
 
     A step carries the noise from state to state as far as it carries everything else, and damps it in modes that die within it.
     """
+    w = lent(w)
     n = w.ints[N]
     for i in range(n):
         w.x_other[i] = w.k[i] + STAGES * w.noise[i]

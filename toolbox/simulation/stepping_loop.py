@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from toolbox.compilation.calls import call
+from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.loop_layout import (
     ACCEPTED,
     BUDGET,
@@ -145,13 +145,14 @@ def _step(w, t, h):
 @cached(_nrt=False)
 def advance(w):
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
+    w = lent(w)
     n, ne = w.ints[N], w.ints[NE]
     every = w.ints[NODES]
     budget = w.ints[ACCEPTED] + w.ints[BUDGET]
     turns = False
     for i in range(ne):
         turns = turns or w.kind[i] == SWITCH
-    if w.ints[STARTED] == 0 and not begin(w):
+    if w.ints[STARTED] == 0 and not begin(owned(w)):
         return INCONSISTENT
     while True:
         t = w.reals[TIME]

@@ -8,7 +8,10 @@ from typing import Any
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+
+from toolbox.files.unit_systems import reading
 
 # loaded here, because loaded inside `rc_context` it would lose its interactive mode when that ends: a notebook would show the first figure only
 plt.switch_backend(matplotlib.get_backend())
@@ -23,6 +26,9 @@ LINES: Sequence[dict[str, Any]] = (
     {"color": "#a23b72", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.6},
     {"color": "#6b6b6b", "linestyle": (0, (6, 1.5, 1.2, 1.5)), "linewidth": 1.3},
 )
+
+REPEATED: Sequence[Any] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+"""Dashes of the first, second, ... curve of one part in a panel."""
 
 TONES: dict[str, dict[str, Any]] = {
     "stick": {"facecolor": "0.25", "edgecolor": "0.25"},
@@ -65,14 +71,40 @@ def in_words(name: str) -> str:
     return name.replace(".", " ").replace("_", " ")
 
 
-def axis_label(names: Sequence[str], unit: str) -> str:
-    """The label `bit speed [rad/s]` for one signal, the word they share for several: `speed [rad/s]`."""
+def axis_words(names: Sequence[str], unit: str) -> str:
+    """What an axis is called: `bit speed` for one signal, the word they share for several: `speed`."""
     if len(names) == 1:
-        return f"{in_words(names[0])} [{unit}]"
+        return in_words(names[0])
     tails = {name.rpartition(".")[2] for name in names}
     kind = {"N m": "torque", "N": "force", "rad/s": "speed", "m/s": "speed"}.get(unit, "")
-    word = tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
-    return f"{word} [{unit}]".strip()
+    return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
+
+
+def reading_of(unit: str, size: float) -> tuple[float, str]:
+    """(factor, unit) in which numbers of this size are read best: in the chosen units, and in thousands of them where they are large, such as kN m."""
+    factor, shown = reading(unit)
+    large = size * factor >= 1e4 and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+    return (factor / 1e3, f"k{shown}") if large else (factor, shown)
+
+
+def name_axis(axis: Any, words: str, unit: str) -> None:
+    """Label an axis of matplotlib with its quantity, read in the chosen units, and in thousands of them where numbers are large.
+
+    The data stay SI, the ticks stand at round numbers of the other unit.
+    """
+    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()))
+    axis.set_label_text(f"{words} [{shown}]".strip())
+    if shown == unit:
+        return
+
+    class Places(MaxNLocator):
+        """Round numbers of the other unit."""
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            return np.asarray(super().tick_values(vmin * factor, vmax * factor)) / factor
+
+    axis.set_major_locator(Places(nbins="auto", steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value * factor:.6g}"))
 
 
 def line_styles(count: int) -> list[dict[str, Any]]:
@@ -90,3 +122,5 @@ def legend_above(ax: Any, above: float) -> None:
         loc="lower left", bbox_to_anchor=(0.0, above), bbox_transform=place, ncols=4, frameon=False, borderaxespad=0.1, handlelength=2.2,
         columnspacing=1.2,
     )  # fmt: skip
+    for handle in ax.get_legend().get_lines():
+        handle.set_linewidth(max(handle.get_linewidth(), 1.3))  # of a curve that is thin because it swings

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array
 from toolbox.compilation.loop_layout import Nodes
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
+from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Event, Samples, Stays, short
+from toolbox.simulation.samples import Event, Samples, short
 from toolbox.simulation.saved_run import SavedRun
 
 
@@ -59,7 +59,7 @@ class Records:
     memory: np.ndarray | None = None
 
 
-class Trajectory(Stays, Samples):
+class Trajectory(Recorded, Samples):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     Attributes
@@ -166,24 +166,53 @@ class Trajectory(Stays, Samples):
         return [event for event, other in zip(self.events, self._event_arrays[2][:, 2], strict=True) if other]
 
     @property
+    def contacts(self) -> list[str]:
+        """Names of the elements with a friction law."""
+        return [element.name for element in self.program.system.elements if element.law is not None]
+
+    @property
+    def main_signals(self) -> list[str]:
+        """Names of the signals that say most, which a plot shows: speeds first, then what drives and resists."""
+        from toolbox.simulation.main_signals import main_signals
+
+        return main_signals(self)
+
+    @property
+    def limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """{signal: (lowest, highest)} that the drive and the laws keep signals within; None is no limit."""
+        found: dict[str, tuple[float | None, float | None]] = {}
+        for part in (*self.run.system.parts, *self.run.laws):
+            for name, (low, high) in getattr(law_of(part), "signal_limits", {}).items():
+                lowest, highest = found.get(name, (None, None))
+                lows, highs = ([end for end in ends if end is not None] for ends in ((low, lowest), (high, highest)))
+                found[name] = (max(lows, default=None), min(highs, default=None))
+        return found
+
+    def approach(self, element: str) -> np.ndarray:
+        """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
+        elements = {each.name: each for each in self.program.system.elements if isinstance(each, UnilateralContact)}
+        if element not in elements:
+            raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, elements)}")
+        nodes = self.nodes
+        times = np.array([event.time for event in self.events if event.element == element and event.before == "open"])
+        before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
+        rows = Samples(nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False)
+        return rows.computed(f"{element}.rate", elements[element].rate)
+
+    @property
     def _legends(self) -> dict[str, dict[int, str]]:
         return {element.name: element.legend for element in self.program.system.elements}
 
     def _at_last(self, element: str) -> str:
         return self._legends[element][int(self._last_mode[self._elements.index(element)])]
 
-    def at(self, time: float | Sequence[float] | np.ndarray) -> Samples:
-        """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
-        numbers = finite_array(time)
-        times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
-        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
-            raise SceneError(
-                f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}."
-            )
-        nodes = self.nodes
-        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
-        states = nodes._between(times, row)
-        return Samples(self.program, times, states, nodes.mode[row], nodes.held[row], self.parameters, np.ndim(time) == 0)
+    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples:
+        """Signals at times within the recorded steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
+        states = self._between(times, row)
+        following = np.minimum(row + 1, self.time.size - 1)
+        ends = (times == self.time[following]) & (row < following)
+        states[ends] = self.states[following[ends]]
+        return Samples(self.program, times, states, self.mode[row], self.held[row], self.parameters, single)
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
         """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
@@ -261,108 +290,42 @@ class Trajectory(Stays, Samples):
         change = np.abs(np.diff(self.states, axis=0)) / np.maximum(np.abs(self.states).max(axis=0), 1e-300)
         return self.time[1:][(np.diff(self.time) == 0.0) & (change.max(axis=1) > least)]
 
-    def plot(self, *signals: str, ax: Any = None) -> Any:
-        """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
-        from toolbox.simulation.plot import traces
-
-        return traces(self, *signals, ax=ax)
-
-    def to_pandas(self) -> Any:
-        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
-        try:
-            import pandas
-        except ImportError:
-            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
-        columns: dict[str, np.ndarray] = {}
-        for name in self.names:
-            values = self[name]
-            if values.ndim == 1:
-                columns[name] = values
-            else:
-                columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
-        columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
-        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
-
-    def to_csv(self, path: str | Path) -> Path:
-        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
-
-        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
-        that times increase; `save` keeps both sides, and the modes.
-        """
-        from toolbox.files import tables
-
-        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
-        for name in self.names:
-            values, unit = self[name], self.unit(name)
-            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
-        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
-        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
-        return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())
-
     def save(self, path: str | Path) -> Path:
-        """Write all signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
+        """Write signals, modes and events to a compressed npz file without pickle, whole or not at all; `Trajectory.load` reads it.
 
-        Keys: `time` [s] and `end` [s]; one array per signal, named by it; `<element>.mode` with 1, 0, -1 for slip+, stick, slip-, or what `modes.element`,
-        `modes.number`, `modes.word` say, row by row; `modes.last`, a word for each element; `event.time`, `event.element`, `event.before`,
-        `event.after`; `unit.names` and `unit.values`, the unit of each signal.
+        The file holds the records, and every step as a polynomial of each signal, which is as exact as the accuracy of the run. Its keys stand in
+        `toolbox.simulation.saved_run`.
         """
-        from toolbox.files.atomic import replaced
+        from toolbox.simulation.saved_run import write
 
-        arrays: dict[str, np.ndarray] = {"time": self.time}
-        arrays |= {name: self[name] for name in self.names}
-        arrays |= {f"{name}.mode": self.mode[:, i] for i, name in enumerate(self._elements)}
-        legend = [(name, mode, word) for name, words in self._legends.items() for mode, word in words.items()]
-        arrays["modes.element"] = np.array([name for name, _, _ in legend], dtype=np.str_)
-        arrays["modes.number"] = np.array([mode for _, mode, _ in legend], dtype=np.int8)
-        arrays["modes.word"] = np.array([word for _, _, word in legend], dtype=np.str_)
-        arrays["modes.last"] = np.array([self._at_last(name) for name in self._elements], dtype=np.str_)
-        arrays["end"] = np.array(self.end)
-        arrays["event.time"] = np.array([event.time for event in self.events])
-        for field in ("element", "before", "after"):
-            arrays[f"event.{field}"] = np.array([getattr(event, field) for event in self.events], dtype=np.str_)
-        arrays["unit.names"] = np.array(self.names, dtype=np.str_)
-        arrays["unit.values"] = np.array([self.unit(name) for name in self.names], dtype=np.str_)
-        target = Path(path)
-        with replaced(target) as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-        return target
+        return write(self, Path(path))
 
     @staticmethod
     def load(path: str | Path) -> SavedRun:
-        """What `save` wrote: signals, modes, events and units, at the recorded times. Raises SceneError for a file that `save` did not write."""
+        """Read what `save` wrote: a run that can be plotted, measured, compared and tabled. Raises SceneError for a file that `save` did not write."""
         return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:
         return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"
 
-    def __str__(self) -> str:
+    @property
+    def _headlines(self) -> list[str]:
         lines = [
             f"{type(self).__name__} of {', '.join(type(law_of(part)).__name__ for part in self.run.system.parts)}",
-            f"  {self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
-            f"  {self._setting}" + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
+            f"{self.duration:g} s in {1e3 * self.wall_time:.3g} ms: {self.steps[0]} steps, {self.steps[1]} rejected, {len(self.events)} events",
+            self._setting + (f", error {self.error:.1e}" if "error" in self.__dict__ else ", error: ask `run.error`"),
         ]
         if self.why:
-            lines.append(f"  {self.why}")
+            lines.append(self.why)
         if self.ambiguous:
-            lines.append(f"  {len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
+            lines.append(f"{len(self.ambiguous)} switches at which other modes were consistent, too: see `run.ambiguous`")
         if self.merged:
-            lines.append(f"  {self.merged} touches without a change of mode")
-        for element in self.program.system.elements:
-            spent = {mode: self.time_in(element.name, mode) for mode in element.legend.values()}
-            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
-            lines.append(f"  {element.name}: {', '.join(parts) or 'no time'}")
-        if self.time.size:
-            lines.append("  at the recorded times")
-            memories = {name for update in self.program.system.updates for name in update.places}
-            shown = {name: self[name] for name in self.names if name not in memories}
-            width = max([18, *(len(name) for name, values in shown.items() if values.ndim == 1)])
-            for name, values in shown.items():
-                if values.ndim == 1:
-                    values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                    lines.append(
-                        f"    {name:<{width}} {values.min():>12.5g} .. {values.max():<12.5g} end {values[-1]:.5g} {self.unit(name)}"
-                    )
-        return "\n".join(lines)
+            lines.append(f"{self.merged} touches without a change of mode")
+        return lines
+
+    def _ranges(self) -> list[tuple[str, float, float, float, str]]:
+        memories = {name for update in self.program.system.updates for name in update.places}
+        return [row for row in super()._ranges() if row[0] not in memories]
 
 
 class Stepped(Trajectory):

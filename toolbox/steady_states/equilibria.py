@@ -10,6 +10,7 @@ import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.start import place_starts
@@ -24,7 +25,7 @@ MANY_MODES = 81
 def equilibria(
     plant: HybridSystem,
     *,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
 ) -> list[Equilibrium]:

@@ -25,6 +25,8 @@ import numpy as np
 
 from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
@@ -75,8 +77,9 @@ class HopfPoint:
         return "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
 
     def __str__(self) -> str:
+        factor, unit = reading(self.unit)
         return (
-            f"Hopf point at {self.parameter} = {self.value:.6g} {self.unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
+            f"Hopf point at {self.parameter} = {self.value * factor:.6g} {unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
             f"stability; residual {self.residual:.1e}"
         )
 
@@ -84,10 +87,10 @@ class HopfPoint:
 def hopf_points(
     plant: HybridSystem,
     parameter: str,
-    between: tuple[float, float],
+    between: tuple[NumberOrText, NumberOrText],
     *,
     controller: Any = None,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     guess: Mapping[str, Any] | None = None,
@@ -159,12 +162,12 @@ def hopf_points(
 def hopf_curve(
     plant: HybridSystem,
     parameter: str,
-    between: tuple[float, float],
+    between: tuple[NumberOrText, NumberOrText],
     over: str,
-    values: Sequence[float],
+    values: Sequence[NumberOrText],
     *,
     controller: Any = None,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
@@ -196,7 +199,7 @@ def hopf_curve(
     other, free = FreeParameter.of(closed, over), FreeParameter.of(closed, parameter)
     free.between(between)
     curve = []
-    for value in numbers("values", values):
+    for value in numbers("values", other.typed("values", values)):
         arguments = other.arguments(value, inputs or {})
         try:
             points = hopf_points(closed, parameter, between, mode=mode, **arguments)

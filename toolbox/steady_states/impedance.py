@@ -18,9 +18,10 @@ import numpy as np
 
 from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import Component, Equations
 from toolbox.modelling.composition import compose
-from toolbox.modelling.elements import quantity, state
+from toolbox.modelling.elements import Quantity, quantity, state
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.steady_states.linear import linearise
@@ -31,7 +32,7 @@ class _Turned(Component):
     """A shaft whose speed is imposed: it gives `motion` and forgets nothing but its angle."""
 
     motion: str = "top.speed"
-    start: float = quantity(0.0, "rad/s", "speed about which it is imposed")
+    start: Quantity = quantity(0.0, "rad/s", "speed about which it is imposed")
 
     def equations(self, signal: Any) -> Equations:
         angle = state("imposed.angle", "rad")
@@ -45,9 +46,9 @@ def impedance(
     plant: HybridSystem | None = None,
     motion: str = "top.speed",
     effort: str = "top.torque",
-    inertia: float = 0.0,
-    drag: float = 0.0,
-    speed: float = 0.0,
+    inertia: NumberOrText = 0.0,
+    drag: NumberOrText = 0.0,
+    speed: NumberOrText = 0.0,
     at: Mapping[str, Any] | None = None,
 ) -> np.ndarray:
     """Compute the impedance Z(i w) = -torque / speed of a drive at imposed speed.
@@ -85,6 +86,7 @@ def impedance(
     w = finite_array(frequency)
     if w is None or not w.size or not (w > 0).all():
         raise SceneError(f"Argument `frequency` must be numbers > 0 rad/s, but it is {frequency!r}.")
+    inertia, drag, speed = in_si(inertia, "kg m2", "inertia"), in_si(drag, "N m s/rad", "drag"), in_si(speed, "rad/s", "speed")
     for word, number in (("inertia", inertia), ("drag", drag)):
         if not is_finite_number(number) or number < 0:
             raise SceneError(f"Argument `{word}` must be >= 0, but it is {number!r}.")

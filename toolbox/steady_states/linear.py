@@ -17,7 +17,8 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import in_si
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 def equilibrium(
     plant: HybridSystem,
     *,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     start: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
     parameters: Mapping[str, Any] | None = None,
@@ -138,7 +139,7 @@ def linearise(
     plant: HybridSystem,
     at: Mapping[str, Any] | Equilibrium | Samples | None = None,
     mode: Mapping[str, str] | None = None,
-    inputs: str | Sequence[str] | Mapping[str, float] | None = None,
+    inputs: str | Sequence[str] | Mapping[str, NumberOrText] | None = None,
     outputs: str | Sequence[str] | None = None,
     parameters: Mapping[str, Any] | None = None,
     controller: Any = None,
@@ -155,7 +156,7 @@ def linearise(
         The plant.
     at
         The point: an `equilibrium(...)`, one instant of a run (`run.at(12.5)`), or {state, signal that is a state, or input: value}, with all else 0 and
-        inputs at their defaults.
+        inputs at their defaults. At the steady state of a loop that holds the plant, the plant alone is linearised.
     mode
         {element: "slip+", "slip-" or "stick"}. By default that of `at`, else the direction of slip; at zero slip contacts slide forwards and relays are on
         their surface.
@@ -185,9 +186,13 @@ def linearise(
     check_unsampled(controller)
     plant = _closed(plant, controller)
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
-        if plant.kernels is not at.plant.kernels:
-            raise SceneError("Argument `at` must be a steady state of `plant`, but it belongs to another plant.")
-        plant = at.plant
+        if plant.kernels is at.plant.kernels:
+            plant = at.plant
+        elif {structure_of(part) for part in plant.parts} <= {structure_of(part) for part in at.plant.parts}:  # that of the plant within a loop
+            shared = {name: at.plant.parameter(name) for name in plant.parameters if at.plant.has_parameter(name)}
+            plant = plant.with_parameters(shared)
+        else:
+            raise SceneError("Argument `at` must be a steady state of `plant`, or of a loop with it, but it belongs to another plant.")
     plant = _checked(plant, parameters)
     t, x, u, m = _point(plant, at, mode, inputs if isinstance(inputs, Mapping) else {})
     kept_inputs = _kept(plant, inputs, list(plant.inputs), "input")
@@ -335,7 +340,13 @@ def _point(
     x = np.zeros(plant.x.numel())
     t, own, given = 0.0, mapping("mode", mode), dict(values)
     placed = np.zeros(x.size, bool)
-    if isinstance(at, Equilibrium):
+    if isinstance(at, Equilibrium) and at.plant.kernels is not plant.kernels:
+        for name in plant.states:
+            place_start(plant, x, name, at[name])
+        placed[:] = True
+        own = {element.name: at.modes[element.name] for element in plant.elements} | own
+        given = {name: at[name] for name in plant.inputs} | given
+    elif isinstance(at, Equilibrium):
         x[:] = at.states
         placed[:] = True
         own = dict(at.modes) | own

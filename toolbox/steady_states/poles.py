@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import numbers
+from toolbox.files.units import NumberOrText
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
@@ -62,10 +63,10 @@ def critical_pole(point: Equilibrium) -> tuple[complex, np.ndarray]:
 def pole_locus(
     plant: HybridSystem,
     parameter: str,
-    values: Sequence[float],
+    values: Sequence[NumberOrText],
     *,
     controller: Any = None,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
     mode: Mapping[str, str] | None = None,
 ) -> np.ndarray:
@@ -91,10 +92,11 @@ def pole_locus(
 
     check_unsampled(controller)
     closed = continuous_loop(plant, controller, inputs=inputs, parameters=parameters)
-    followed = EquilibriumBranch(closed, FreeParameter.of(closed, parameter), inputs or {}, mode)
+    free = FreeParameter.of(closed, parameter)
+    followed = EquilibriumBranch(closed, free, inputs or {}, mode)
     rows: list[np.ndarray | None] = []
     before: np.ndarray | None = None
-    for value in numbers("values", values):
+    for value in numbers("values", free.typed("values", values)):
         point = followed(value)
         if point is None:
             rows.append(None)

@@ -10,6 +10,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
 from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
@@ -22,7 +23,7 @@ def running(
     at: Mapping[str, float],
     drives: str | Sequence[str],
     *,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Equilibrium:
     """Find the steady state in which signals have given values and every contact slides forwards, and the inputs that keep it there.
@@ -53,7 +54,7 @@ def running(
     checked_plant(plant)
     plant = plant.with_parameters(parameters) if parameters else plant
     driven = names(drives)
-    wanted = mapping("at", at)
+    wanted = {name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()}
     for name in driven:
         if name not in plant.inputs:
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")

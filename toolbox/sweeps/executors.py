@@ -27,6 +27,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.interrupts import GATE, undivided
+from toolbox.messages import progress_bar
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method
 from toolbox.simulation.run import Run
@@ -101,8 +102,6 @@ def evaluated(
         if store is not None:
             store.changed(first, last)
 
-    from tqdm import tqdm
-
     waiting: set[concurrent.futures.Future[Outcome]] = set()
     arrived: queue.SimpleQueue[concurrent.futures.Future[Outcome]] = queue.SimpleQueue()
     pool = executor or _pool(task, manner.cost * left)
@@ -113,7 +112,7 @@ def evaluated(
         future.add_done_callback(arrived.put)
 
     try:
-        with GATE.kept(), travelling(), tqdm(total=total, initial=total - left, unit="run", desc=label, delay=1.0, leave=False, disable=None) as bar:
+        with GATE.kept(), travelling(), progress_bar(total, label, done=total - left) as bar:
             for chunk in itertools.islice(chunks, AHEAD):
                 submit(chunk)
             while waiting:

@@ -13,6 +13,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
+from toolbox.files.unit_systems import reading
 from toolbox.sweeps import store
 
 
@@ -72,12 +73,12 @@ class Sweep:
         lines.append(f"  over ({kind})")
         width = max(len(name) for name in (*self.names, *self.measures))
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            lines.append(
-                f"    {name:<{width}}  {self.points[:, k].min():>11.5g} .. {self.points[:, k].max():<11.5g} {'' if unit == '1' else unit}".rstrip()
-            )
+            each, column = reading(unit), self.points[:, k] * reading(unit).factor
+            lines.append(f"    {name:<{width}}  {column.min():>11.5g} .. {column.max():<11.5g}{each.tail}".rstrip())
         lines.append("  found")
         for name, values in self.measures.items():
-            flat, unit = values.ravel(), self.measure_units[name]
+            factor, unit = reading(self.measure_units[name])
+            flat = values.ravel() * factor
             known = np.flatnonzero(np.isfinite(flat))
             if not known.size:
                 lines.append(f"    {name:<{width}}  no finite value")
@@ -100,7 +101,8 @@ class Sweep:
     __repr__ = __str__
 
     def _place(self, index: int) -> str:
-        return ", ".join(f"{name} {value:.5g}" for name, value in zip(self.names, self.points[index], strict=True))
+        numbers = (f"{name} {value * reading(unit).factor:.5g}" for name, unit, value in zip(self.names, self.units, self.points[index], strict=True))
+        return ", ".join(numbers)
 
     def to_xarray(self) -> Any:
         """An xarray Dataset with axes as coordinates, units as attributes, and why runs failed; needs the extra `batch`."""

@@ -19,12 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring.measures import STANDARD, Measure
 from toolbox.modelling.components import law_of
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
+from toolbox.simulation.request import Request
 from toolbox.simulation.run import UNHURRIED, Budget
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
@@ -71,10 +73,10 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
 def sweep(
     machine: HybridSystem | Scene,
     vary: Any,
-    duration: float | None = None,
+    duration: NumberOrText | None = None,
     *others: Any,
     controller: Any = None,
-    sample_time: float | None = None,
+    sample_time: NumberOrText | None = None,
     start: Any = None,
     inputs: Mapping[str, Any] | None = None,
     parameters: Mapping[str, Any] | None = None,
@@ -94,9 +96,9 @@ def sweep(
     machine
         A plant, or a scene.
     vary
-        What varies: {name: values} for a grid, rows of {name: value} (also a pandas table), or one of the designs `latin_hypercube`, `sobol` and `uniform` of
-        this module. A name is an input (held constant), a parameter of the plant, or a numeric field of the law, as designed on the declared plant
-        (`pi.integral`). What varies wins over `inputs` and `parameters`.
+        What varies: {name: values} for a grid, or rows of {name: value}, in SI or text with units; a pandas table; or one of the designs `latin_hypercube`,
+        `sobol` and `uniform` of this module. A name is an input (held constant), a parameter of the plant, or a numeric field of the law, as designed on the
+        declared plant (`pi.integral`). What varies wins over `inputs` and `parameters`.
     duration, sample_time, inputs, parameters, method, accuracy
         As in `simulate`.
     controller
@@ -136,7 +138,6 @@ def sweep(
             "`sweep` varies the numbers of a machine, `sweep(machine, {name: values}, duration)`, and its other arguments are named; "
             "the swept sine of an input is `toolbox.inputs.sweep`."
         )
-    variations = variations_of(vary)
     scene, title = None, ""
     if isinstance(machine, Scene):
         scene = machine
@@ -149,11 +150,13 @@ def sweep(
         plant, law, title = scene.plant(), case.controller, case.label
     else:
         plant, law = checked_plant(machine, "machine"), controller
-    if not is_finite_number(duration) or not duration > 0:  # type: ignore[operator]
+    duration = in_si(duration, "s", "duration")
+    variations = variations_of(_in_si(vary, plant, law, sample_time, inputs))
+    if not is_finite_number(duration) or not duration > 0:
         raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
     begin = start if callable(start) else None
     run = shared_run(
-        plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,  # type: ignore[arg-type]
+        plant, variations, float(duration), start=None if begin else start, inputs=inputs, parameters=parameters, controller=law, sample_time=sample_time,
         method=method, accuracy=1e-6 if accuracy is None else accuracy, budget=budget,
     )  # fmt: skip
     chosen = named_measures(measures, run.system, run.duration, scene)
@@ -179,3 +182,15 @@ def sweep(
     values, errors, seconds = evaluated(task, broken, executor, store)
     found = {name: values[:, k].reshape(variations.shape) for k, name in enumerate(chosen)}
     return dataclasses.replace(sheet, measures=found, errors=errors, seconds=seconds)
+
+
+def _in_si(vary: Any, plant: HybridSystem, law: Any, sample_time: Any, inputs: Mapping[str, Any] | None) -> Any:
+    """What varies, with text in the unit of its input or parameter as numbers; all else is left to `variations_of`."""
+    rows = [vary] if isinstance(vary, Mapping) else vary if isinstance(vary, (list, tuple)) and all(isinstance(row, Mapping) for row in vary) else []
+    typed = {name for row in rows for name, given in row.items() if any(isinstance(v, str) for v in (given if isinstance(given, (list, tuple)) else [given]))}
+    if not typed:
+        return vary
+    closed = Request(plant, 1.0, controller=law, sample_time=sample_time).checked().system
+    units = {name: FreeParameter.of(closed, name).unit for name in typed}
+    made = [{name: in_si(given, units[name], name) if name in typed else given for name, given in row.items()} for row in rows]
+    return made[0] if isinstance(vary, Mapping) else made

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.scenes.scene import Scene
 
@@ -159,61 +161,95 @@ class Tuned:
         return dataclasses.replace(scene, cases=tuple(cases))
 
     def __str__(self) -> str:
-        tried = len(self.trials)
-        failed = sum(trial.failed for trial in self.trials)
-        several = len(self.scenes) > 1
-        lines = [
-            f"Tuning of {self.title}: {_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
-            + (f", {_over_words(self.over)} of {len(self.scenes)} scenes counts" if several else "")
-            + f"; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",
-            *([f"{failed} of the points have a run that could not be finished: infinitely bad."] if failed else []),
-        ]
+        lines = self._headlines
         if not self.front:
-            return "\n".join([*lines, "Nothing was found: no point has finite objectives."])
+            return "\n".join([*lines, NOTHING])
         best = self.best
-        rows = [["", "given", "tuned", "range"]]
-        for free, number in zip(self.free, best.numbers, strict=True):
-            words = f"{free.low:g} .. {free.high:g}{', log' if free.logarithmic else ''}"
-            rows.append([_labelled(free.name, free.unit), plain_number(free.given), plain_number(number), words])
-        rows.append([])
-        for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
-            old, new = self.counted(self.before)[j], self.counted(best)[j]
-            rows.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
-            if several:
-                rows += [
-                    [f"  {label}", _short(before[j]), _short(after[j]), _gain(before[j], after[j])]
-                    for label, before, after in zip(self.scenes, self.before.values, best.values, strict=True)
-                ]
-        lines += ["", *_table(rows)]
-        if best is self.before:
-            lines += ["", "Nothing that was tried is better than the law as given."]
-        for free, number in zip(self.free, best.numbers, strict=True):
-            if number is not None and min(free.place(number), 1 - free.place(number)) < 0.01:
-                lines += ["", f"`{free.name}` is at the end of its range: a wider one may hold a better law."]
+        numbers, values = self._changed_rows(best)
+        lines += ["", *_table([["", "given", "tuned", "range"], *numbers, [], *values])]
+        lines += [line for remark in self._remarks(best) for line in ("", remark)]
         if len(self.objectives) > 1:
             lines += ["", f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above):", *_table(self._front_rows(best))]
         return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        title, *failed = self._headlines
+        if not self.front:
+            return table(title, (), (), [*failed, NOTHING])
+        best = self.best
+        numbers, values = self._changed_rows(best)
+        found = table(title, ("", "given", "tuned", "range or change"), [*values, *numbers], [*failed, *self._remarks(best)])
+        if len(self.objectives) == 1:
+            return found
+        headings, *rows = self._front_rows(best)
+        return found + table(f"Front of {_count(len(self.front), 'point')} ({_TUNED} the one above)", headings, rows)
+
+    @property
+    def _headlines(self) -> list[str]:
+        tried = len(self.trials)
+        failed = sum(trial.failed for trial in self.trials)
+        over = f", {_over_words(self.over)} of {len(self.scenes)} scenes counts" if len(self.scenes) > 1 else ""
+        counts = f"{_count(len(self.free), 'free number')}, {_count(len(self.objectives), 'objective')}"
+        return [
+            f"Tuning of {self.title}: {counts}{over}; {tried} points, {tried * len(self.scenes)} runs, seed {self.seed}",
+            *([f"{failed} of the points have a run that could not be finished: infinitely bad."] if failed else []),
+        ]
+
+    def _changed_rows(self, best: Trial) -> tuple[list[list[str]], list[list[str]]]:
+        """(name, given, tuned, range) of the free numbers, and (name, given, tuned, change) of the objectives."""
+        numbers = []
+        for free, number in zip(self.free, best.numbers, strict=True):
+            factor, unit = reading(free.unit)
+            words = f"{free.low * factor:.6g} .. {free.high * factor:.6g}{', log' if free.logarithmic else ''}"
+            numbers.append([_labelled(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
+        values = []
+        for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
+            factor, unit = reading(unit)
+            old, new = factor * self.counted(self.before)[j], factor * self.counted(best)[j]
+            values.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
+            if len(self.scenes) > 1:
+                values += [
+                    [f"  {label}", _short(factor * before[j]), _short(factor * after[j]), _gain(before[j], after[j])]
+                    for label, before, after in zip(self.scenes, self.before.values, best.values, strict=True)
+                ]
+        return numbers, values
+
+    def _remarks(self, best: Trial) -> list[str]:
+        remarks = ["Nothing that was tried is better than the law as given."] if best is self.before else []
+        for free, number in zip(self.free, best.numbers, strict=True):
+            if number is not None and min(free.place(number), 1 - free.place(number)) < 0.01:
+                remarks.append(f"`{free.name}` is at the end of its range: a wider one may hold a better law.")
+        return remarks
 
     def _front_rows(self, best: Trial) -> list[list[str]]:
         front = list(self.front)
         if len(front) > 15:  # spread over the front, with its ends and the best
             chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
             front = [front[i] for i in sorted(chosen)]
-        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
-        rows = [["", *names, *(_labelled(each.name, each.unit) for each in self.free)]]
+        goals, own = [reading(unit) for unit in self.units], [reading(each.unit) for each in self.free]
+        names = [_labelled(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
+        rows = [["", *names, *(_labelled(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
         for trial in front:
-            rows.append([_TUNED if trial is best else "", *map(_short, self.counted(trial)), *map(plain_number, trial.numbers)])
+            found = [_short(value * each.factor) for value, each in zip(self.counted(trial), goals, strict=True)]
+            numbers = [plain_number(number, each.factor) for number, each in zip(trial.numbers, own, strict=True)]
+            rows.append([_TUNED if trial is best else "", *found, *numbers])
         return rows
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the front, or the best value so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
-        from toolbox.tuning.figures import tuning_diagram  # here, because matplotlib is slow to import
+        from toolbox.simulation.style import reading_of  # here, because matplotlib is slow to import
+        from toolbox.tuning.figures import tuning_diagram
 
-        names = [_labelled(name, unit) for name, unit in zip(self.objectives, self.units, strict=True)]
         tried = np.array([self.counted(trial) for trial in self.trials])
-        front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(names))
-        best = np.array(self.counted(self.best)) if len(front) else None
-        return tuning_diagram(names, tried, front, np.array(self.counted(self.before)), best, ax)
+        front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(self.objectives))
+        sizes = np.abs(front).max(axis=0, initial=0.0)
+        read = [reading_of(unit, float(size)) for unit, size in zip(self.units, sizes, strict=True)]
+        names = [_labelled(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
+        factors = np.array([factor for factor, _ in read])
+        best = factors * self.counted(self.best) if len(front) else None
+        return tuning_diagram(names, factors * tried, factors * front, factors * self.counted(self.before), best, ax)
 
     def save(self, path: str | Path) -> Path:
         """Write one row per trial as csv, whole or not at all: numbers, objectives over the scenes and in each, membership of the front, failures."""
@@ -230,6 +266,7 @@ class Tuned:
 
 
 _TUNED = "*"
+NOTHING = "Nothing was found: no point has finite objectives."
 
 
 def counted_over(trial: Trial, over: Callable[[Sequence[float]], float]) -> tuple[float, ...]:
@@ -263,9 +300,9 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
-def plain_number(number: float | None) -> str:
-    """A number in six digits; None is left to the design of the law."""
-    return "by design" if number is None else f"{number:.6g}"
+def plain_number(number: float | None, factor: float = 1.0) -> str:
+    """A number in six digits, times a factor; None is left to the design of the law."""
+    return "by design" if number is None else f"{number * factor:.6g}"
 
 
 def _short(value: float) -> str:

@@ -23,8 +23,9 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import in_si
+from toolbox.files.units import NumberOrText, in_si
 from toolbox.measuring import measure
+from toolbox.messages import progress_bar
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled
@@ -44,9 +45,9 @@ def tune(
     scene: Scene | HybridSystem | Sequence[Scene | HybridSystem] | Mapping[str, Scene | HybridSystem],
     controller: str | Controller | Sampled,
     objective: Objective | Sequence[Objective] | Mapping[str, Objective],
-    bounds: Mapping[str, tuple[float, float]],
+    bounds: Mapping[str, tuple[NumberOrText, NumberOrText]],
     *,
-    duration: float | None = None,
+    duration: NumberOrText | None = None,
     over: Callable[[Sequence[float]], float] = max,
     runs: int = 200,
     seed: int = 0,
@@ -99,7 +100,7 @@ def tune(
         If the arguments cannot be tuned, a law or objective cannot be evaluated as given or cannot travel to an executor, or the journal belongs to other
         arguments.
     """
-    scenes = _scenes(scene, controller, duration)
+    scenes = _scenes(scene, controller, in_si(duration, "s", "duration"))
     cases = [_case(each, controller) for each in scenes.values()]
     free = _free(cases[0], bounds)
     for label, case in zip(scenes, cases, strict=True):
@@ -269,7 +270,5 @@ def _objectives(given: Any, scenes: Sequence[Scene]) -> dict[str, Objective]:
 
 
 def _bar(runs: int, progress: bool) -> Any:
-    from tqdm import tqdm
-
     form = "{desc} |{bar:30}| {n_fmt}/{total_fmt} points, {elapsed}"
-    return tqdm(total=runs, delay=1.0, leave=False, disable=None if progress else True, desc="tuning", bar_format=form)
+    return progress_bar(runs, "tuning", bar_format=form, wanted=progress)

@@ -1,0 +1,53 @@
+"""Figures of every command that writes some, in the format that was asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.commands.test_command_line import BELT
+from toolbox import Trajectory
+from toolbox.commands.command_line import main
+
+BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF-", "svg": b"<?xml"}
+
+
+@pytest.fixture
+def belt(tmp_path):
+    path = tmp_path / "belt.toml"
+    path.write_text(BELT)
+    return path
+
+
+def figures(folder):
+    return {path.name: path.read_bytes()[:5] for path in folder.iterdir() if path.suffix[1:] in BEGINNINGS}
+
+
+@pytest.mark.parametrize("kind", BEGINNINGS)
+def test_figures_are_written_in_the_format_asked_for_and_replace_those_of_another(kind, belt, tmp_path):
+    out = tmp_path / "out"
+    assert main(["simulate", str(belt), "--duration", "5", "--out", str(out)]) == 0
+    assert main(["simulate", str(belt), "--duration", "5", "--out", str(out), "--format", kind]) == 0
+    found = figures(out)
+    assert set(found) == {f"01_one.{kind}", f"02_two.{kind}"}
+    assert all(content.startswith(BEGINNINGS[kind]) for content in found.values())
+    assert Trajectory.load(out / "01_one.npz").end == 5.0
+
+
+def test_a_study_and_a_comparison_write_pdf(belt, tmp_path):
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert main(["study", str(belt), "--out", str(out), "--format", "pdf"]) == 0
+    names = {"comparison.pdf", *(f"0{i}_{word}{tail}.pdf" for i, word in ((1, "one"), (2, "two")) for tail in ("", "_phase"))}
+    assert set(figures(out)) == names
+    runs = [str(out / f"0{i}_{word}.npz") for i, word in ((1, "one"), (2, "two"))]
+    for kind in ("svg", "pdf"):
+        assert main(["compare", *runs, "--out", str(tmp_path / "both"), "--format", kind]) == 0
+        assert set(figures(tmp_path / "both")) == {f"compare.{kind}"}
+
+
+@pytest.mark.parametrize("command", ["study", "simulate", "compare", "onset", "map", "tune", "fit", "tradeoff"])
+def test_an_unknown_format_is_refused_by_every_command_that_writes_figures(command, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([command, "--format", "jpeg"])
+    assert caught.value.code == 2
+    assert "argument --format: invalid choice: 'jpeg' (choose from" in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""What the toolbox says while it works: records of one named logger, and bars where somebody can see them."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+
+import pytest
+
+from models import BitRock, oscillators, wells
+from toolbox import compose, onset, severity_map
+from toolbox.messages import progress_bar
+
+SAYS = """
+import logging
+{before}
+from toolbox.messages import LOG
+{after}
+LOG.debug("detail")
+LOG.info("compiling")
+LOG.warning("no zarr")
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "stderr"),
+    [
+        ("", "", "stickslip: compiling\nstickslip: no zarr\n"),
+        ("", "logging.getLogger('stickslip').setLevel('WARNING')", "stickslip: no zarr\n"),
+        ("logging.basicConfig(format='%(name)s %(levelname)s %(message)s')", "", "stickslip INFO compiling\nstickslip WARNING no zarr\n"),
+    ],
+    ids=["as it is", "quieter", "with a program's own handlers"],
+)
+def test_records_of_the_logger_are_written_once(before, after, stderr):
+    done = subprocess.run([sys.executable, "-c", SAYS.format(before=before, after=after)], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", stderr)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_bar_is_shown_on_a_terminal_and_in_a_notebook_and_nowhere_else(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    assert progress_bar(10, "work").disable
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    assert not progress_bar(10, "work").disable and progress_bar(10, "work", wanted=False).disable
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    shell = type("ZMQInteractiveShell", (), {})()
+    monkeypatch.setitem(sys.modules, "IPython", type("IPython", (), {"get_ipython": staticmethod(lambda: shell)}))
+    assert not progress_bar(10, "work").disable
+
+
+def counted(monkeypatch, module):
+    """Labels of the bars that a module makes, with how far each came."""
+    seen = []
+
+    class Bar:
+        def __init__(self, total, what, **looks):
+            self.entry = [what, total, 0]
+            seen.append(self.entry)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            pass
+
+        def update(self, count=1):
+            self.entry[2] += count
+
+    monkeypatch.setattr(f"{module}.progress_bar", Bar)
+    return seen
+
+
+def test_an_onset_tells_how_many_runs_it_made(monkeypatch):
+    seen = counted(monkeypatch, "toolbox.onsets.onset")
+    found = onset(compose(oscillators.THOMSEN_FIDLIN), "block.belt_speed", (0.3, 0.5), values=3, tolerance=5e-2)
+    assert seen[0][:2] == ["onset", None] and 0 < seen[0][2] <= found.runs
+
+
+def test_a_map_tells_how_far_its_runs_and_its_borders_are(monkeypatch):
+    grid, border = (counted(monkeypatch, f"toolbox.{module}") for module in ("sweeps.executors", "onsets.severity_map"))
+    over = {"top.torque": (6e3, 20e3), "bit.weight": (60e3, 110e3)}
+    found = severity_map(compose(wells.JANSEN_2, BitRock()), over, shape=(3, 3), duration=20.0, halvings=1)
+    assert grid[0] == ["map", 18, 18]
+    assert [entry[0] for entry in border] == ["map, near borders", "map, borders"]
+    assert sum(entry[2] for entry in border) > 0 and found.runs > 18

@@ -1,0 +1,59 @@
+"""What an installation brings: data and type marks in the wheel, everything that the tests need in the sdist, and one version wherever it stands."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = ("toolbox", "models", "controllers")
+
+
+def sources(*folders: str) -> set[str]:
+    """Files of these folders that a checkout has, without what running leaves."""
+    found = (path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file())
+    return {path.relative_to(ROOT).as_posix() for path in found if "__pycache__" not in path.parts}
+
+
+@pytest.fixture(scope="module")
+def built():
+    """The files that hatchling would put into the wheel and into the sdist, beside README and LICENSE, which it adds by itself; nothing is built."""
+    sdist = pytest.importorskip("hatchling.builders.sdist").SdistBuilder
+    wheel = pytest.importorskip("hatchling.builders.wheel").WheelBuilder
+    return [{each.distribution_path for each in kind(str(ROOT)).recurse_included_files()} for kind in (wheel, sdist)]
+
+
+def test_the_wheel_has_every_module_and_all_data(built):
+    wheel, _ = built
+    assert sources(*PACKAGES) | {"stickslip_pytest.py"} == wheel
+    assert {f"{package}/py.typed" for package in PACKAGES} <= wheel
+    assert {path for path in wheel if path.endswith(".csv")} == {f"models/tables/{path.name}" for path in (ROOT / "models" / "tables").glob("*.csv")} != set()
+
+
+def test_the_sdist_has_what_the_tests_and_the_pages_need(built):
+    _, sdist = built
+    needed = {"CHANGELOG.md", "CITATION.cff", "mkdocs.yml", "docs/index.md", "studies/scenes/jansen_2.toml", "tests/conftest.py", ".ci/run"}
+    assert needed <= sdist and sources(*PACKAGES) <= sdist
+    assert {path for path in sources("studies") if path.endswith((".py", ".toml", ".ipynb"))} <= sdist
+
+
+def test_modules_that_stand_beside_each_other_import_their_data_where_it_is_installed():
+    from importlib.resources import files
+
+    tables = files("models") / "tables"
+    assert {entry.name for entry in tables.iterdir()} == {path.name for path in (ROOT / "models" / "tables").iterdir()}
+
+
+def test_one_version_licence_and_name_wherever_they_stand():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    said = dict(re.findall(r"^(\w[\w-]*): (.+)$", citation, re.MULTILINE))
+    project = PROJECT["project"]
+    assert (said["title"], said["version"]) == (project["name"], project["version"])
+    assert f"- name: {project['authors'][0]['name']}" in citation
+    assert f"\n## {project['version']}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert said["license"] == "BSD-3-Clause" and "BSD 3-Clause" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert set(re.findall(r"^  - (?!name)(.+)$", citation, re.MULTILINE)) == set(project["keywords"])

@@ -1,0 +1,71 @@
+"""The site: every public name has a page, and the built pages have their gallery, formulas, tables and a search that works from disk."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import toolbox
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "docs" / "reference"
+BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+
+
+def test_every_public_name_of_the_toolbox_stands_on_one_page_of_the_reference():
+    named = [name for path in REFERENCE.glob("*.md") for name in re.findall(r"^::: toolbox\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)]
+    assert sorted(named) == sorted({*toolbox.__all__, "time"})
+
+
+def test_a_part_has_a_table_of_its_fields():
+    page = (REFERENCE / "models.md").read_text(encoding="utf-8")
+    section = page.partition("::: models.BitRock\n")[2].partition("\n:::")[0]
+    assert "| `weight` | 97347 | N | &gt;= 0 | 500 to 5e+06 | weight on bit |" in section
+    assert page.count("| field | default | unit | bounds | usual | meaning |") > 30
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for needed in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
+        pytest.importorskip(needed)
+    folder = tmp_path_factory.mktemp("site")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(folder)]
+    done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PATH": path, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_the_gallery_shows_every_notebook_and_its_links_and_pictures_are_there(site):
+    page = (site / "gallery.html").read_text(encoding="utf-8")
+    cards = re.findall(r'<a class="card" href="([^"]+)"><img src="([^"]+)"', page)
+    notebooks = sorted((ROOT / "studies" / "notebooks").glob("[0-9][0-9]_*.ipynb"))
+    assert [link for link, _ in cards if link.startswith("notebooks/")] == [f"notebooks/{path.stem}.html" for path in notebooks]
+    assert len(cards) > len(notebooks) + 15
+    for link, picture in cards:
+        assert (site / link).is_file() and (site / picture).stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):
+    for name in ("concepts/contacts", "notebooks/02_block_on_a_belt"):
+        page = (site / f"{name}.html").read_text(encoding="utf-8")
+        assert page.count("<math") > 3 and "arithmatex" not in page
+    for path in site.rglob("*.html"):
+        assert not re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="https?://', path.read_text(encoding="utf-8")), path.name
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
+def test_the_search_finds_a_verb_in_a_browser_that_reads_from_disk(site, tmp_path):
+    words = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000", "--dump-dom"]
+    done = subprocess.run([*words, f"file://{site}/index.html?q=hopf_points"], capture_output=True, text=True, timeout=300, check=False)
+    found = re.findall(r'href="[^"]*?([\w/]+\.html)[^"]*" class="md-search-result__link"', done.stdout)
+    assert any(place.endswith("reference/analyse.html") for place in found), done.stdout[-2000:]

@@ -1,0 +1,74 @@
+"""stickslip compare: two saved runs by their measures, or two scenes by their keys."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from toolbox.commands import figures
+from toolbox.commands.terminal import FORMATS, drawn_as, figure_format, plain
+from toolbox.errors import SceneError
+from toolbox.files.atomic import whole_folder
+from toolbox.files.units import parse
+
+COMPARE_FILES = ("compare.txt", "compare.png")
+BEGINNING = "Comparison of "
+
+
+def add(commands: Any) -> None:
+    """Declare the arguments of `stickslip compare`."""
+    comparison = commands.add_parser(
+        "compare",
+        help="two saved runs by their measures, or two scenes by their keys",
+        description="Compare two runs that were saved (.npz, as simulate and study write them): how long and how often they stick, and the extrema, mean and "
+        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ, in SI. With --out, the folder gets the report and, for runs, "
+        "a figure with both over one another.",
+        epilog="example: stickslip compare out/01_stiff_pi.npz out/02_soft_torque.npz --after '40 s'",
+    )
+    comparison.add_argument("first", type=Path, metavar="FIRST", help="a saved run or a scene")
+    comparison.add_argument("second", type=Path, metavar="SECOND", help="another of the same kind")
+    comparison.add_argument("--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows")
+    comparison.add_argument("--after", type=plain, default=0.0, metavar="T", help="measure from this time on: seconds, or with a unit (0)")
+    comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
+    comparison.add_argument("--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced")
+    figure_format(comparison)
+    comparison.set_defaults(action=run, spelled={"signals": "--signal", "first": "FIRST", "second": "SECOND"})
+
+
+def run(given: argparse.Namespace) -> int:
+    """Compare two files. Returns the exit code."""
+    from toolbox.scenes.differences import compare
+    from toolbox.scenes.scene import Scene
+    from toolbox.simulation.saved_run import SavedRun
+
+    paths = (given.first, given.second)
+    kinds = {path.suffix.lower() for path in paths}
+    if kinds not in ({".toml"}, {".npz"}):
+        raise SceneError(f"Arguments `FIRST` and `SECOND` must be two runs (.npz) or two scenes (.toml), but they are `{paths[0]}` and `{paths[1]}`.")
+    scenes = kinds == {".toml"}
+    labels = tuple(path.stem if paths[0].stem != paths[1].stem else str(path) for path in paths)
+    after = parse(given.after, "s", "--after")
+    until = None if given.until is None else parse(given.until, "s", "--until")
+    first, second = (Scene.load(path) if scenes else SavedRun.read(path) for path in paths)
+    found = compare(first, second, signals=given.signal, after=after, until=until, labels=labels)  # type: ignore[arg-type]
+    files = COMPARE_FILES[:1] if scenes else drawn_as(COMPARE_FILES, given.format)
+    with whole_folder(given.out, files, _earlier) if given.out else nullcontext() as folder:
+        if folder is not None:
+            (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
+            if not scenes:
+                figures.draw_overlay(dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}")
+    print(found)
+    if given.out:
+        print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")
+    return 0
+
+
+def _earlier(path: Path) -> set[str]:
+    """Names of the files that an earlier comparison left in a folder, as its report tells."""
+    try:
+        text = (path / "compare.txt").read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return set()
+    return {name for name in drawn_as(COMPARE_FILES, *FORMATS) if (path / name).is_file()} if text.startswith(BEGINNING) else set()

@@ -1,0 +1,58 @@
+"""What the toolbox says while it works: records of the logger `stickslip`, and bars of progress."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Any
+
+LOG = logging.getLogger("stickslip")
+"""The logger: INFO what one waits for, WARNING what one should know, DEBUG which way a computation took.
+
+`logging.getLogger("stickslip").setLevel("WARNING")` is quieter.
+"""
+
+
+class _Said(logging.Handler):
+    """Writes records to stderr, unless the program has handlers of its own, which get them as well."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if not logging.getLogger().handlers:
+            print(f"stickslip: {self.format(record)}", file=sys.stderr, flush=True)
+
+
+LOG.addHandler(_Said())
+LOG.setLevel(logging.INFO)
+
+
+def progress_bar(total: float | None, what: str, *, unit: str = "run", done: float = 0, wanted: bool = True, **looks: Any) -> Any:
+    """Return a bar on stderr, for `with`: `update(count)` moves it.
+
+    It appears after a second and goes away when the work is done. Where stderr is neither a terminal nor that of a notebook there is none.
+
+    Parameters
+    ----------
+    total
+        How much there is to do; None where nobody knows.
+    what
+        What is being done.
+    unit
+        What is counted.
+    done
+        How much was done before.
+    wanted
+        Whether there is to be a bar.
+    looks
+        What else `tqdm` takes.
+    """
+    from tqdm import tqdm
+
+    shown = wanted and (sys.stderr.isatty() or _in_notebook())
+    return tqdm(**{"total": total, "initial": done, "unit": unit, "desc": what, "delay": 1.0, "leave": False, "disable": not shown} | looks)
+
+
+def _in_notebook() -> bool:
+    """Whether the process is the kernel of a notebook, which is no terminal and shows bars none the less."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,0 +1,154 @@
+"""What differs between two runs, in their measures, or between two scenes, in their keys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from toolbox.errors import SceneError, suggest
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.measuring.measure import extent, stick_intervals
+from toolbox.measuring.severity import severity_of
+from toolbox.scenes.scene import Scene
+from toolbox.simulation.recorded import Recorded
+from toolbox.simulation.samples import short
+
+SPEEDS = ("rad/s", "m/s")
+
+
+class Difference(NamedTuple):
+    """A measure of two runs, or a key of two scenes, with the value that each of them has; None where it has none."""
+
+    name: str
+    unit: str
+    first: Any
+    second: Any
+
+    @property
+    def change(self) -> float | None:
+        """The second number less the first; None where one of them is no number."""
+        return float(self.second - self.first) if all(isinstance(value, (int, float)) for value in (self.first, self.second)) else None
+
+
+@dataclass(frozen=True)
+class Differences:
+    """What `compare` found: `print(found)`, `found["bit.speed, severity"]`.
+
+    Attributes
+    ----------
+    title
+        What was compared.
+    labels
+        Names of the first and the second.
+    rows
+        For two runs every measure, for two scenes the keys whose values differ, each with both values in SI.
+    """
+
+    title: str
+    labels: tuple[str, str]
+    rows: tuple[Difference, ...]
+
+    def __getitem__(self, name: str) -> Difference:
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise SceneError(f"There is no `{name}` in the comparison: {suggest(name, [row.name for row in self.rows])}")
+
+    def _cells(self) -> list[tuple[str, str, str, str, str]]:
+        def word(value: Any) -> str:
+            return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+        cells = []
+        for row in self.rows:
+            factor, unit = reading(row.unit)
+            first, second = (value * factor if isinstance(value, float) else value for value in row[2:])
+            change = "" if row.change is None else f"{row.change * factor:+.4g}"
+            cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
+        return cells
+
+    def __str__(self) -> str:
+        if not self.rows:
+            return f"{self.title}: no difference"
+        rows = [("", *self.labels, "difference", ""), *self._cells()]
+        widths = [max(len(row[k]) for row in rows) for k in range(5)]
+        lines = ["  ".join(cell.ljust(w) if k in (0, 4) else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows]
+        return "\n".join([self.title, *(f"  {line}".rstrip() for line in lines)])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return table(self.title, ("", *self.labels, "difference", "unit"), self._cells())
+
+
+def compare(
+    first: Any,
+    second: Any,
+    *,
+    signals: Sequence[str] | None = None,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
+    labels: tuple[str, str] = ("first", "second"),
+) -> Differences:
+    """Compare two runs by their measures, or two scenes by their keys.
+
+    Of runs, these are the part of the time that each element sticks, the number of its stick phases and the longest of them, then the extrema and the time
+    mean of signals, and the severity of speeds. Runs may be fresh or read from a file.
+
+    Parameters
+    ----------
+    first, second
+        Two runs, or two scenes.
+    signals
+        Scalar signals of the runs; by default those that a plot of either shows and that both have.
+    after, until
+        Window of the runs [s]; by default from the start to the end of the shorter one.
+    labels
+        What the two are called in the table.
+
+    Returns
+    -------
+    Differences
+        All measures of both runs, or the keys whose values differ.
+
+    Raises
+    ------
+    SceneError
+        If one is a run and the other a scene, a signal is unknown, of another unit or a vector, or the window lies outside of a run.
+    """
+    if isinstance(first, Scene) and isinstance(second, Scene):
+        keys = [dict(each.keys()) for each in (first, second)]
+        names = [*keys[0], *(name for name in keys[1] if name not in keys[0])]
+        pairs = [Difference(name, "1", keys[0].get(name), keys[1].get(name)) for name in names]
+        return Differences("Keys that differ, in SI", labels, tuple(row for row in pairs if row.first != row.second))
+    for word, run in (("first", first), ("second", second)):
+        if not isinstance(run, Recorded):
+            raise SceneError(f"Argument `{word}` must be a run or a scene, and both of the same kind, but it is {short(run)}.")
+    after, until = in_si(after, "s", "after"), in_si(until, "s", "until")
+    if signals is None:
+        shown = dict.fromkeys([*first.main_signals, *second.main_signals])
+        signals = [name for name in shown if name in first and name in second and first.unit(name) == second.unit(name)]
+    last = min(first.end, second.end) if until is None else until
+    rows: list[Difference] = []
+    for element, words in first._legends.items():
+        if "stick" in words.values() and "stick" in second._legends.get(element, {}).values():
+            stays = [stick_intervals(run, element, after, last) for run in (first, second)]
+            lengths = [[end - begin for begin, end in each] for each in stays]
+            rows += [
+                Difference(f"{element}, part of the time in stick", "1", *(sum(each) / (last - after) for each in lengths)),
+                Difference(f"{element}, stick phases", "1", *map(len, lengths)),
+                Difference(f"{element}, longest stick", "s", *(max(each, default=0.0) for each in lengths)),
+            ]
+    for name in signals:
+        unit = first.unit(name)
+        if second.unit(name) != unit:
+            raise SceneError(f"Argument `signals` must name signals of one unit, but `{name}` is in {unit} and in {second.unit(name)}.")
+        found = [extent(run, name, after, last) for run in (first, second)]
+        rows += [Difference(f"{name}, {word}", unit, *(getattr(each, word) for each in found)) for word in ("minimum", "maximum", "mean")]
+        if unit in SPEEDS:
+            rows.append(Difference(f"{name}, severity", "1", *map(severity_of, found)))
+    if not rows:
+        raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
+    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows))

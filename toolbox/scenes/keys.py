@@ -1,0 +1,73 @@
+"""The keys of a scene file: one source for who reads a file, for `stickslip list scene` and for the page of the documentation."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Key(NamedTuple):
+    """A key: its unit ("" for text and names), what holds without it, and its meaning."""
+
+    name: str
+    unit: str
+    default: str
+    meaning: str
+
+
+REQUIRED = "required"
+
+KEYS: dict[str, tuple[Key, ...]] = {
+    "scene": (
+        Key("title", "", REQUIRED, "title of tables and figures"),
+        Key("duration", "s", REQUIRED, "length of the runs"),
+        Key("accuracy", "1", "1e-6", "target for the error of a state, in parts of its size"),
+        Key("reference", "of `signal`", "none", "set-point of the judged signal; laws with a field `reference` take it"),
+        Key("plant", "", REQUIRED, "parts of the machine, each under [[plant]]"),
+        Key("controllers", "", "the plant alone", "controllers to be compared, each under [[controllers]]"),
+        Key("start", "", "at rest", "states at the beginning, under [start]"),
+        Key("inputs", "", "those of the parts", "inputs in time, under [inputs]"),
+        Key("parameters", "", "those of the parts", "what the machine really is, under [parameters]"),
+        Key("verdict", "", "see there", "what is judged, under [verdict]"),
+    ),
+    "[[plant]]": (
+        Key("part", "", REQUIRED, "a part of `stickslip list`, such as BitRock or wells.JANSEN_2"),
+        Key("<parameter>", "of the part", "of the part", "any parameter of it; a friction law is { law = \"Exponential\", static = 0.8 }; a part made from "
+            "tables takes what its `from_tables` takes, with paths from the folder of the scene"),
+    ),
+    "[[controllers]]": (
+        Key("label", "", REQUIRED, "its name in tables, figures and files"),
+        Key("law", "", "the plant alone", "a control law of `stickslip list`; where a parameter of it has the name of a key, { law = \"LinearMPC\", "
+            "delay = \"30 ms\" }"),
+        Key("<parameter>", "of the law", "of the law", "any parameter of the law"),
+        Key("sample_time", "s", "continuous", "period of a sampled law"),
+        Key("delay", "s", "0", "time from a sample to its effect; sampled laws only"),
+        Key("noise", "of each signal", "none", "standard deviations of what a sampled law measures: { \"top.speed\" = 0.01 }"),
+        Key("resolution", "of each signal", "none", "steps of what a sampled law measures"),
+        Key("seed", "1", "0", "seed of the noise, an integer"),
+        Key("inputs", "of each input", "those of the scene", "inputs in time of this case alone"),
+    ),
+    "[start]": (Key("<state>", "of the state", "0", "value of a state at the beginning"),),
+    "[inputs]": (
+        Key("<signal>", "of the signal", "its default", "a number, or { ramp = { start, end, begin, finish } }, likewise step, sine, sweep, square, triangle, "
+            "table = { times, values }; for an input of the plant, a parameter that changes in time, or what all laws ask for: top.reference"),
+    ),
+    "[parameters]": (Key("<name>", "of the parameter", "as declared", "value of a parameter where the machine is not what the controllers are designed for"),),
+    "[verdict]": (
+        Key("element", "", "the only contact", "the contact whose sticking is judged"),
+        Key("signal", "", "the speed at the contact", "the speed whose severity, settling and overshoot are judged"),
+        Key("effort", "", "what drives", "the signal whose peak is reported"),
+        Key("after", "s", "half of the duration", "time from which on a run is judged"),
+        Key("standstill", "of `signal`", "none", "of a stop: the value of the signal at which the machine stands, where the verdict ends"),
+    ),
+}  # fmt: skip
+"""{table of the file: its keys}; a name in <> stands for many."""
+
+
+def names(table: str) -> tuple[str, ...]:
+    """Names of the keys of a table."""
+    return tuple(key.name for key in KEYS[table] if not key.name.startswith("<"))
+
+
+def required(table: str) -> tuple[str, ...]:
+    """Names of the keys that a table must have."""
+    return tuple(key.name for key in KEYS[table] if key.default == REQUIRED)

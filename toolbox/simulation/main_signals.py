@@ -1,0 +1,46 @@
+"""The signals of a run that say most, which a plot shows where nobody names any."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from toolbox.simulation.samples import Samples
+
+
+def main_signals(run: Any) -> list[str]:
+    """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still."""
+    system, nodes = run.program.system, run.nodes
+    step = max(1, nodes.time.size // 400)
+    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
+    ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
+    own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
+    # what a part gives comes before the force and slip of its contact, which often repeat it
+    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
+    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
+    plant = run.run.plant  # what a sampled law remembers, and says of itself, is not what the machine does
+    parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)}
+    names = [name for name in (*system.signals, *system.inputs) if name not in own and (part := name.partition(".")[0]) in parts and part not in laws]
+    names += sorted(own)
+    seen: list[np.ndarray] = []
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        unit = run.unit(name)
+        values = np.asarray(some[name])
+        if unit not in ranks or values.ndim != 1:
+            continue
+        size = np.abs(values).max(initial=0.0)
+        if size == 0.0 or any(np.allclose(np.abs(values), np.abs(other), rtol=0, atol=1e-9 * size) for other in seen):
+            continue
+        if name in own and groups.get(unit):
+            if np.ptp(values) == 0 or any(np.ptp(some[other]) > 0 for other in groups[unit]):
+                continue
+            groups[unit] = []  # a load that stands still makes room for what it presses
+        if len(groups.get(unit, [])) < 3:
+            seen.append(values)
+            groups.setdefault(unit, []).append(name)
+    moving = {unit: group for unit, group in groups.items() if any(np.ptp(some[name]) > 0 for name in group)}
+    chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
+    found = [name for unit in chosen for name in groups[unit]]
+    return found or [next(iter(system.states))]

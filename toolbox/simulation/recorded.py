@@ -1,0 +1,121 @@
+"""Reports, tables and plots that a run and one read from a file have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolbox.arguments import finite_array
+from toolbox.errors import SceneError
+from toolbox.files.html import table
+from toolbox.files.unit_systems import reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.simulation.samples import Stays, short
+
+
+class Recorded(Stays):
+    """What a run, and one read from a file, have in common: how long elements stay in their modes, reports and tables."""
+
+    time: np.ndarray
+
+    if TYPE_CHECKING:
+        names: Any
+        modes: Any
+        nodes: Any
+        contacts: Any
+        main_signals: Any
+        limits: Any
+
+        def approach(self, element: str) -> np.ndarray: ...
+
+        def __getitem__(self, name: str) -> Any: ...
+
+        def unit(self, name: str) -> str: ...
+
+    @property
+    def _headlines(self) -> list[str]:
+        """What the run is, and what it cost."""
+        raise NotImplementedError
+
+    def _ranges(self) -> list[tuple[str, float, float, float, str]]:
+        """(signal, smallest value, largest value, last value, unit) of the scalar signals at the recorded times."""
+        rows = []
+        for name in self.names if self.time.size else ():
+            values = np.asarray(self[name])
+            if values.ndim == 1:
+                values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
+                factor, unit = reading(self.unit(name))
+                rows.append((name, *(factor * float(value) for value in (values.min(), values.max(), values[-1])), unit))
+        return rows
+
+    def __str__(self) -> str:
+        title, *others = self._headlines
+        lines = [title, *(f"  {line}" for line in others)]
+        for element, words in self._legends.items():
+            spent = {mode: self.time_in(element, mode) for mode in words.values()}
+            parts = [f"{mode} {seconds:.4g} s" for mode, seconds in spent.items() if seconds > 0]
+            lines.append(f"  {element}: {', '.join(parts) or 'no time'}")
+        rows = self._ranges()
+        width = max([18, *(len(name) for name, *_ in rows)])
+        lines += ["  at the recorded times"] if self.time.size else []
+        lines += [f"    {name:<{width}} {low:>12.5g} .. {high:<12.5g} end {last:.5g} {unit}" for name, low, high, last, unit in rows]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        title, *others = self._headlines
+        stays = [(element, mode, self.time_in(element, mode)) for element, words in self._legends.items() for mode in words.values()]
+        modes = [(element, mode, seconds, f"{100 * seconds / (self.end or 1.0):.1f}") for element, mode, seconds in stays if seconds > 0]
+        tables = [table(title, ("element", "mode", "time [s]", "part of the run [%]"), modes, others)] if modes else [table(title, (), (), others)]
+        headings = ("signal", "smallest", "largest", "at the end", "unit")
+        return "".join([*tables, table("Signals at the recorded times", headings, self._ranges())])
+
+    def at(self, time: NumberOrText | Sequence[NumberOrText] | np.ndarray) -> Any:
+        """Signals at any time(s) within the run, with the full accuracy of a step; right-hand limits at events."""
+        numbers = finite_array(in_si(time, "s", "time"))
+        times = np.atleast_1d(numbers) if numbers is not None else np.empty(0)
+        if numbers is None or times.ndim != 1 or times.min(initial=0.0) < 0 or times.max(initial=0.0) > self.end:
+            raise SceneError(f"Argument `time` must be a number or a row of numbers between 0 and {self.end:g} s, but it is {short(time)}.")
+        nodes = self.nodes
+        row = np.maximum(np.searchsorted(nodes.time, times, side="right") - 1, 0)
+        return nodes.inside(row, times, np.ndim(time) == 0)
+
+    def plot(self, *signals: str, ax: Any = None) -> Any:
+        """Time traces with a ribbon of modes; see `toolbox.plot.traces`."""
+        from toolbox.simulation.plot import traces
+
+        return traces(self, *signals, ax=ax)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of all scalar signals and modes, indexed by time; needs the extra `pandas`."""
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("`to_pandas` needs pandas: pip install 'stickslip-toolbox[pandas]'.") from None
+        columns: dict[str, np.ndarray] = {}
+        for name in self.names:
+            values = self[name]
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        columns |= {f"{name}.mode": mode for name, mode in self.modes.items()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write all signals as CSV in SI, units in the headings (`bit.speed [rad/s]`), one row per recorded time, whole or not at all.
+
+        Entries of a vector are columns of their own (`chain.speed.0`). Where an event is recorded on both sides, the row is its right-hand limit, so
+        that times increase; `save` keeps both sides, and the modes.
+        """
+        from toolbox.files import tables
+
+        columns: dict[tuple[str, str], np.ndarray] = {("time", "s"): self.time}
+        for name in self.names:
+            values, unit = self[name], self.unit(name)
+            columns |= {(name, unit): values} if values.ndim == 1 else {(f"{name}.{i}", unit): values[:, i] for i in range(values.shape[1])}
+        once = np.append(np.diff(self.time) > 0.0, True)[: self.time.size]
+        headings = [name if unit == "1" else f"{name} [{unit}]" for name, unit in columns]
+        return tables.write(path, headings, np.column_stack(list(columns.values()))[once].tolist())

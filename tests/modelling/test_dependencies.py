@@ -37,7 +37,10 @@ def test_a_part_that_no_measure_looks_at_is_named_with_its_cost_and_leaving_it_o
 def test_what_a_measure_depends_on_is_followed_through_forces_modes_and_sampled_laws():
     chain = TorsionalChain(inertia=(2000.0, 300.0), stiffness=(500.0,), damping=(20.0,))
     system = compose(chain, BitRock(), BlockOnBelt())
-    (first, rock, belt) = dependencies_of(system, {"top": ("top.speed",), "belt": ("belt.force",)}).parts
+    found = dependencies_of(system, {"top": ("top.speed",), "belt": ("belt.force",)})
+    (first, rock, belt) = found.parts
+    assert [line.split()[-1] for line in str(found).splitlines()] == ["top", "top", "belt"]
+    assert str(dependencies_of(system, {"top": ("top.speed",)})).splitlines()[2].endswith("no measure depends on it")
     assert first.measures == rock.measures == ("top",)
     assert belt.measures == ("belt",)
 

@@ -59,10 +59,18 @@ NEIGHBOUR = Machine(
 )  # fmt: skip
 
 
+LAST_OF_THREE = Machine(
+    mass=(1.49, 2.6, 2.06), ground=(0.0, 0.0, 0.0), damping=(0.15, 0.094, 0.084), tie=(9.4, 7.3), static=(0.87, 0.344), kinetic=(0.87, 0.344),
+    speed=(0.44, 0.125), bound=(2.4,), lean=(0.42,), rubs=("1 0 Coulomb one", "2 ground Coulomb one"), relays=("2 1",),
+)  # fmt: skip
+"""The first mass is held by one that is held by a third, whose force alone is none: its round-off comes from two contacts away."""
+
+
 @pytest.mark.parametrize("method", ["event", "explicit", "stiff"])
 @pytest.mark.parametrize(
     ("machine", "inputs"),
     [
+        (LAST_OF_THREE, {"machine.push2": Sine(0.151, 0.171, 0.2088, 4.4138)}),
         (PAIR, {"machine.push0": Sine(0.066, 0.114, 0.413, 0.925), "machine.push1": -0.175}),
         (NEIGHBOUR, {"machine.push2": Table((1.7, 1.7, 2.9, 2.9), (-0.006, 0.16, 0.16, 0.21))}),
     ],

@@ -26,7 +26,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
-from toolbox.modelling.elimination import masked_solve
+from toolbox.modelling.elimination import coupled_groups, masked_solve
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,10 @@ class Switching:
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+
+
+NEIGHBOURS = 4
+"""From how many contacts away, each of which holds the next, the round-off of a force is counted: with every one it falls by half or more."""
 
 
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = ()) -> Switching:
@@ -108,8 +112,12 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     else:
         right = -(sticks * free_rate + mode * free_load * free_sliding)
         solved = masked_solve(matrix, right)
-        pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs
-        terms = ca.fabs(solved) + (ca.fabs(right) + ca.fabs(matrix - ca.diag(pivot)) @ ca.fabs(solved)) / ca.fabs(pivot)
+        pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
+        own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
+        others = ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements))
+        terms = own
+        for _ in range(min(max(map(len, coupled_groups(matrix.sparsity()))) - 1, NEIGHBOURS)):
+            terms = own + ca.sparsify(others) @ terms
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)

@@ -179,8 +179,8 @@ def _completed(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         return found
     names, elements = found["unit.names"].tolist(), found["modes.element"].tolist()
     degree = np.append(np.diff(found["time"]) > 0, False)[: found["time"].size].astype(np.int8)
-    last = np.minimum(np.arange(degree.size) + 1, degree.size - 1)
-    places = np.concatenate([(row, last[row])[: 1 + degree[row]] for row in range(degree.size)] or [np.empty(0, int)]).astype(int)
+    places = np.repeat(np.arange(degree.size), degree + 1)
+    places[1:] += places[1:] == places[:-1]  # the second point of a step is the next record
     turning = [name for name in names if name.endswith(".speed")]
     sticking = [name for name, word in zip(elements, found["modes.word"].tolist(), strict=True) if word == "stick"]
     mode = [found[f"{name}.mode"] for name in dict.fromkeys(elements)]

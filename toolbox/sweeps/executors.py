@@ -17,6 +17,7 @@ import os
 import pickle
 import queue
 import signal
+import sys
 import threading
 import time as clock
 from collections.abc import Iterator, Mapping
@@ -211,10 +212,16 @@ def _pool(task: Task, seconds: float) -> concurrent.futures.Executor:
     return Workers(cores)
 
 
+QUIET = "ignore:resource_tracker:UserWarning"
+"""Option of the processes that begin here: Python's own clearer of semaphores tells on stderr what an interrupted command leaves it, and clears it anyway."""
+
+
 class Workers(concurrent.futures.ProcessPoolExecutor):
     """So many processes that work for this one: they do not hear Ctrl-C, from their first instruction on, and end with it, however it ends."""
 
     def __init__(self, processes: int) -> None:
+        if QUIET not in sys.warnoptions:
+            sys.warnoptions.append(QUIET)
         super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=bound)
 
     def submit(self, *arguments: Any, **named: Any) -> concurrent.futures.Future[Any]:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from models.elastic.meshes import block_mesh as block_mesh
     from models.elastic.meshes import body_of_mesh as body_of_mesh
     from models.elastic.pad import ElasticPad as ElasticPad
-    from models.elastic.reduction import ReducedBody as ReducedBody
+    from models.elastic.reduced_body import ReducedBody as ReducedBody
     from models.elastic.slider import ElasticSlider as ElasticSlider
     from models.elastic_rock import ElasticRock as ElasticRock
     from models.flow_line import FlowLine as FlowLine
@@ -156,7 +156,7 @@ _FILES = {
     "models.elastic.body": "ElasticBody",
     "models.elastic.meshes": "block_mesh, body_of_mesh",
     "models.elastic.pad": "ElasticPad",
-    "models.elastic.reduction": "ReducedBody",
+    "models.elastic.reduced_body": "ReducedBody",
     "models.elastic.slider": "ElasticSlider",
     "models.elastic_rock": "ElasticRock",
     "models.flow_line": "FlowLine, OutletRCR",

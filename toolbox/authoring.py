@@ -4,7 +4,7 @@ Everything here is public: it changes only with a line in the changelog. `models
 
     checks      is_finite_number, finite_array, check_fields, suggest, window
     symbols     State
-    tables      Column, Table, read_table
+    files       Column, Table, read_table, read_arrays, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from toolbox.errors import suggest as suggest
     from toolbox.export.c_code import Declared as Declared
     from toolbox.export.c_code import written as written
+    from toolbox.files.archives import arrays as read_arrays
+    from toolbox.files.atomic import replaced as replaced
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table
@@ -51,8 +53,10 @@ __all__ = [
     "face",
     "finite_array",
     "is_finite_number",
+    "read_arrays",
     "read_table",
     "regularised",
+    "replaced",
     "suggest",
     "time_left",
     "window",
@@ -66,6 +70,8 @@ _FILES = {
     "toolbox.compilation.numba_cache": "cached",
     "toolbox.errors": "suggest",
     "toolbox.export.c_code": "Declared, written",
+    "toolbox.files.archives": "arrays as read_arrays",
+    "toolbox.files.atomic": "replaced",
     "toolbox.files.tables": "Column, Table, read as read_table",
     "toolbox.modelling.components": "check_fields",
     "toolbox.modelling.elements": "State",

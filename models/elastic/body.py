@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from models.elastic.files import read_matrix
-from models.elastic.reduction import ReducedBody, reduce_body
+from models.elastic.reduced_body import ReducedBody
+from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
 from toolbox.authoring import finite_array, is_finite_number, suggest

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
-from models.elastic.reduction import ReducedBody
+from models.elastic.reduced_body import ReducedBody
 from models.friction import Coulomb
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, UnilateralContact, quantity, state
 
@@ -28,7 +28,7 @@ class ElasticPad(Component):
     Range: small strain, speed of the disc the same under all contacts, some ten contacts.
     """
 
-    body: ReducedBody
+    body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
     approach: Quantities = quantity(unit="m", meaning="approach of the disc at every contact; below 0 a gap")
     contact_stiffness: Quantity = quantity(1e8, "N/m", "stiffness k_c of one contact", above=0)
     contact_damping: Quantity = quantity(0.0, "N s/m", "damping c_c of one contact", at_least=0)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
-from models.elastic.reduction import ReducedBody
+from models.elastic.reduced_body import ReducedBody
 from models.friction import Exponential
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
 
@@ -28,7 +28,7 @@ class ElasticSlider(Component):
     Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
     """
 
-    body: ReducedBody
+    body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
     loads: Quantities = quantity(unit="N", meaning="normal load of every contact", at_least=0)
     held: str = "held"
     stiffness: Quantity = quantity(10_000.0, "N/m", "stiffness of the spring to ground", at_least=0)

@@ -76,12 +76,16 @@ def face_run(problem: ContactProblem, step: float = 1e-3, duration: float = 0.24
     return step_contacts(problem, duration, step=step, inputs=load | plate, start=press_contacts(problem, load))
 
 
-def row_run(accuracy: float = 1e-5) -> Trajectory:
-    """Eleven rows under loads from statics, with located events."""
+def row_slider() -> ElasticSlider:
+    """Eleven rows under loads from statics; `row_slider().body.save(...)` made the file of `studies/scenes/elastic_slider.toml`."""
     body = cube((10, 4, 4), damping_time=1e-6).clamped("bottom", "yz")
     ports = {f"contact.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"held": body.mean("left", "x")}
-    slider = ElasticSlider(body.reduced(ports), tuple(PRESSURE * body.row_areas("bottom", "x")))
-    return simulate(compose(slider), 0.24, inputs={"plate.speed": ramp(0.0, 4 * ACCELERATION, 0.0, 4.0)}, method="stiff", accuracy=accuracy)
+    return ElasticSlider(body.reduced(ports), tuple(PRESSURE * body.row_areas("bottom", "x")))
+
+
+def row_run(accuracy: float = 1e-5) -> Trajectory:
+    """Eleven rows on the plate that speeds up, with located events."""
+    return simulate(compose(row_slider()), 0.24, inputs={"plate.speed": ramp(0.0, 4 * ACCELERATION, 0.0, 4.0)}, method="stiff", accuracy=accuracy)
 
 
 def incline_run(divisions: int = 5, angle: float = math.radians(22.0), step: float = 2e-3) -> ContactRun:

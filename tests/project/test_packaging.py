@@ -38,7 +38,7 @@ def test_the_sdist_has_what_the_tests_and_the_pages_need(built):
     _, sdist = built
     needed = {"CHANGELOG.md", "CITATION.cff", "mkdocs.yml", "docs/index.md", "studies/scenes/jansen_2.toml", "tests/conftest.py", ".ci/run"}
     assert needed <= sdist and sources(*PACKAGES) <= sdist
-    assert {path for path in sources("studies") if path.endswith((".py", ".toml", ".ipynb"))} <= sdist
+    assert {path for path in sources("studies") if path.endswith((".py", ".toml", ".npz", ".ipynb"))} <= sdist
 
 
 def test_modules_that_stand_beside_each_other_import_their_data_where_it_is_installed():

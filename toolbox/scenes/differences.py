@@ -59,7 +59,7 @@ class Differences:
 
     def _cells(self) -> list[tuple[str, str, str, str, str]]:
         def word(value: Any) -> str:
-            return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+            return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else value if isinstance(value, str) else short(value)
 
         cells = []
         for row in self.rows:

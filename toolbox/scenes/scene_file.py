@@ -120,7 +120,21 @@ def _component(data: Any, where: str, folder: Path) -> Component:
         own = {spec.name for spec in dataclasses.fields(item)}
         if any(key in made and key not in own for key in values):
             return _tabulated(item, values, title, folder)
+    hints = typing.get_type_hints(item if isinstance(item, type) else type(item))
+    values |= {key: _loaded(hints[key], value, f"{title}.{key}", folder) for key, value in values.items() if hasattr(hints.get(key), "load")}
     return _filled(item, values, title)
+
+
+def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:
+    """A field of data of its own, such as the matrices of a body: the path of a file that its class loads, or a table of its fields."""
+    try:
+        if isinstance(value, str):
+            return kind.load(folder / _text(value, name))
+        specs = dataclasses.fields(kind)
+        required = [spec.name for spec in specs if spec.default is dataclasses.MISSING]
+        return kind(**_keys(value, name, [spec.name for spec in specs], required))
+    except SceneError as error:
+        raise SceneError(f"Argument `{name}`: {error}") from None
 
 
 def _tabulated(item: Any, data: Mapping[str, Any], title: str, folder: Path) -> Component:
@@ -392,4 +406,4 @@ def _plain(value: Any) -> Any:
         return [_plain(entry) for entry in value]
     if isinstance(value, (str, bool, int)):
         return value
-    return float(value)
+    return _fields(value) if dataclasses.is_dataclass(value) else float(value)

@@ -1,0 +1,255 @@
+"""A reduced elastic body: its matrices in the displacements of its ports and a few modes, as a value, a file, and a problem of contacts."""
+
+from __future__ import annotations
+
+import functools
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox import ContactProblem, FrictionLaw, SceneError
+from toolbox.authoring import finite_array, is_finite_number, read_arrays, replaced, suggest
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBody:
+    """An elastic body in few coordinates q = (displacements of the ports, amplitudes of modes): M q'' + C q' + K q = forces on the ports.
+
+    `ElasticBody.reduced` makes one from finite elements; matrices that another program has reduced make one, too. Two reduced bodies with the same ports and
+    matrices are equal. In a scene file a body is the path of a file that `save` has written, or a table of these attributes.
+
+    Attributes
+    ----------
+    ports
+        Names of the ports, the first coordinates in that order [m].
+    mass, damping, stiffness
+        (q, q): symmetric matrices, dense [kg], [N s/m], [N/m]; the mass is positive definite.
+    band
+        What the modes were chosen for [Hz]; 0 for statics alone.
+    frequencies
+        (f,): natural frequencies [Hz] of the whole body in that band, without rigid-body motions.
+    errors
+        (f,): relative errors of the reduced body's, >= 0.
+    rigid
+        Number of rigid-body motions of the body.
+
+    Raises
+    ------
+    SceneError
+        For names that are not text or there twice, and matrices that are not finite, symmetric, of one size, or too small for the ports.
+    """
+
+    ports: tuple[str, ...]
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    band: float = 0.0
+    frequencies: np.ndarray = ()  # type: ignore[assignment]
+    errors: np.ndarray = ()  # type: ignore[assignment]
+    rigid: int = 0
+
+    def __post_init__(self) -> None:
+        ports = tuple(self.ports) if isinstance(self.ports, (list, tuple)) else ()
+        if not ports or not all(isinstance(port, str) and port.isprintable() and port for port in ports) or len(set(ports)) < len(ports):
+            raise SceneError(f"Argument `ports` must be names of ports, at least one and each once, but it is {self.ports!r}.")
+        object.__setattr__(self, "ports", ports)
+        for word in ("mass", "damping", "stiffness"):
+            object.__setattr__(self, word, self._matrix(word))
+        roots = np.sqrt(np.maximum(np.diag(self.mass), 0.0))
+        if not roots.all() or not _positive(self.mass / np.outer(roots, roots)):
+            raise SceneError("Argument `mass` must be positive definite: a coordinate without mass has no motion of its own.")
+        for word in ("frequencies", "errors"):
+            values = finite_array(getattr(self, word))
+            if values is None or values.ndim != 1 or (values < 0).any():
+                raise SceneError(f"Argument `{word}` must be finite numbers >= 0 in one row, but it is {getattr(self, word)!r}.")
+            object.__setattr__(self, word, values)
+        if len(self.frequencies) != len(self.errors):
+            raise SceneError(f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}.")
+        if not is_finite_number(self.band) or self.band < 0 or not is_finite_number(self.rigid) or self.rigid < 0 or self.rigid % 1:
+            raise SceneError(f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}.")
+        object.__setattr__(self, "band", float(self.band))
+        object.__setattr__(self, "rigid", int(self.rigid))
+
+    def _matrix(self, word: str) -> np.ndarray:
+        given = getattr(self, word)
+        matrix = finite_array(given.toarray() if hasattr(given, "toarray") else given)
+        if matrix is None or matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+            raise SceneError(f"Argument `{word}` must be a square matrix of finite numbers, but it is {reprlib.repr(given)}.")
+        if len(matrix) < len(self.ports) or (word != "mass" and len(matrix) != len(self.mass)):
+            rows = f"{len(self.mass)} rows, as `mass` has" if word != "mass" else f"at least {len(self.ports)} rows, one for each port"
+            raise SceneError(f"Argument `{word}` must have {rows}, but it has {len(matrix)}.")
+        if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
+            raise SceneError(f"Argument `{word}` must be symmetric, but entries differ by {np.abs(matrix - matrix.T).max():.2g}.")
+        return matrix
+
+    def save(self, path: str | Path) -> Path:
+        """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path."""
+        path = _npz(path)
+        with replaced(path) as file:
+            np.savez_compressed(file, **{spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self)})
+        return path
+
+    @classmethod
+    def load(cls, path: str | Path) -> ReducedBody:
+        """The body in a file that `save` has written; raises SceneError where the file is missing, damaged, or holds no body. Loading never runs code."""
+        path = _npz(path)
+        found = read_arrays(path, "a reduced body")
+        known = [spec.name for spec in fields(cls)]
+        for name in (*found, *known):
+            if name not in found or name not in known:
+                fault = "holds" if name in found else "lacks"
+                raise SceneError(f"File `{path}` must be a reduced body with {', '.join(known)}, but it {fault} `{name}`.")
+        try:
+            plain = {name: found[name].tolist() for name in ("ports", "band", "rigid")}
+            return cls(**found | plain)
+        except SceneError as error:
+            raise SceneError(f"File `{path}` must be a reduced body, but: {error}") from None
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return len(self.mass)
+
+    @property
+    def modes(self) -> int:
+        """Number of modes with held ports that were kept."""
+        return self.size - len(self.ports)
+
+    def index(self, port: str) -> int:
+        """The coordinate that is the displacement of a port; raises SceneError for a port that the body has not."""
+        if port not in self.ports:
+            raise SceneError(f"There is no port `{port}`. {suggest(port, self.ports)}")
+        return self.ports.index(port)
+
+    def indices(self, start: str) -> list[int]:
+        """The coordinates of the ports `start.0`, `start.1` and so on, in order; raises SceneError where there is none."""
+        found: list[int] = []
+        while f"{start}.{len(found)}" in self.ports:
+            found.append(self.ports.index(f"{start}.{len(found)}"))
+        if not found:
+            starts = {port.rpartition(".")[0] for port in self.ports} - {""}
+            raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ... . {suggest(start, starts)}")
+        return found
+
+    @functools.cached_property
+    def moved(self) -> ReducedBody:
+        """The body without modes that nothing on its ports can move, such as those that a symmetry keeps at rest: round-off alone would be their motion."""
+        p, size = len(self.ports), np.sqrt(np.diag(self.mass))
+        links = np.abs(self.mass / np.outer(size, size)) + np.abs(self.damping) / max(np.abs(self.damping).max(), 1e-300)
+        links += np.abs(self.stiffness) / np.abs(self.stiffness).max()
+        reached = np.arange(self.size) < p
+        while True:  # modes may be moved by way of others, through damping
+            further = reached | (links[reached] > 1e-9).any(axis=0)
+            if (further == reached).all():
+                break
+            reached = further
+        kept = np.ix_(reached, reached)
+        return replace(self, mass=self.mass[kept], damping=self.damping[kept], stiffness=self.stiffness[kept])
+
+    def mounted(self, mounts: Mapping[str, tuple[float, float]]) -> ReducedBody:
+        """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
+
+        `frequencies` and `errors` remain those of the body without mounts.
+        """
+        stiffness, damping = self.stiffness.copy(), self.damping.copy()
+        for port, given in mounts.items():
+            i, numbers = self.index(port), finite_array(given)
+            if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
+                raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
+            stiffness[i, i] += numbers[0]
+            damping[i, i] += numbers[1]
+        return replace(self, stiffness=stiffness, damping=damping)
+
+    def in_contact(
+        self,
+        friction: FrictionLaw,
+        tangent: Sequence[str],
+        normal: str | None = None,
+        *,
+        closing: float = -1.0,
+        load: Any = None,
+        gap: Any = None,
+        pushed: Sequence[str] = (),
+        places: Any = None,
+        areas: Any = None,
+    ) -> ContactProblem:
+        """The body on a rigid counter-surface, for `step_contacts`.
+
+        Inputs of the problem: `surface.word`, the speeds of the counter-surface along the tangents [m/s], and the names in `pushed`. Outputs are all ports.
+
+        Parameters
+        ----------
+        friction
+            The law of friction.
+        tangent
+            One or two words; the ports `word.0`, `word.1`, ... are the tangential displacements of the contacts.
+        normal
+            The word of their normal displacements, for contacts that open and close.
+        closing
+            1 where a positive normal displacement closes the gap, -1 where it opens it, as for z above a plate.
+        load
+            Given normal loads [N] instead, shape (contacts,).
+        gap, places, areas
+            As for `ContactProblem`.
+        pushed
+            Ports that are pushed; the input of that name is a force [N].
+        """
+        ways = [self.indices(word) for word in tangent]
+        count = len(ways[0]) if ways else 0
+        if not count or any(len(way) != count for way in ways):
+            raise SceneError(f"Argument `tangent` must name ports of as many contacts in every direction, but it is {tuple(tangent)!r}.")
+        unit = np.eye(self.size)
+        closures = None
+        if normal is not None:
+            closures = closing * unit[self.indices(normal)]
+        return ContactProblem(
+            self.mass,
+            self.stiffness,
+            np.stack([unit[way] for way in ways], axis=1),
+            friction,
+            normal=closures,
+            load=load,
+            damping=self.damping,
+            gap=gap,
+            forces={port: unit[self.index(port)] for port in pushed},
+            surface={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
+            outputs={port: unit[i] for i, port in enumerate(self.ports)},
+            places=places,
+            areas=areas,
+        )
+
+    @functools.cached_property
+    def _content(self) -> tuple[Any, ...]:
+        return (self.ports, self.mass.tobytes(), self.damping.tobytes(), self.stiffness.tobytes())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ReducedBody) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    def __repr__(self) -> str:
+        return f"ReducedBody({len(self.ports)} ports, {self.modes} modes, band {self.band:g} Hz)"
+
+    def __str__(self) -> str:
+        worst = f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.errors.max():.2g} %" if self.errors.size else ""
+        return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid} rigid-body motions"
+
+
+def _positive(matrix: np.ndarray) -> bool:
+    """Whether a symmetric matrix is positive definite."""
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _npz(path: str | Path) -> Path:
+    if not isinstance(path, (str, Path)) or Path(path).suffix.lower() != ".npz":
+        raise SceneError(f"The file of a reduced body must end in .npz, but it is `{path}`.")
+    return Path(path)

@@ -36,7 +36,7 @@ class Energies:
 
 @dataclass
 class ContactRun:
-    """What `step_contacts` returns, at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m].
+    """What `step_contacts` returns, at t instants. `run["back"]` is the displacement (t,) of an output of the problem [m], `run["back.speed"]` its speed [m/s].
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ContactRun:
     passes
         (t,): Newton passes of every step.
     inputs
-        {name: (t,)}: what acted.
+        {name: (t,)}: what acted; of what laws drive, the value over the step that ends there.
     problem
         The `ContactProblem` that was run.
     wall_time
@@ -81,6 +81,9 @@ class ContactRun:
     wall_time: float = 0.0
 
     def __getitem__(self, name: str) -> np.ndarray:
+        output, _, word = name.rpartition(".") if isinstance(name, str) else ("", "", "")
+        if name not in self.problem.outputs and output in self.problem.outputs and word in ("position", "speed"):
+            return self.rate(output) if word == "speed" else self[output]
         return self.coordinates @ self._output(name)
 
     def rate(self, name: str) -> np.ndarray:

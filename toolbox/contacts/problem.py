@@ -19,7 +19,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import finite_array
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
+from toolbox.files.units import parse
 from toolbox.modelling.components import check_fields
 from toolbox.modelling.elements import FrictionLaw
 
@@ -57,6 +58,8 @@ class ContactProblem:
         (c, 1 to 3): where the contacts are [m], for pictures.
     areas
         (c,): area of every contact [m2], for pressures and shares of area; 1 without.
+    units
+        {input or output: unit}, where that of a force is not N, that of a motion of the counter-surface not m/s, or that of an output not m.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class ContactProblem:
     outputs: Mapping[str, Any] = field(default_factory=dict)
     places: Any = None
     areas: Any = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         size = np.shape(self.stiffness)[0] if np.ndim(self.stiffness) == 2 else 0
@@ -99,6 +103,10 @@ class ContactProblem:
             object.__setattr__(self, word, None if given is None else _array(word, given, shape))
         for word, shape in (("forces", (size,)), ("surface", (count, directions)), ("outputs", (size,))):
             object.__setattr__(self, word, {name: _array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
+        for name, unit in self.units.items():
+            if not any(name in known for known in (self.forces, self.surface, self.outputs)):
+                raise SceneError(f"Argument `units` names `{name}`. {suggest(name, [*self.forces, *self.surface, *self.outputs])}")
+            parse(f"1 {unit}", unit, f"units.{name}")
         if self.places is not None:
             places = finite_array(self.places)
             if places is None or places.ndim != 2 or len(places) != count or not 1 <= places.shape[1] <= 3:
@@ -116,6 +124,10 @@ class ContactProblem:
         check_fields(self.friction)
         if self.friction.breaks():
             raise SceneError("Argument `friction` must be a law without breaks: time stepping locates none.")
+
+    def unit(self, name: str) -> str:
+        """The unit of an input or output."""
+        return self.units.get(name, "N" if name in self.forces else "m/s" if name in self.surface else "m")
 
     @property
     def contacts(self) -> int:

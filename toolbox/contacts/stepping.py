@@ -11,32 +11,37 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number, mapping
+from toolbox.arguments import is_finite_number
 from toolbox.contacts.contact_run import ContactRun, Energies
 from toolbox.contacts.newton import ContactSolver, Given, Solution
 from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
-from toolbox.errors import SceneError, SimulationError, suggest
-from toolbox.modelling.elements import time
-from toolbox.modelling.inputs import Shape, Table
+from toolbox.contacts.sampled_laws import Acting, constants
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.units import NumberOrText, in_si
 
 MOST_STEPS = 1_000_000
 
 
 def step_contacts(
     problem: ContactProblem,
-    duration: float,
+    duration: NumberOrText,
     *,
-    step: float,
+    step: NumberOrText,
     inputs: Mapping[str, Any] | None = None,
+    controller: Any = None,
+    sample_time: NumberOrText | None = None,
     start: ContactRun | None = None,
 ) -> ContactRun:
     """Simulate a body with many contacts over `duration` [s] in steps of one length.
+
+    Control laws measure `<output>.position` and `<output>.speed` of the outputs of the problem, and drive its inputs: with an output `top` that is an angle and an
+    input `top.torque`, a law that measures `top.speed` and drives `top.torque` runs as it is. A law samples at the end of a step and what it drives is
+    held over the steps that follow.
 
     Parameters
     ----------
@@ -47,7 +52,12 @@ def step_contacts(
     step
         Length of a step [s], > 0; it is shortened so that a whole number of steps makes the duration.
     inputs
-        For the names in `problem.forces` and `problem.surface`; 0 without.
+        For the names in `problem.forces` and `problem.surface`, and for what laws ask for, such as `top.reference`; 0, or the default of the law, without.
+        As in `simulate`: a number, text with a unit, (times, values), a shape or an expression of `toolbox.time`.
+    controller
+        One law or several, each a `Controller`, a `Sampled` with its own period, delay and sensors, or a callable (t, y) -> u.
+    sample_time
+        Period [s] of laws that have none of their own; periods and delays must be whole numbers of steps.
     start
         A run of a problem with as many coordinates and contacts, whose end is the begin of this one, such as that of `press_contacts`; without,
         the body begins at rest with q = 0.
@@ -60,10 +70,15 @@ def step_contacts(
     Raises
     ------
     SceneError
-        For arguments out of range and unknown names.
+        For arguments out of range, unknown names and units that do not fit, and laws that are not sampled.
     SimulationError
         Where no set of open, sticking and sliding contacts solves a step; its `run` ends before.
     """
+    if not isinstance(problem, ContactProblem):
+        raise SceneError(f"Argument `problem` must be a ContactProblem, such as `ReducedBody.in_contact` makes, but it is {problem!r}.")
+    if sample_time is not None and controller is None:
+        raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    duration, step = in_si(duration, "s", "duration"), in_si(step, "s", "step")
     for word, value in (("duration", duration), ("step", step)):
         if not is_finite_number(value) or not value > 0:
             raise SceneError(f"Argument `{word}` must be a finite number > 0 s, but it is {value!r}.")
@@ -71,7 +86,9 @@ def step_contacts(
         raise SceneError(f"Argument `step` must be at least {duration / MOST_STEPS:g} s, {MOST_STEPS} steps, but it is {step!r}.")
     count = max(1, math.ceil(duration / step * (1 - 1e-9)))
     begun = clock.perf_counter()
-    run = _Stepping(problem, duration / count, count, _checked_inputs(problem, inputs), _checked_start(problem, start)).through()
+    begin = _checked_start(problem, start)
+    times = (0.0 if begin is None else begin.end) + duration / count * np.arange(count + 1)
+    run = _Stepping(problem, duration / count, Acting(problem, inputs, times, controller, sample_time), begin).through()
     run.wall_time = clock.perf_counter() - begun
     return run
 
@@ -84,20 +101,15 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown names,
     SimulationError where no set of contacts solves the problem.
     """
-    given = _checked_inputs(problem, inputs)
-    for name, values in given.items():
-        if not np.isscalar(values):
-            raise SceneError(f"Argument `inputs` must be numbers for a state of rest, but `{name}` is {values!r}.")
-    return _Stepping(problem, math.inf, 1, given, None, 0.0 if frictionless else 1.0).through()
+    return _Stepping(problem, math.inf, constants(problem, inputs), None, 0.0 if frictionless else 1.0).through()
 
 
 class _Stepping:
     """One run: matrices that all steps share, and the state."""
 
-    def __init__(
-        self, problem: ContactProblem, h: float, count: int, inputs: Mapping[str, Any], start: ContactRun | None, friction: float = 1.0
-    ):
-        self.problem, self.h, self.count, self.start = problem, h, count, start
+    def __init__(self, problem: ContactProblem, h: float, acting: Acting, start: ContactRun | None, friction: float = 1.0):
+        self.problem, self.h, self.start, self.acting = problem, h, start, acting
+        self.times, self.values = acting.times, acting.values
         moves = problem.displacements()
         still = math.isinf(h)
         matrix = problem.stiffness if still else problem.mass / h**2 + problem.damping / h + problem.stiffness
@@ -105,11 +117,7 @@ class _Stepping:
         self.solver = ContactSolver(condensed, problem.contacts, problem.directions)
         self.moves, self.factor = moves, friction
         self.static, self.sliding = problem.coefficients()
-        begin = 0.0 if start is None else float(start.time[-1])
-        self.times = np.array([begin]) if still else begin + h * np.arange(count + 1)
-        self.values = {name: _sampled(name, given, self.times) for name, given in inputs.items()}
-        c, k, n = problem.contacts, problem.directions, problem.size
-        rows = 1 if still else count + 1
+        c, k, n, rows = problem.contacts, problem.directions, problem.size, self.times.size
         self.q, self.v = np.zeros((rows, n)), np.zeros((rows, n))
         self.normal, self.tangential, self.slip = np.zeros((rows, c)), np.zeros((rows, c, k)), np.zeros((rows, c, k))
         self.modes = np.zeros((rows, c), np.int8)
@@ -135,13 +143,18 @@ class _Stepping:
             if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e13 * max(np.abs(force).max(), found.normal.max(), 1e-300):
                 raise SceneError("Argument `problem` must have contacts that hold all rigid motions, but under these inputs one is free.")
             return self._run(1)
-        for i in range(1, self.count + 1):
+        for i in range(1, self.times.size):
+            try:
+                self.acting.hold(i - 1, self.q[i - 1], self.v[i - 1])
+            except BaseException as error:  # of the user's law, or an interrupt: what was computed is not lost
+                error.run = self._run(i)  # type: ignore[attr-defined]
+                raise
             if not self._step(i):
                 raise SimulationError(
                     f"No set of open, sticking and sliding contacts solves the step at {self.times[i]:.6g} s. A shorter `step` than {h:.3g} s may help.",
                     self._run(i),
                 )
-        return self._run(self.count + 1)
+        return self._run(self.times.size)
 
     def _step(self, i: int) -> bool:
         """The step that ends at times[i]; False where it has no solution."""
@@ -152,7 +165,8 @@ class _Stepping:
         surface = np.zeros((problem.contacts, problem.directions))
         for name, values in self.values.items():
             if name in problem.surface:
-                surface += h * (values[i - 1] + values[i]) / 2 * problem.surface[name]
+                before = values[i if name in self.acting.driven else i - 1]  # what is held is the same over the whole step
+                surface += h * (before + values[i]) / 2 * problem.surface[name]
         found = self._solved(drive, surface, i)
         if found is None:
             return False
@@ -242,14 +256,6 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
 
 
-def _checked_inputs(problem: ContactProblem, inputs: Any) -> dict[str, Any]:
-    given, known = mapping("inputs", inputs), [*problem.forces, *problem.surface]
-    for name in given:
-        if name not in known:
-            raise SceneError(f"There is no input `{name}`. {suggest(name, known)}")
-    return given
-
-
 def _checked_start(problem: ContactProblem, start: Any) -> ContactRun | None:
     if start is None:
         return None
@@ -259,29 +265,3 @@ def _checked_start(problem: ContactProblem, start: Any) -> ContactRun | None:
     if (other.size, other.contacts, other.directions) != (problem.size, problem.contacts, problem.directions):
         raise SceneError("Argument `start` must be a run of a problem with as many coordinates, contacts and directions, but it is not.")
     return start
-
-
-def _sampled(name: str, given: Any, times: np.ndarray) -> np.ndarray:
-    """Values of an input at the given times."""
-    if is_finite_number(given):
-        return np.full(times.shape, float(given))
-    if isinstance(given, Shape):
-        symbol = ca.SX.sym("c", len(given.coefficients))
-        given = ca.substitute(given.expression(time, symbol), symbol, ca.SX(list(given.coefficients)))
-    if isinstance(given, ca.SX) and given.numel() == 1:
-        return _of_time(name, given, times)
-    if isinstance(given, tuple) and len(given) == 2:
-        given = Table.of(name, *given)
-    if isinstance(given, Table):
-        return np.interp(times, given.times, given.values)
-    raise SceneError(f"Input `{name}` must be a number, (times, values), a shape such as ramp(...), or an expression of time, but it is {given!r}.")
-
-
-def _of_time(name: str, expression: ca.SX, times: np.ndarray) -> np.ndarray:
-    if not all(ca.is_equal(symbol, time) for symbol in ca.symvar(expression)):
-        raise SceneError(f"Input `{name}` must depend on `toolbox.time` alone, but it is {expression}.")
-    function: Callable[..., Any] = ca.Function("input", [time], [expression])
-    values = np.array(function(times[None])).ravel()
-    if not np.isfinite(values).all():
-        raise SceneError(f"Input `{name}` must be finite at all times, but it is not.")
-    return values

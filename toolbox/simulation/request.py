@@ -66,7 +66,7 @@ class Request:
                 method = Smoothing(widths, method.tolerance)
         if isinstance(plant, SmoothSystem):
             system = smoothed(system, plant.widths, matched=plant.matched)
-        kinds, values = _input_kinds(system, inputs)
+        kinds, values = input_kinds(system, inputs)
         if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
             for extreme in (min, max):
                 plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
@@ -162,7 +162,7 @@ def _value(instant: Samples, name: str, size: int | None) -> Any:
     return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
-def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
+def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
     """How each input is given (number, table, shape with its size, expression), which is structure, and the checked values."""
     kinds: list[tuple[str, Any]] = []
     values: dict[str, Any] = {}

@@ -1,0 +1,179 @@
+"""What acts on a body with many contacts from outside: inputs in time, and sampled control laws that measure it.
+
+A plant without dynamics stands for the body: its inputs are those of the problem, its states `<output>.position` and `<output>.speed` of every output. It
+reads inputs and closes the loop as every plant does, so names, units, noise, delays and laws in Python mean the same here and in `simulate`.
+"""
+
+from __future__ import annotations
+
+import copy
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from toolbox.arguments import finite_array, mapping
+from toolbox.contacts.problem import ContactProblem
+from toolbox.errors import SceneError, SimulationError
+from toolbox.files.units import in_si
+from toolbox.modelling.closed_loop import closed_loop
+from toolbox.modelling.components import Component, Equations, Signal
+from toolbox.modelling.composition import compose
+from toolbox.modelling.elements import state
+from toolbox.modelling.elements import time as clock
+from toolbox.modelling.hybrid_system import HybridSystem, SampledUpdate
+from toolbox.modelling.inputs import Shape, Table
+from toolbox.modelling.laws import External
+from toolbox.simulation.request import input_kinds
+
+
+@dataclass(frozen=True)
+class BodySignals(Component):
+    """The inputs of a contact problem and the positions and speeds of its outputs, each with its unit, as the signals of a plant."""
+
+    inputs: tuple[tuple[str, str], ...] = ()
+    outputs: tuple[tuple[str, str], ...] = ()
+
+    def equations(self, signal: Signal) -> Equations:
+        for name, unit in self.inputs:
+            signal(name, unit, default=0.0)
+        kinds = (("position", ""), ("speed", "/s"))
+        return Equations(flow={state(f"{name}.{word}", unit + per): 0.0 for word, per in kinds for name, unit in self.outputs})
+
+
+class Acting:
+    """The inputs of a run at its instants, and the laws that drive some of them.
+
+    values: {input: (t,) what acts}; those that laws drive are written as the run goes on.  driven: their names.
+    """
+
+    def __init__(self, problem: ContactProblem, inputs: Any, times: np.ndarray, controller: Any = None, sample_time: Any = None):
+        self.problem, self.times = problem, times
+        names = tuple((name, problem.unit(name)) for name in (*problem.forces, *problem.surface))
+        outputs = tuple((name, problem.unit(name)) for name in problem.outputs) if controller is not None else ()
+        plant = compose(BodySignals(names, outputs or (("body", "m"),)))
+        self.system, self.clocks, laws, self.seeds = closed_loop(plant, plant, controller, in_si(sample_time, "s", "sample_time"))
+        if len(self.system.parts) > 1 + len(self.clocks):
+            raise SceneError("Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones.")
+        _, given = input_kinds(self.system, mapping("inputs", inputs))
+        self.values = {name: _at(name, value, times) for name, value in given.items()}
+        own, updates = dict(names), self.system.updates
+        self.driven = tuple(name for update in updates for name in update.names[: len(update.names) - len(update.places)] if name in own)
+        self.values |= {name: np.zeros(times.size) for name in self.driven}
+        externals = iter([part for part in self.system.parts if isinstance(part, External)])
+        callables = iter(laws)
+        self.laws = [
+            _Law(self.system, update, seed, next(externals), copy.deepcopy(next(callables))) if update.external else _Law(self.system, update, seed)
+            for update, seed in zip(updates, self.seeds, strict=True)
+        ]
+        if self.laws:
+            self._schedule()
+
+    def _schedule(self) -> None:
+        """Periods and delays in steps, and what the laws read beside the body."""
+        step = self.times[1] - self.times[0]
+        self.every, self.after = [], []
+        for period, delay in self.clocks:
+            for word, length, into in (("sample_time", period, self.every), ("delay", delay, self.after)):
+                steps = round(length / step)
+                if abs(length / step - steps) > 1e-6 or (word == "sample_time" and not steps):
+                    raise SceneError(f"Argument `{word}` must be a whole number of steps of {step:.9g} s, but it is {length:g} s.")
+                into.append(steps)
+        system = self.system
+        entries = list(system.inputs.values())
+        defaults = ca.Function("defaults", [system.p], [ca.vertcat(*(entry.default for entry in entries)) if entries else ca.SX(0, 1)])
+        self.inputs = [entry.name for entry in entries]
+        self.defaults = np.array(defaults(system.values), float).ravel()
+        self.held = np.zeros(system.held.numel())
+        self.waiting: list[tuple[int, int, np.ndarray]] = []
+        self.weights = np.array(list(self.problem.outputs.values())).reshape(-1, self.problem.size)
+
+    def hold(self, i: int, q: np.ndarray, v: np.ndarray) -> None:
+        """Take the samples that are due at instant i, and hold what is due over the step that begins there."""
+        if not self.laws:
+            return
+        x = np.concatenate([self.weights @ q, self.weights @ v])
+        u = self.defaults.copy()
+        for k, name in enumerate(self.inputs):
+            if name in self.values:
+                u[k] = self.values[name][i]
+        for k, law in enumerate(self.laws):
+            if i % self.every[k] == 0:
+                self.waiting.append((i + self.after[k], k, law.sample(float(self.times[i]), x, u, self.held)))
+        for due, k, outputs in [entry for entry in self.waiting if entry[0] <= i]:
+            first = self.laws[k].update.first_held
+            self.held[first : first + outputs.size] = outputs
+            self.waiting.remove((due, k, outputs))
+        for law in self.laws:
+            for k, name in enumerate(law.update.names):
+                if name in self.driven:
+                    self.values[name][i + 1] = self.held[law.update.first_held + k]
+                    if i == 0:
+                        self.values[name][0] = self.values[name][1]
+
+
+class _Law:
+    """One sampled law: its memory, and what it answers."""
+
+    def __init__(self, system: HybridSystem, update: SampledUpdate, seed: int, part: External | None = None, law: Any = None):
+        from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
+
+        self.update, self.part, self.law, self.taken = update, part, law, 0
+        self.memory = np.zeros(update.memory.numel())
+        self.keys = [channel_key(seed, zlib.crc32(name.encode())) for name in update.channels]
+        known = [system.t, system.x, system.u, system.p, system.held]
+        if part is None:
+            asked = [update.following, update.outputs]
+            known += [update.memory, update.noise]
+        else:
+            asked = [ca.vertcat(*(system.expression(name) for name in part.measures))]
+        self.function = ca.Function("law", known, [ca.densify(each) for each in asked])
+        self.numbers = system.values
+
+    def sample(self, t: float, x: np.ndarray, u: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """The outputs, behind them the memory as it was, at a sample."""
+        from toolbox.simulation.noise import normal
+
+        noise = [normal(key, self.taken) for key in self.keys]
+        self.taken += 1
+        if self.part is None:
+            following, outputs = (np.array(found, float).ravel() for found in self.function(t, x, u, self.numbers, held, self.memory, noise))
+            self.memory = following
+            return outputs
+        measured = np.array(self.function(t, x, u, self.numbers, held), float).ravel()
+        by_name = dict(zip(self.update.channels, noise, strict=True))
+        y = np.array([self.part.sensors.reading(name, value, by_name.get(name, 0.0)) for name, value in zip(self.part.asked, measured, strict=True)])
+        answer = self.law(t, y)
+        found = finite_array(answer)
+        if found is None or found.size != len(self.part.drives):
+            raise SimulationError(
+                f"The controller must return {len(self.part.drives)} finite value(s) for {', '.join(self.part.drives)}, but at t = {t:g} s it returned {answer!r}."
+            )
+        return found.ravel()
+
+
+def constants(problem: ContactProblem, inputs: Mapping[str, Any] | None) -> Acting:
+    """Inputs that are numbers, for a state of rest; raises SceneError for others."""
+    acting = Acting(problem, inputs, np.zeros(1))
+    for name, value in (inputs or {}).items():
+        if not np.isscalar(value):
+            raise SceneError(f"Argument `inputs` must be numbers for a state of rest, but `{name}` is {value!r}.")
+    return acting
+
+
+def _at(name: str, given: Any, times: np.ndarray) -> np.ndarray:
+    """Values of an input at the given times."""
+    if isinstance(given, Table):
+        return np.interp(times, given.times, given.values)
+    if isinstance(given, Shape):
+        symbol = ca.SX.sym("c", len(given.coefficients))
+        given = ca.substitute(given.expression(clock, symbol), symbol, ca.SX(list(given.coefficients)))
+    if not isinstance(given, ca.SX):
+        return np.full(times.shape, given)
+    values = np.array(ca.Function("input", [clock], [given])(times[None])).ravel()
+    if not np.isfinite(values).all():
+        raise SceneError(f"Argument `{name}` must be finite at all times, but it is not.")
+    return values

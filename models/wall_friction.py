@@ -45,7 +45,7 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
 
 
 def string_on_wall(
-    axial: AxialChain, torsional: TorsionalChain, *, radius: float, loads: Sequence[float], friction: FrictionLaw
+    axial: AxialChain, torsional: TorsionalChain, *, radius: float, loads: Sequence[float], friction: FrictionLaw, top_drive: bool = False
 ) -> ContactProblem:
     """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.step_contacts`.
 
@@ -53,7 +53,9 @@ def string_on_wall(
     mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i` [rad], i from 0; the hook load is the weight of the string less stiffness[0]
     times `axial.0`, the torque of the top drive -stiffness[0] times `twist.0`.
     The run is written in the frame of hook and top drive, in which the hole moves: exact while their speeds are constant, without the forces of
-    their acceleration where they change. Own drags of the chains (`drag`, `top_drag`, `bit_drag`) and their friction are not taken over.
+    their acceleration where they change. With `top_drive` the first inertia of `torsional` turns under the input `top.torque` [N m] in place of `top.speed`,
+    with its `top_drag`, and the angles of both ends are the outputs `top` and `bit` [rad]: control laws measure `top.speed` and drive `top.torque`.
+    Own drags of the chains (`drag`, `bit_drag`) and their friction are not taken over.
 
     Parameters
     ----------
@@ -67,6 +69,8 @@ def string_on_wall(
         Side forces on the wall [N], shape (n,), 0 for none but at least one > 0.
     friction
         The law of friction.
+    top_drive
+        Whether the top drive is an inertia under a torque; otherwise it moves as it is told.
 
     Raises
     ------
@@ -85,29 +89,39 @@ def string_on_wall(
     side = finite_array(loads)
     if side is None or side.shape != (n,) or (side < 0).any() or not side.any():
         raise SceneError(f"Argument `loads` must be {n} numbers >= 0 N, one for each mass, that are not all 0, but it is {loads!r}.")
-    stiffness, damping = (_block(_chain(a), _chain(b)) for a, b in ((axial.stiffness, torsional.stiffness), (axial.damping, torsional.damping)))
-    mass = np.diag([*axial.mass, *torsional.inertia[1:]])
-    unit = np.eye(2 * n)
+    if not isinstance(top_drive, bool):
+        raise SceneError(f"Argument `top_drive` must be True or False, but it is {top_drive!r}.")
+    first = 0 if top_drive else 1  # of the inertias that are coordinates: behind a top drive that is told its speed the twists are relative
+    twists = [_free_chain(row)[first:, first:] for row in (torsional.stiffness, torsional.damping)]
+    twists[1][0, 0] += torsional.top_drag if top_drive else 0.0
+    stiffness, damping = (_block(_free_chain(row)[1:, 1:], twist) for row, twist in zip((axial.stiffness, axial.damping), twists, strict=True))
+    mass = np.diag([*axial.mass, *torsional.inertia[first:]])
+    unit = np.eye(len(mass))
+    along, turn = unit[:n], unit[len(mass) - n :]
     rubbing = np.flatnonzero(side)
     ones = np.ones((rubbing.size, 1))
+    top = unit[n] if top_drive else np.zeros(len(mass))
+    ends = {"top": top, "bit": turn[-1]} if top_drive else {}
+    torque, told = {"top.torque": top}, {"top.speed": -ones * [0.0, radius]}
+    outputs = {f"axial.{i}": along[i] for i in range(n)} | {f"twist.{i}": turn[i] - top for i in range(n)} | ends
     return ContactProblem(
         mass,
         stiffness,
-        np.stack([unit[rubbing], radius * unit[n + rubbing]], axis=1),
+        np.stack([along[rubbing], radius * turn[rubbing]], axis=1),
         friction,
         load=side[rubbing],
         damping=damping,
-        forces={"bit.weight": -unit[n - 1], "bit.torque": -unit[2 * n - 1]},
-        surface={"hook.speed": -ones * [1.0, 0.0], "top.speed": -ones * [0.0, radius]},
-        outputs={f"axial.{i}": unit[i] for i in range(n)} | {f"twist.{i}": unit[n + i] for i in range(n)},
+        forces={"bit.weight": -along[-1], "bit.torque": -turn[-1]} | (torque if top_drive else {}),
+        surface={"hook.speed": -ones * [1.0, 0.0]} | ({} if top_drive else told),
+        outputs=outputs,
+        units={"bit.torque": "N m"} | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"}) | dict.fromkeys([*outputs][n:], "rad"),
     )
 
 
-def _chain(springs: Sequence[float]) -> np.ndarray:
-    """Matrix of springs in a row, the first of which is fixed."""
+def _free_chain(springs: Sequence[float]) -> np.ndarray:
+    """Matrix of springs between neighbours in a row; without its first row and column the first spring is fixed there."""
     k = np.asarray(springs, float)
-    below = np.append(k[1:], 0.0)
-    return np.diag(k + below) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    return np.diag(np.append(k, 0.0) + np.append(0.0, k)) - np.diag(k, 1) - np.diag(k, -1)
 
 
 def _block(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -89,8 +89,9 @@ class ReducedBody:
     def save(self, path: str | Path) -> Path:
         """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path."""
         path = _npz(path)
+        arrays: dict[str, Any] = {spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self)}
         with replaced(path) as file:
-            np.savez_compressed(file, **{spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self)})
+            np.savez_compressed(file, **arrays)
         return path
 
     @classmethod

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from controllers import PI, SoftTorque
 from models import AxialChain, Coulomb, TorsionalChain, sliding_resultant, string_on_wall
-from toolbox import SceneError, ramp, step_contacts
+from toolbox import Sampled, SceneError, SimulationError, compose, ramp, simulate, step_contacts
 
 RADIUS, MU = 0.1, 0.3
 LOADS = (2000.0, 5000.0, 8000.0)
@@ -81,3 +82,91 @@ def test_chains_that_do_not_fit_are_refused():
         string_on_wall(three, TorsionalChain(), radius=0.1, loads=(1.0,) * 3, friction=Coulomb(0.3, 0.3))
     with pytest.raises(SceneError, match="both be 0"):
         sliding_resultant(0.3, 10.0, 0.0, 0.0, 0.1)
+
+
+# ------------------------------------------------------------------------------------------------------------------------- a top drive under control
+def driven(law, hook_speed=0.0, step=4e-3, duration=16.0, inputs_of=None, **options):
+    """A string whose top drive is an inertia under a law, sampled every 20 ms."""
+    axial = AxialChain(mass=(5000.0,) * 2, stiffness=(4e6,) * 2, damping=(2e5,) * 2)
+    problem = string_on_wall(axial, TORSION, radius=RADIUS, loads=LOADS[:2], friction=Coulomb(MU, MU), top_drive=True)
+    return step_contacts(problem, duration, step=step, inputs={"hook.speed": hook_speed} | (inputs_of or {}), controller=law, **options)
+
+
+TORSION = TorsionalChain(inertia=(2000.0, 100.0, 100.0), stiffness=(2000.0, 2000.0), damping=(80.0, 80.0), top_drag=20.0)
+
+
+def test_a_turning_string_under_a_sampled_law_with_delay_and_noise_converges_to_the_run_with_located_events_with_first_order():
+    """Where nothing moves along the hole one direction of the cone is all there is: dry friction with the load N R at every inertia."""
+    law = Sampled(PI(proportional=900.0, integral=300.0, reference=2.0), 0.02, delay=0.04, noise={"top.speed": 0.02}, resolution={"top.speed": 0.01}, seed=3)
+    chain = TorsionalChain(
+        inertia=TORSION.inertia, stiffness=TORSION.stiffness, damping=TORSION.damping, top_drag=TORSION.top_drag, friction=Coulomb(MU, MU),
+        friction_load=tuple(RADIUS * load for load in LOADS[:2]), friction_at=(1, 2),
+    )  # fmt: skip
+    exact = simulate(compose(chain), 4.0, controller=law, accuracy=1e-9)
+    assert any(event.after == "stick" for event in exact.events) or exact["bit.speed"].max() > 1.0
+    errors = []
+    for step in (0.01, 0.005, 0.0025):
+        run = driven(law, step=step, duration=4.0)
+        assert (run["axial.0"] == 0.0).all()
+        errors.append(np.abs(run["top.speed"] - exact.at(run.time)["top.speed"]).max())
+    assert errors[-1] < 0.03
+    assert errors[0] / errors[1] > 1.6 < errors[1] / errors[2]
+
+
+def test_a_law_keeps_the_speed_of_a_string_that_slides_and_slides_with_less_torque():
+    law = PI(proportional=3000.0, integral=2500.0)
+    turned, slid = (driven(law, speed, step=0.02, duration=24.0, sample_time="20 ms", inputs_of={"top.reference": "2 rad/s"}) for speed in (0.0, 0.2))
+    for run, speed in ((turned, 0.0), (slid, 0.2)):
+        assert run["top.speed"][-1] == pytest.approx(2.0, abs=1e-3)
+        torque = sum(sliding_resultant(MU, load, speed, 2.0, RADIUS)[1] for load in LOADS[:2])
+        assert run.inputs["top.torque"][-1] == pytest.approx(torque + TORSION.top_drag * 2.0, rel=2e-3)
+    assert slid.inputs["top.torque"][-1] < 0.8 * turned.inputs["top.torque"][-1]
+    assert driven(None, duration=1.0)["top.speed"].max() == 0.0  # nothing turns by itself
+
+
+def test_a_law_in_python_is_told_what_it_measures_and_drives():
+    seen = []
+
+    def law(t, y):
+        seen.append((t, *y))
+        return 500.0 + 900.0 * (1.0 - y[0])
+
+    run = driven(Sampled(law, "20 ms", measures=("top.speed", "twist.1.position"), drives="top.torque"), duration=2.0, step=2e-3)
+    assert len(seen) == 100
+    np.testing.assert_allclose([row[0] for row in seen], 0.02 * np.arange(100), atol=1e-12)
+    np.testing.assert_allclose([row[1] for row in seen], run["top.speed"][:-1:10])
+    np.testing.assert_allclose([row[2] for row in seen], run["twist.1"][:-1:10])
+    np.testing.assert_allclose(run.inputs["top.torque"][1:], np.repeat([500.0 + 900.0 * (1.0 - row[1]) for row in seen], 10))
+
+
+@pytest.mark.parametrize(
+    ("law", "options", "words"),
+    [
+        (PI(), {}, "sample_time"),
+        (PI(), {"sample_time": 0.003}, "whole number of steps"),
+        (Sampled(PI(), 0.02, delay=0.001), {}, "`delay` must be a whole number"),
+        (Sampled(PI(), 0.02, noise={"bit.speed": 0.1}), {}, "bit.speed"),
+        (Sampled(lambda t, y: 0.0, 0.02, measures="top.angle", drives="top.torque"), {}, "top.angle"),
+        (Sampled(lambda t, y: 0.0, 0.02, measures="top.speed", drives="top.speed"), {}, "top.speed"),
+        (None, {"sample_time": 0.02}, "come with a `controller`"),
+        (3.0, {"sample_time": 0.02}, "must be a Controller"),
+        (SoftTorque(), {"sample_time": 0.02}, "designed on a chain"),
+    ],
+)
+def test_laws_that_cannot_run_are_refused(law, options, words):
+    with pytest.raises(SceneError, match=words):
+        driven(law, **options)
+
+
+def test_an_input_that_a_law_drives_cannot_be_given():
+    with pytest.raises(SceneError, match=r"top\.torque"):
+        driven(PI(), sample_time=0.02, inputs_of={"top.torque": 100.0})
+
+
+def test_a_law_that_fails_leaves_the_run_so_far():
+    def law(t, y):
+        return math.nan if t > 0.5 else 0.0
+
+    with pytest.raises(SimulationError, match="1 finite value") as raised:
+        driven(Sampled(law, 0.02, drives="top.torque"))
+    assert raised.value.run.end == pytest.approx(0.52)

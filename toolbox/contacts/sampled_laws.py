@@ -61,7 +61,7 @@ class Acting:
         _, given = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
         own, updates = dict(names), self.system.updates
-        self.driven = tuple(name for update in updates for name in update.names[: len(update.names) - len(update.places)] if name in own)
+        self.driven = tuple(name for update in updates for name in update.names if name in own)
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(laws)
@@ -75,7 +75,8 @@ class Acting:
     def _schedule(self) -> None:
         """Periods and delays in steps, and what the laws read beside the body."""
         step = self.times[1] - self.times[0]
-        self.every, self.after = [], []
+        self.every: list[int] = []
+        self.after: list[int] = []
         for period, delay in self.clocks:
             for word, length, into in (("sample_time", period, self.every), ("delay", delay, self.after)):
                 steps = round(length / step)
@@ -149,9 +150,8 @@ class _Law:
         answer = self.law(t, y)
         found = finite_array(answer)
         if found is None or found.size != len(self.part.drives):
-            raise SimulationError(
-                f"The controller must return {len(self.part.drives)} finite value(s) for {', '.join(self.part.drives)}, but at t = {t:g} s it returned {answer!r}."
-            )
+            wanted = f"{len(self.part.drives)} finite value(s) for {', '.join(self.part.drives)}"
+            raise SimulationError(f"The controller must return {wanted}, but at t = {t:g} s it returned {answer!r}.")
         return found.ravel()
 
 

@@ -39,9 +39,9 @@ def step_contacts(
 ) -> ContactRun:
     """Simulate a body with many contacts over `duration` [s] in steps of one length.
 
-    Control laws measure `<output>.position` and `<output>.speed` of the outputs of the problem, and drive its inputs: with an output `top` that is an angle and an
-    input `top.torque`, a law that measures `top.speed` and drives `top.torque` runs as it is. A law samples at the end of a step and what it drives is
-    held over the steps that follow.
+    Control laws measure `<output>.position` and `<output>.speed` of the outputs of the problem, and drive its inputs: with an output `top` that is an
+    angle and an input `top.torque`, a law that measures `top.speed` and drives `top.torque` runs as it is. A law samples at the end of a step, and what
+    it drives is held over the steps that follow.
 
     Parameters
     ----------

@@ -1,90 +1,167 @@
 """What do more contacts, kept modes and shorter steps of an elastic face buy, and what do they cost?
 
-    python -m studies contacts            (needs the extra `fe`; some five minutes)
+    OPENBLAS_NUM_THREADS=1 python -m studies contacts            (needs the extra `fe`; some four minutes)
 
-The cube of `studies elastic_sliders`: event-exact rows (11 contacts), and time stepping with the cone on 121 and 289 nodes. Errors of one number are
-measured against the finest value of that number, all else equal: the force of the plate over the run, in parts of the largest, and the share that sticks.
-Times are of one run each, and mean something only beside each other.
+The cube of `studies elastic_sliders` on 11 rows with given loads, and on 121 and 300 nodes with cone and opening, under two drives. Slow: the plate speeds up
+over 0.24 s, and statics are all that counts. Struck: a force of 10 N pushes the back for 20 us, so that waves run through the cube, the face slips
+and sticks again within 80 us. Errors are those of the friction on the face, in parts of its largest, and of the share of the face that sticks, in the mean
+over time; both against the run with all modes and the shortest step of as many contacts. Times are those of the processor with one thread, the shorter of
+two runs, from the reduced body to the end. The tables are Markdown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from time import perf_counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from time import process_time
 from typing import Any
 
 import numpy as np
 
-from studies.questions.elastic_sliders import Pull, face_problem, face_run, first_slips, measures, row_run
-from toolbox import ContactRun
+from models import Exponential, ReducedBody
+from studies.questions.elastic_sliders import ACCELERATION, DAMPING, PRESSURE, SIDE, STIFFNESS, Pull, cube, first_slips, measures, row_run
+from toolbox import ContactProblem, ContactRun, press_contacts, ramp, step_contacts
 
-TIMES = np.linspace(0.01, 0.24, 231)
-
-
-def timed(work: Callable[[], Any]) -> tuple[Any, float]:
-    """The result, and its time [s]."""
-    begun = perf_counter()
-    done = work()
-    return done, perf_counter() - begun
+FRICTION = Exponential(static=0.35, kinetic=0.25, decay=1.0)
+HEAD = "| contacts | modes | step | steps | error of force | error of share | passes a step | time |\n|---|---|---|---|---|---|---|---|"
 
 
-def drag(run: ContactRun) -> np.ndarray:
-    """The force of the plate at `TIMES` [N]."""
-    return np.interp(TIMES, run.time, run.tangential[:, :, 0].sum(axis=1))
+@dataclass(frozen=True)
+class Face:
+    """The cube with all its modes: the body, its contacts and loads, and what places and areas they have."""
+
+    name: str
+    body: ReducedBody
+    options: dict[str, Any]
+    load: dict[str, float]
+
+    def problem(self, modes: int, mount: tuple[float, float] = (0.0, 0.0)) -> ContactProblem:
+        """The problem with the lowest modes, and with a spring and a damper at the back."""
+        kept = len(self.body.ports) + modes
+        matrices = {word: getattr(self.body, word)[:kept, :kept] for word in ("mass", "damping", "stiffness")}
+        return replace(self.body, **matrices).mounted({"back": mount}).in_contact(FRICTION, **self.options)
 
 
-def share(run: ContactRun) -> np.ndarray:
-    """The share that sticks at `TIMES`."""
-    return run.share()[np.searchsorted(run.time, TIMES - 1e-12).clip(0, len(run.time) - 1)]
+def rows(band: float) -> Face:
+    """Eleven rows that slide along the pull under loads from statics."""
+    body = cube((10, 4, 4), damping_time=1e-6).clamped("bottom", "yz")
+    ports = {f"x.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"back": body.mean("left", "x")}
+    areas = body.row_areas("bottom", "x")
+    return Face("11 rows", body.reduced(ports, band).moved, {"tangent": ("x",), "load": PRESSURE * areas, "pushed": ("back",), "areas": areas}, {})
 
 
-def against(runs: list[tuple[str, ContactRun, float]], exact: ContactRun) -> None:
-    """Print errors and times of runs beside the last of them."""
-    for label, run, spent in runs:
-        force = np.abs(drag(run) - drag(exact)).max() / np.abs(drag(exact)).max()
-        stuck = np.abs(share(run) - share(exact)).mean()
-        lost = run.audit()
-        print(
-            f"{label:34}{force:10.1e}{stuck:10.4f}{lost['stepping'] / lost['size']:10.1e}{run.passes[1:].mean():8.2f}{spent:9.2f} s", flush=True
-        )
+def nodes(divisions: tuple[int, int, int], band: float) -> Face:
+    """Every node of the face, with its own pressure and two directions of slip."""
+    body = cube(divisions, damping_time=1e-6)
+    face = body.on("bottom")
+    ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(face)}
+    ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z")}
+    options = {"tangent": ("x", "y"), "normal": "z", "pushed": ("back", "top"), "places": body.nodes[face], "areas": body.faces["bottom"][face]}
+    return Face(f"{len(face)} nodes", body.reduced(ports, band), options, {"top": -PRESSURE * SIDE**2})
+
+
+# --------------------------------------------------------------------------------------------------------------------------------------------- drives
+def slow(face: Face, modes: int, step: float) -> ContactRun:
+    """The plate speeds up until all has slipped."""
+    problem = face.problem(modes, (STIFFNESS, DAMPING))
+    start = press_contacts(problem, face.load) if face.load else None
+    return step_contacts(problem, 0.24, step=step, inputs=face.load | {"surface.x": ramp(0.0, 40 * ACCELERATION, 0.0, 40.0)}, start=start)
+
+
+def struck(face: Face, modes: int, step: float) -> ContactRun:
+    """Half a sine of 10 N and 20 us pushes the back of the cube, which has no mount."""
+    problem = face.problem(modes)
+    pulse = np.linspace(0.0, 20e-6, 41)
+    push = (np.append(pulse, 21e-6), np.append(10.0 * np.sin(np.pi * pulse / 20e-6), 0.0))
+    start = press_contacts(problem, face.load) if face.load else None
+    return step_contacts(problem, 80e-6, step=step, inputs=face.load | {"back": push}, start=start)
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------------- measures
+def force(run: ContactRun, times: np.ndarray) -> np.ndarray:
+    """The friction on the face along the pull [N] at times from the begin of the run."""
+    return np.interp(times, run.time - run.time[0], run.tangential[:, :, 0].sum(axis=1))
+
+
+def share(run: ContactRun, times: np.ndarray) -> np.ndarray:
+    """The share that sticks at these times."""
+    at = np.searchsorted(run.time - run.time[0], times * (1 - 1e-9))
+    return run.share()[at.clip(0, len(run.time) - 1)]
+
+
+def errors(run: ContactRun, exact: ContactRun) -> tuple[float, float]:
+    """Largest error of the force in parts of the largest force, and mean error of the share."""
+    times = np.linspace(0.0, exact.end - exact.time[0], 241)[1:]
+    largest = np.abs(force(exact, times)).max()
+    return float(np.abs(force(run, times) - force(exact, times)).max() / largest), float(np.abs(share(run, times) - share(exact, times)).mean())
+
+
+def timed(drive: Any, *arguments: Any, times: int = 2) -> tuple[ContactRun, float]:
+    """The run, and the shortest time of the processor [s] of as many."""
+    spent = []
+    for _ in range(times):
+        begun = process_time()
+        run = drive(*arguments)
+        spent.append(process_time() - begun)
+    return run, min(spent)
+
+
+def trade(drive: Any, face: Face, settings: Iterable[tuple[int, float]]) -> Iterator[str]:
+    """Lines of a table for settings (modes, step); the last is what the others are compared with, and takes one run."""
+    *settings, (most, finest) = settings
+    exact, longest = timed(drive, face, most, finest, times=1)
+    for modes, step in settings:
+        run, spent = timed(drive, face, modes, step)
+        wrong = errors(run, exact)
+        yield _line(face, modes, step, run, f"{wrong[0]:.1e}", f"{wrong[1]:.4f}", spent)
+    yield _line(face, most, finest, exact, "-", "-", longest)
+
+
+def _line(face: Face, modes: int, step: float, run: ContactRun, wrong: str, off: str, spent: float) -> str:
+    passes = run.passes[1:].mean()
+    return f"| {face.name} | {modes} | {1e6 * step:g} us | {len(run.time) - 1} | {wrong} | {off} | {passes:.1f} | {spent:.2g} s |"
 
 
 def main() -> None:
     """Print the tables."""
-    print("Rows with located events (11 contacts), by accuracy: last row lets go [s], difference to the rigid slider, events, time")
     rigid = Pull().rigid_time()
     row_run()  # compiles the model
+    print("Eleven rows with located events: accuracy, last row lets go [s], difference to the rigid slider, events, time")
     for accuracy in (1e-4, 1e-5, 1e-6):
-        run = row_run(accuracy)
-        spent = run.wall_time
+        run = min((row_run(accuracy) for _ in range(3)), key=lambda run: run.wall_time)
         last = first_slips(run).max()
-        print(f"{accuracy:10.0e}{last:14.6f}{last / rigid - 1:12.1e}{len(run.events):6d}{spent:9.2f} s", flush=True)
-    head = f"{'':34}{'force':>10}{'share':>10}{'lost':>10}{'passes':>8}{'time':>11}"
-    problem, made = timed(lambda: face_problem(10))
-    print(f"\n121 nodes, by step (reduction {made:.1f} s)\n{head}")
-    steps = [8e-3, 4e-3, 2e-3, 1e-3, 5e-4]
-    runs = []
-    for step in steps:
-        run, spent = timed(lambda step=step: face_run(problem, step))  # type: ignore[misc]
-        runs.append((f"step {1e3 * step:g} ms", run, spent))
-    against(runs[:-1], runs[-1][1])
-    print(f"\n121 nodes, by band, step 4 ms\n{head}")
-    runs = []
-    for band in (0.0, 50e3, 150e3):
-        reduced = face_problem(10, band)
-        run, spent = timed(lambda reduced=reduced: face_run(reduced, 4e-3))  # type: ignore[misc]
-        runs.append((f"band {1e-3 * band:g} kHz, {reduced.size - 366} modes", run, spent))
-    against(runs[:-1], runs[-1][1])
-    print(f"\nNodes, step 4 ms\n{head}")
-    runs = []
-    for divisions in (2, 5, 10, 16):
-        reduced = face_problem(divisions)
-        run, spent = timed(lambda reduced=reduced: face_run(reduced, 4e-3))  # type: ignore[misc]
-        runs.append((f"{reduced.contacts} nodes", run, spent))
-    against(runs, runs[-1][1])
-    for label, run, _ in runs:
-        found = measures(run)
-        print(f"{label:12}" + ", ".join(f"{word} {found[word]:.4g}" for word in ("share at 0.16 s", "share at 0.20 s", "no node sticks from [s]")))
+        print(f"| {accuracy:.0e} | {last:.6f} | {last / rigid - 1:.1e} | {len(run.events)} | {run.wall_time:.2g} s |", flush=True)
+    band = 200e3
+    faces = []
+    for made in (lambda: rows(band), lambda: nodes((10, 10, 10), band), lambda: nodes((14, 19, 10), band)):
+        begun = process_time()
+        faces.append(made())
+        print(f"\n{faces[-1].name}: {faces[-1].body}, reduced in {process_time() - begun:.2g} s", flush=True)
+    print(f"\nSlow\n\n{HEAD}")
+    for face in faces:
+        most, finest = face.body.modes, 1e-3 if face is faces[-1] else 5e-4
+        for line in trade(slow, face, [(0, 8e-3), (0, 4e-3), (0, 2e-3), (most, 4e-3), (most, finest)]):
+            print(line, flush=True)
+    print(f"\nStruck\n\n{HEAD}")
+    for face in faces:
+        most, finest = face.body.modes, 1.25e-7 if face is faces[-1] else 6.25e-8
+        settings = [(0, 2.5e-7), (most // 8, 2.5e-7), (most // 2, 2.5e-7), (most, 2.5e-7), (most, 5e-7), (most, 1e-6), (most, finest)]
+        for line in trade(struck, face, settings):
+            print(line, flush=True)
+    print("\nNodes, slow drive without modes, step 4 ms: errors against 300 nodes, and the published measures")
+    exact, longest = timed(slow, faces[-1], 0, 4e-3, times=1)
+    for divisions in ((2, 2, 10), (5, 5, 10), (10, 10, 10)):
+        face = nodes(divisions, 0.0) if divisions[0] < 10 else faces[1]
+        run, spent = timed(slow, face, 0, 4e-3)
+        wrong = errors(run, exact)
+        print(f"| {face.name} | {wrong[0]:.1e} | {wrong[1]:.4f} | {spent:.2g} s | " + published(run), flush=True)
+    print(f"| {faces[-1].name} | - | - | {longest:.2g} s | " + published(exact))
+
+
+def published(run: ContactRun) -> str:
+    """The measures of an independent model of the same cube: shares at 0.16 and 0.20 s, end of adhesion."""
+    found = measures(run)
+    return " | ".join(f"{found[word]:.3g}" for word in ("share at 0.16 s", "share at 0.20 s", "no node sticks from [s]")) + " |"
 
 
 if __name__ == "__main__":

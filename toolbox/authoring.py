@@ -2,7 +2,7 @@
 
 Everything here is public: it changes only with a line in the changelog. `models` and `controllers` import nothing else of the toolbox.
 
-    checks      is_finite_number, finite_array, check_fields, suggest, window
+    checks      is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
     files       Column, Table, read_table, read_arrays, replaced
     predictions Rollout, regularised, advance_rollout, time_left
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table
+    from toolbox.files.units import NumberOrText as NumberOrText
+    from toolbox.files.units import in_si as in_si
     from toolbox.modelling.components import check_fields as check_fields
     from toolbox.modelling.elements import State as State
     from toolbox.modelling.regularisation import regularised as regularised
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Column",
     "Declared",
+    "NumberOrText",
     "Rollout",
     "State",
     "Table",
@@ -52,6 +55,7 @@ __all__ = [
     "check_fields",
     "face",
     "finite_array",
+    "in_si",
     "is_finite_number",
     "read_arrays",
     "read_table",
@@ -73,6 +77,7 @@ _FILES = {
     "toolbox.files.archives": "arrays as read_arrays",
     "toolbox.files.atomic": "replaced",
     "toolbox.files.tables": "Column, Table, read as read_table",
+    "toolbox.files.units": "NumberOrText, in_si",
     "toolbox.modelling.components": "check_fields",
     "toolbox.modelling.elements": "State",
     "toolbox.modelling.regularisation": "regularised",

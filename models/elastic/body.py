@@ -14,7 +14,7 @@ from models.elastic.reduced_body import ReducedBody
 from models.elastic.reduction import reduce_body
 from models.elastic.spectrum import natural_frequencies
 from toolbox import SceneError
-from toolbox.authoring import finite_array, is_finite_number, suggest
+from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, suggest
 
 AXES = "xyz"
 
@@ -153,11 +153,11 @@ class ElasticBody:
         _, row = np.unique(np.round(place / max(np.ptp(place), 1e-300), 9), return_inverse=True)
         return [chosen[row == i] for i in range(row.max() + 1)]
 
-    def frequencies(self, band: float) -> np.ndarray:
+    def frequencies(self, band: NumberOrText) -> np.ndarray:
         """Natural frequencies [Hz] of the undamped body from 0 up to `band` [Hz], in rising order; rigid-body motions are zeros."""
         return natural_frequencies(self.mass, self.stiffness, _band(band))
 
-    def reduced(self, ports: Mapping[str, np.ndarray], band: float = 0.0, tolerance: float = 0.01) -> ReducedBody:
+    def reduced(self, ports: Mapping[str, np.ndarray], band: NumberOrText = 0.0, tolerance: float = 0.01) -> ReducedBody:
         """The body in a few coordinates: the displacements of its ports, and as many modes with held ports as the band needs (Craig and Bampton).
 
         ports: {name: (n,) weights w of the displacement w^T u}, linearly independent.  band [Hz]: every natural frequency of the body up to there is right
@@ -188,6 +188,7 @@ class ElasticBody:
 
 
 def _band(band: Any) -> float:
+    band = in_si(band, "Hz", "band")
     if not is_finite_number(band) or band < 0:
         raise SceneError(f"Argument `band` must be a finite number >= 0 Hz, but it is {band!r}.")
     return float(band)

@@ -10,10 +10,10 @@ import numpy as np
 
 from models.elastic.body import ElasticBody
 from toolbox import SceneError
-from toolbox.authoring import finite_array, is_finite_number
+from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number
 
 
-def block_mesh(size: Sequence[float], divisions: Sequence[int | Sequence[float]]) -> Any:
+def block_mesh(size: Sequence[NumberOrText], divisions: Sequence[int | Sequence[float]]) -> Any:
     """A mesh of a block from the origin to `size` [m], of bricks, or of quadrilaterals where two sizes are given.
 
     divisions: for each axis a number of elements of one length, or the places of their ends in parts of the size, from 0 to 1.
@@ -21,7 +21,7 @@ def block_mesh(size: Sequence[float], divisions: Sequence[int | Sequence[float]]
     Raises SceneError for sizes that are not > 0, divisions that do not fit, and without scikit-fem.
     """
     mesh = _skfem()
-    lengths = finite_array(size)
+    lengths = finite_array(in_si(size, "m", "size"))
     if lengths is None or lengths.ndim != 1 or len(lengths) not in (2, 3) or not (lengths > 0).all() or len(divisions) != len(lengths):
         raise SceneError(f"Argument `size` must be 2 or 3 lengths > 0 m, with as many `divisions`, but they are {size!r} and {divisions!r}.")
     ticks = [length * _places(given) for length, given in zip(lengths, divisions, strict=True)]
@@ -36,7 +36,13 @@ def block_mesh(size: Sequence[float], divisions: Sequence[int | Sequence[float]]
 
 
 def body_of_mesh(
-    mesh: Any, *, density: float, modulus: float, poisson: float = 0.3, damping_time: float = 0.0, thickness: float = 1.0
+    mesh: Any,
+    *,
+    density: NumberOrText,
+    modulus: NumberOrText,
+    poisson: float = 0.3,
+    damping_time: NumberOrText = 0.0,
+    thickness: NumberOrText = 1.0,
 ) -> ElasticBody:
     """A homogeneous isotropic body from a mesh: displacements linear in the elements, mass consistent, plane strain in two dimensions.
 
@@ -59,6 +65,8 @@ def body_of_mesh(
     SceneError
         For numbers out of range, a file that cannot be read, other elements, and without scikit-fem.
     """
+    density, modulus = in_si(density, "kg/m3", "density"), in_si(modulus, "Pa", "modulus")
+    damping_time, thickness = in_si(damping_time, "s", "damping_time"), in_si(thickness, "m", "thickness")
     for word, value in (("density", density), ("modulus", modulus), ("thickness", thickness)):
         if not is_finite_number(value) or not value > 0:
             raise SceneError(f"Argument `{word}` must be a finite number > 0, but it is {value!r}.")

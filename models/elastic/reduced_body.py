@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toolbox import ContactProblem, FrictionLaw, SceneError
-from toolbox.authoring import finite_array, is_finite_number, read_arrays, replaced, suggest
+from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, read_arrays, replaced, suggest
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,14 +151,15 @@ class ReducedBody:
         kept = np.ix_(reached, reached)
         return replace(self, mass=self.mass[kept], damping=self.damping[kept], stiffness=self.stiffness[kept])
 
-    def mounted(self, mounts: Mapping[str, tuple[float, float]]) -> ReducedBody:
+    def mounted(self, mounts: Mapping[str, tuple[NumberOrText, NumberOrText]]) -> ReducedBody:
         """The body with springs and dampers from ports to ground: {port: (stiffness [N/m], damping [N s/m])}, both >= 0.
 
         `frequencies` and `errors` remain those of the body without mounts.
         """
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
-            i, numbers = self.index(port), finite_array(given)
+            pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
+            i, numbers = self.index(port), finite_array([in_si(one, unit, f"mounts.{port}") for one, unit in zip(pair, ("N/m", "N s/m"), strict=True)])
             if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
                 raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
             stiffness[i, i] += numbers[0]
@@ -204,6 +205,10 @@ class ReducedBody:
         if not count or any(len(way) != count for way in ways):
             raise SceneError(f"Argument `tangent` must name ports of as many contacts in every direction, but it is {tuple(tangent)!r}.")
         unit = np.eye(self.size)
+        if not is_finite_number(closing) or abs(closing) != 1:
+            raise SceneError(f"Argument `closing` must be 1 or -1, but it is {closing!r}.")
+        if isinstance(pushed, str):
+            raise SceneError(f"Argument `pushed` must be a tuple of ports, such as ({pushed!r},), but it is one text.")
         closures = None
         if normal is not None:
             closures = closing * unit[self.indices(normal)]

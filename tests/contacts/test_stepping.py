@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models import BristleContact, Coulomb, Drop, ElasticBody, Exponential
-from toolbox import ContactProblem, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
+from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
 
 MU, LOAD, MASS = 0.4, 10.0, 2.0
 
@@ -200,6 +200,43 @@ def test_events_name_contact_time_and_modes():
     assert [(event.element, event.before, event.after) for event in run.events] == [("contact.0", "stick", "slip")]
     assert run.events[0].time == pytest.approx(0.5, abs=0.0101)
     assert "1 contacts" in str(run)
+
+
+def test_units_may_be_typed_and_positions_and_speeds_of_outputs_are_read_by_name():
+    typed = step_contacts(block(500.0), "1 s", step="10 ms", inputs={"force.x": ramp("8 N", "0 N", "0 s", "500 ms"), "surface.x": "10 mm/s"})
+    plain = step_contacts(block(500.0), 1.0, step=0.01, inputs={"force.x": ramp(8.0, 0.0, 0.0, 0.5), "surface.x": 0.01})
+    assert (typed["x"] == plain["x"]).all()
+    assert np.ptp(typed["x"]) > 0
+    assert (typed["x.position"] == typed["x"]).all()
+    assert (typed["x.speed"] == typed.rate("x")).all()
+    with pytest.raises(SceneError, match=r"no output `x\.sped`"):
+        typed["x.sped"]
+
+
+def test_units_of_inputs_and_outputs_are_those_that_the_problem_declares():
+    problem = block(units={"force.x": "N m", "x": "rad", "surface.x": "rad/s"})
+    assert problem.unit("x") == "rad"
+    assert block().unit("x") == "m"
+    run = step_contacts(problem, 1.0, step=0.1, inputs={"force.x": "8 N m", "surface.x": "60 rpm"})
+    assert run.inputs["surface.x"][-1] == pytest.approx(2 * math.pi)
+    with pytest.raises(SceneError, match=r"surface\.x"):
+        step_contacts(problem, 1.0, step=0.1, inputs={"surface.x": "60 m/s"})
+    for units, words in (({"y": "m"}, "names `y`"), ({"x": "metres and more"}, "metres and more")):
+        with pytest.raises(SceneError, match=words):
+            block(units=units)
+
+
+def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
+    """The speed of the plate is set from the position that is measured: a block that sticks follows what is held between samples exactly."""
+    law = Sampled(lambda t, y: 0.1 + y[0], "50 ms", measures="x.position", drives="surface.x")
+    run = step_contacts(block(load=[1e5]), 0.4, step=0.01, controller=law)
+    assert (run.modes[1:] == 0).all()
+    position, speeds = [0.0], []
+    for _ in range(8):
+        speeds.append(0.1 + position[-1])
+        position.append(position[-1] + 0.05 * speeds[-1])
+    np.testing.assert_allclose(run["x"][::5], position, rtol=1e-9)
+    np.testing.assert_allclose(run.inputs["surface.x"][1:], np.repeat(speeds, 5), rtol=1e-9)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------------ borders

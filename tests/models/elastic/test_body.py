@@ -282,6 +282,32 @@ def test_materials_that_are_none_are_refused(numbers):
         body_of_mesh(block_mesh((1.0, 1.0), (1, 1)), **STEEL | numbers)
 
 
+def test_sizes_materials_bands_and_mounts_may_be_text_with_units():
+    from models import block_mesh, body_of_mesh
+
+    typed = body_of_mesh(
+        block_mesh(("10 mm", "5 mm"), (2, 1)), density="7.8 g/cm3", modulus="210 GPa", damping_time="1 us", thickness="20 mm"
+    )
+    plain = body_of_mesh(block_mesh((0.01, 0.005), (2, 1)), **STEEL, damping_time=1e-6, thickness=0.02)
+    ports = {"left": typed.mean("left", "x")}
+    assert typed.frequencies("400 kHz") == pytest.approx(plain.frequencies(4e5))
+    first = typed.reduced(ports, "400 kHz").mounted({"left": ("10 N/mm", "5 N s/mm")})
+    second = plain.reduced(ports, 4e5).mounted({"left": (1e4, 5e3)})
+    for word in ("mass", "damping", "stiffness"):
+        wanted = getattr(second, word)
+        np.testing.assert_allclose(getattr(first, word), wanted, atol=1e-9 * np.abs(wanted).max())
+    for changes, words in (({"density": "7.8 kg"}, "density"), ({"modulus": "210 GN"}, "modulus"), ({"thickness": "20"}, "thickness")):
+        with pytest.raises(SceneError, match=words):
+            body_of_mesh(block_mesh((0.01, 0.005), (2, 1)), **STEEL | changes)
+    for mount in (("10 N/mm",), ("10 N", 0.0), (1.0, 2.0, 3.0), 5.0, (-1.0, 0.0), "10"):
+        with pytest.raises(SceneError, match="left"):
+            first.mounted({"left": mount})
+    with pytest.raises(SceneError, match="size"):
+        block_mesh(("10 kg", "5 mm"), (2, 1))
+    with pytest.raises(SceneError, match="band"):
+        plain.frequencies("4 m")
+
+
 def test_a_large_free_body_has_its_six_rigid_motions_in_any_band_and_none_of_its_own_in_a_low_one():
     from models import block_mesh, body_of_mesh
 

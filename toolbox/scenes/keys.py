@@ -32,7 +32,7 @@ KEYS: dict[str, tuple[Key, ...]] = {
     "[[plant]]": (
         Key("part", "", REQUIRED, "a part of `stickslip list`, such as BitRock or wells.JANSEN_2"),
         Key("<parameter>", "of the part", "of the part", "any parameter of it; a friction law is { law = \"Exponential\", static = 0.8 }; a part made from "
-            "tables takes what its `from_tables` takes, with paths from the folder of the scene"),
+            "tables takes what its `from_tables` takes, and an elastic body is the path of its file, with paths from the folder of the scene"),
     ),
     "[[controllers]]": (
         Key("label", "", REQUIRED, "its name in tables, figures and files"),

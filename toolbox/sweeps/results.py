@@ -73,7 +73,8 @@ class Sweep:
         lines.append(f"  over ({kind})")
         width = max(len(name) for name in (*self.names, *self.measures))
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            each, column = reading(unit), self.points[:, k] * reading(unit).factor
+            each = reading(unit)
+            column = self.points[:, k] * each.factor
             lines.append(f"    {name:<{width}}  {column.min():>11.5g} .. {column.max():<11.5g}{each.tail}".rstrip())
         lines.append("  found")
         for name, values in self.measures.items():

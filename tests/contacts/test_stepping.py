@@ -291,6 +291,15 @@ def test_runs_refuse_what_they_cannot_do(arguments, words):
         step_contacts(block(), **{"duration": 1.0, "step": 0.01} | arguments)
 
 
+def test_what_is_no_problem_is_refused():
+    for ask in (lambda: step_contacts("cube", 1.0, step=0.1), lambda: press_contacts(None)):
+        with pytest.raises(SceneError, match="must be a ContactProblem"):
+            ask()
+    with pytest.raises(SceneError, match="numbers for a state of rest"):
+        press_contacts(block(1.0), {"force.x": ramp(0.0, 1.0, 0.0, 1.0)})
+    assert press_contacts(block(500.0), {"force.x": "3 N"}).tangential[0, 0, 0] == pytest.approx(-3.0)
+
+
 def test_a_begin_of_another_body_is_refused():
     with pytest.raises(SceneError, match="as many coordinates"):
         step_contacts(block(), 1.0, step=0.1, start=step_contacts(block(directions=2), 1.0, step=0.5))
@@ -318,5 +327,11 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     assert set(problem.surface) == {"surface.x", "surface.y"}
     run = step_contacts(problem, 0.01, step=1e-3, inputs={"z.0": -10.0, "surface.x": 0.1})
     assert run.normal[-1, 0] == pytest.approx(10.0)
-    with pytest.raises(SceneError, match="as many contacts"):
-        reduced.in_contact(Coulomb(0.3, 0.3), ())
+    for arguments, options, words in (
+        (((),), {}, "as many contacts"),
+        ((("x", "y"), "z"), {"closing": 0.5}, "1 or -1"),
+        ((("x", "y"), "z"), {"pushed": "z.0"}, "tuple of ports"),
+        ((("x", "y"), "z"), {"pushed": ("z.1",)}, "no port `z.1`"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            reduced.in_contact(Coulomb(0.3, 0.3), *arguments, **options)

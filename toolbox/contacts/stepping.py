@@ -23,6 +23,7 @@ from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, constants
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.simulation.samples import short
 
 MOST_STEPS = 1_000_000
 
@@ -74,8 +75,7 @@ def step_contacts(
     SimulationError
         Where no set of open, sticking and sliding contacts solves a step; its `run` ends before.
     """
-    if not isinstance(problem, ContactProblem):
-        raise SceneError(f"Argument `problem` must be a ContactProblem, such as `ReducedBody.in_contact` makes, but it is {problem!r}.")
+    _check_problem(problem)
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
     duration, step = in_si(duration, "s", "duration"), in_si(step, "s", "step")
@@ -101,6 +101,7 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
     leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown names,
     SimulationError where no set of contacts solves the problem.
     """
+    _check_problem(problem)
     return _Stepping(problem, math.inf, constants(problem, inputs), None, 0.0 if frictionless else 1.0).through()
 
 
@@ -254,6 +255,11 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     condensed = -inverse[n:, n:] * scale * scale.T
     flexibility = inverse[:n, :n]
     return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
+
+
+def _check_problem(problem: Any) -> None:
+    if not isinstance(problem, ContactProblem):
+        raise SceneError(f"Argument `problem` must be a ContactProblem, such as `ReducedBody.in_contact` makes, but it is {short(problem)}.")
 
 
 def _checked_start(problem: ContactProblem, start: Any) -> ContactRun | None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models import Coulomb, ElasticBody, ElasticPad, SquealingPad, block_mesh, body_of_mesh
-from toolbox import SceneError, compose, energy_audit, linearise, simulate
+from toolbox import Scene, SceneError, compose, energy_audit, linearise, simulate
 
 MINIMAL = SquealingPad()
 
@@ -87,6 +87,16 @@ def test_a_stiff_block_on_inclined_springs_flutters_where_the_rigid_one_does_and
     distance = [abs(found - exact) for found in onsets]
     assert distance == sorted(distance)
     assert distance[-1] > 0.01
+
+
+def test_a_pad_in_a_scene_is_saved_with_its_body_and_runs_alike(tmp_path):
+    pad = point_pad()
+    scene = Scene.of(compose(pad), 5.0, element="pad.0", start={"pad.displacement": tuple(1.1 * pad.pressed())})
+    again = Scene.load(scene.save(tmp_path / "pad.toml"))
+    assert again.parts == scene.parts
+    first, second = (each.run("no controller") for each in (scene, again))
+    assert first["pad.rate"][-1] == pytest.approx(second["pad.rate"][-1], rel=1e-12)
+    assert first["pad.normal_force"].max() > 0
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,24 @@ def test_a_law_in_python_is_told_what_it_measures_and_drives():
     np.testing.assert_allclose(run.inputs["top.torque"][1:], np.repeat([500.0 + 900.0 * (1.0 - row[1]) for row in seen], 10))
 
 
+def test_a_law_with_a_state_of_its_own_begins_every_run_anew():
+    class Counting:
+        measures, drives = "top.speed", "top.torque"
+
+        def __init__(self):
+            self.samples = 0
+
+        def __call__(self, t, y):
+            self.samples += 1
+            return float(self.samples)
+
+    law = Counting()
+    for _ in range(2):
+        run = driven(law, duration=0.2, step=0.02, sample_time=0.02)
+        np.testing.assert_array_equal(run.inputs["top.torque"][1:], np.arange(1, 11))
+    assert law.samples == 0
+
+
 @pytest.mark.parametrize(
     ("law", "options", "words"),
     [

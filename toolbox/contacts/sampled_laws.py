@@ -6,7 +6,6 @@ reads inputs and closes the loop as every plant does, so names, units, noise, de
 
 from __future__ import annotations
 
-import copy
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from toolbox.modelling.elements import state
 from toolbox.modelling.elements import time as clock
 from toolbox.modelling.hybrid_system import HybridSystem, SampledUpdate
 from toolbox.modelling.inputs import Shape, Table
-from toolbox.modelling.laws import External
+from toolbox.modelling.laws import External, fresh
 from toolbox.simulation.request import input_kinds
 
 
@@ -66,7 +65,7 @@ class Acting:
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(laws)
         self.laws = [
-            _Law(self.system, update, seed, next(externals), copy.deepcopy(next(callables))) if update.external else _Law(self.system, update, seed)
+            _Law(self.system, update, seed, next(externals), fresh(next(callables))) if update.external else _Law(self.system, update, seed)
             for update, seed in zip(updates, self.seeds, strict=True)
         ]
         if self.laws:

@@ -10,10 +10,12 @@ else, so that the second run of `run.error`, a run interrupted and continued, an
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import FunctionType
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -288,6 +290,16 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         defaults=tuple(float(value) for value, _ in more.values()) or None,
         sensors=sampled.sensors(asked),
     )
+
+
+def fresh(law: Any) -> Any:
+    """A copy of a law that may have a state, so that every run starts alike; itself where it is a function or cannot be copied."""
+    if isinstance(law, FunctionType):
+        return law
+    try:
+        return copy.deepcopy(law)
+    except Exception:  # whatever an object that holds a lock or a solver raises
+        return law
 
 
 def _told(name: str, known: Iterable[str], sampled: Sampled, plant: HybridSystem) -> str:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import dataclasses
 import time as clock
-from types import FunctionType
 from typing import Any
 
 import casadi as ca
@@ -20,7 +18,7 @@ from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
 from toolbox.messages import LOG, progress_bar
-from toolbox.modelling.laws import External
+from toolbox.modelling.laws import External, fresh
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
@@ -85,7 +83,7 @@ def carry_out(run: Run) -> Trajectory:
     advance = compiled_loop(run, program)
     work = work_arrays(run, program)
     began = clock.perf_counter()
-    laws = [_fresh(law) for law in run.laws]
+    laws = [fresh(law) for law in run.laws]
     answers: list[list[np.ndarray]] = [[] for _ in laws]
     bar: Any = None
     look = progress(work)
@@ -151,16 +149,6 @@ def carry_out(run: Run) -> Trajectory:
     finally:
         if bar is not None:
             bar.close()
-
-
-def _fresh(law: Any) -> Any:
-    """A copy of a law that may have a state, so that every run starts alike; itself where it is a function or cannot be copied."""
-    if isinstance(law, FunctionType):
-        return law
-    try:
-        return copy.deepcopy(law)
-    except Exception:  # whatever an object that holds a lock or a solver raises
-        return law
 
 
 def _sound(run: Trajectory, program: Program) -> Trajectory:

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from models import Exponential, ReducedBody
+from models import ElasticSlider, Exponential, ReducedBody
 from studies.questions.elastic_sliders import ACCELERATION, DAMPING, PRESSURE, SIDE, STIFFNESS, Pull, cube, first_slips, measures, row_run
-from toolbox import ContactProblem, ContactRun, press_contacts, ramp, step_contacts
+from toolbox import ContactProblem, ContactRun, Trajectory, compose, press_contacts, ramp, simulate, step_contacts
 
 FRICTION = Exponential(static=0.35, kinetic=0.25, decay=1.0)
 HEAD = "| contacts | modes | step | error of force | by modes left out | error of share | passes a step | time |\n|---|---|---|---|---|---|---|---|"
@@ -71,10 +71,20 @@ def slow(face: Face, modes: int, step: float) -> ContactRun:
 def struck(face: Face, modes: int, step: float) -> ContactRun:
     """Half a sine of 10 N and 20 us pushes the back of the cube, which has no mount."""
     problem = face.problem(modes)
-    pulse = np.linspace(0.0, 20e-6, 41)
-    push = (np.append(pulse, 21e-6), np.append(10.0 * np.sin(np.pi * pulse / 20e-6), 0.0))
     start = press_contacts(problem, face.load) if face.load else None
-    return step_contacts(problem, 80e-6, step=step, inputs=face.load | {"back": push}, start=start)
+    return step_contacts(problem, 80e-6, step=step, inputs=face.load | {"back": PUSH}, start=start)
+
+
+PULSE = np.linspace(0.0, 20e-6, 41)
+PUSH = (np.append(PULSE, 21e-6), np.append(10.0 * np.sin(np.pi * PULSE / 20e-6), 0.0))
+"""The blow: times [s] and forces [N]."""
+
+
+def located(face: Face, accuracy: float) -> Trajectory:
+    """The struck rows with all modes, every event located."""
+    body = replace(face.body, ports=tuple(port.replace("x.", "contact.") for port in face.body.ports))
+    slider = ElasticSlider(body, tuple(face.options["load"]), held="back", stiffness=0.0, damping=0.0, friction=FRICTION)
+    return simulate(compose(slider), 80e-6, inputs={"slider.pull": PUSH}, method="stiff", accuracy=accuracy)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------------- measures
@@ -104,6 +114,21 @@ def timed(drive: Any, *arguments: Any, times: int = 2) -> tuple[ContactRun, floa
         run = drive(*arguments)
         spent.append(process_time() - begun)
     return run, min(spent)
+
+
+def against_located(face: Face) -> Iterator[str]:
+    """Lines on the struck rows: located events by accuracy, then time stepping by step, each with the error of its force against the finest located run."""
+    times = np.linspace(0.0, 80e-6, 241)[1:]
+    exact = located(face, 1e-10).at(times)["plate.drag"]
+    size = np.abs(exact).max()
+    for accuracy in (1e-8, 1e-6, 1e-4):
+        run = min((located(face, accuracy) for _ in range(3)), key=lambda run: run.wall_time)
+        wrong = np.abs(run.at(times)["plate.drag"] - exact).max() / size
+        yield f"| located to {accuracy:.0e} | {len(run.time) - 1} | {len(run.events)} | {wrong:.1e} | {run.wall_time:.2g} s |"
+    for step in (1e-6, 2.5e-7, 6.25e-8):
+        stepped, spent = timed(struck, face, face.body.modes, step)
+        wrong = np.abs(force(stepped, times) - exact).max() / size
+        yield f"| steps of {1e6 * step:g} us | {len(stepped.time) - 1} | {len(stepped.events)} | {wrong:.1e} | {spent:.2g} s |"
 
 
 def trade(drive: Any, face: Face, settings: Iterable[tuple[int, float]]) -> Iterator[str]:
@@ -143,6 +168,9 @@ def main() -> None:
         most, finest = face.body.modes, 1e-3 if face is faces[-1] else 5e-4
         for line in trade(slow, face, [(0, 8e-3), (0, 4e-3), (0, 2e-3), (most, 4e-3), (most, finest)]):
             print(line, flush=True)
+    print("\nStruck, eleven rows with all modes, against located events: steps, changes of mode, error of force, time\n")
+    for line in against_located(faces[0]):
+        print(line, flush=True)
     print(f"\nStruck\n\n{HEAD}")
     for face in faces:
         most, finest = face.body.modes, 1.25e-7 if face is faces[-1] else 6.25e-8

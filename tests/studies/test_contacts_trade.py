@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 from studies.benchmarks import contacts as study
@@ -26,6 +27,20 @@ def test_the_error_of_the_force_falls_with_the_step_and_the_table_says_so(face):
     for coarse, fine in itertools.pairwise(found):
         assert coarse / fine > 1.5
     assert lines[-1].split("|")[4].strip() == "-"
+
+
+def test_time_stepping_of_an_elastic_body_in_waves_converges_to_the_run_with_located_events_with_first_order(face):
+    """Two engines that share neither formulas nor coordinates."""
+    times = np.linspace(0.0, 80e-6, 241)[1:]
+    exact = study.located(face, 1e-8)
+    assert len([event for event in exact.events if event.before == "stick"]) >= 11
+    force = exact.at(times)["plate.drag"]
+    wrong = [
+        np.abs(study.force(study.struck(face, face.body.modes, step), times) - force).max() / np.abs(force).max() for step in (5e-7, 2.5e-7, 1.25e-7)
+    ]
+    assert wrong[-1] < 0.05
+    for coarse, fine in itertools.pairwise(wrong):
+        assert coarse / fine == pytest.approx(2.0, rel=0.2)
 
 
 def test_a_struck_cube_slips_as_a_whole_and_sticks_again(face):

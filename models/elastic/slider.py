@@ -21,9 +21,9 @@ class ElasticSlider(Component):
     normal forces of `toolbox.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
     Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
     `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
-    `slider.displacement` z and `slider.rate` z', in which contacts are counted from `held`: q_c = z_c + z_held. Strains are nanometres where the slider
-    moves by millimetres, so in q a tolerance and round-off of the motion would stand for forces of the body (a cube on a plate takes a
-    fifth of the steps in z, and its energy balances to 1e-13 instead of 6e-9).
+    `slider.displacement` z, in which contacts are counted from `held`, q_c = z_c + z_held, and `slider.rate` q'. Strains are nanometres where the slider
+    moves by millimetres, so in q round-off
+    of the motion would stand for forces of the body (the energy of a cube on a plate balances to 2e-14 in z, to 6e-9 in q).
     Elements: `plate.i`, contacts in order, with modes "stick" and "slip+/-".
     The defaults of spring, damper and friction are those of `Slider`. Modes that no port moves are left out.
     Such a body is stiff: give its material some damping, else its fastest mode rings through the
@@ -51,39 +51,39 @@ class ElasticSlider(Component):
         n, contacts, held = body.size, body.indices("contact"), body.index(self.held)
         shift = np.eye(n)  # q = shift z
         shift[[contact for contact in contacts if contact != held], held] = 1.0
-        mass, damping, stiffness = (_shifted(matrix, shift, held) for matrix in (body.mass, body.damping, body.stiffness))
-        z, w = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)
+        z, v = state("slider.displacement", "m", n), state("slider.rate", "m/s", n)
         pull, plate_speed = signal("slider.pull", "N", default=0.0), signal("plate.speed", "m/s", default=0.0)
-        slips = [(w[contact] if contact == held else w[contact] + w[held]) - plate_speed for contact in contacts]
+        slips = [v[contact] - plate_speed for contact in contacts]
         plate = [DryFriction(f"plate.{i}", slip, self.friction, load) for i, (slip, load) in enumerate(zip(slips, self.loads, strict=True))]
-        mount = pull - self.stiffness * z[held] - self.damping * w[held]
-        compliance = np.linalg.inv(mass)
-        inner = -ca.DM(compliance @ stiffness) @ z - ca.DM(compliance @ damping) @ w
+        mount = pull - self.stiffness * z[held] - self.damping * v[held]
+        elastic = _without_round_off(body.stiffness @ shift, held)
+        strained = _without_round_off((shift.T @ elastic).T, held).T
+        compliance, damping = np.linalg.inv(body.mass), ca.DM(body.damping)
+        inner = -ca.DM(compliance @ elastic) @ z - ca.DM(compliance @ body.damping) @ v
         forces = ca.vertcat(mount, *(contact.force for contact in plate))
         drag = sum(contact.force for contact in plate)
         stuck = sum(load * (1 - contact.mode**2) for load, contact in zip(self.loads, plate, strict=True))
         return Equations(
-            flow={z: w, w: inner + ca.DM(compliance @ shift.T[:, [held, *contacts]]) @ forces},
+            flow={z: ca.DM(np.linalg.inv(shift)) @ v, v: inner + ca.DM(compliance[:, [held, *contacts]]) @ forces},
             gives={
                 "slider.position": (z[held], "m"),
-                "slider.speed": (w[held], "m/s"),
+                "slider.speed": (v[held], "m/s"),
                 "plate.drag": (drag, "N"),
                 "plate.stuck": (stuck / sum(self.loads), "1"),
             },
             elements=plate,
-            stored=(ca.bilin(ca.DM(mass), w, w) + ca.bilin(ca.DM(stiffness), z, z) + self.stiffness * z[held] ** 2) / 2,
+            stored=(ca.bilin(ca.DM(body.mass), v, v) + ca.bilin(ca.DM(strained), z, z) + self.stiffness * z[held] ** 2) / 2,
             losses={
                 "friction": -sum(contact.force * slip for contact, slip in zip(plate, slips, strict=True)),
-                "damper": self.damping * w[held] ** 2,
-                "material": ca.bilin(ca.DM(damping), w, w),
+                "damper": self.damping * v[held] ** 2,
+                "material": ca.bilin(damping, v, v),
             },
-            supplies={"pull": pull * w[held], "plate": drag * plate_speed},
+            supplies={"pull": pull * v[held], "plate": drag * plate_speed},
         )
 
 
-def _shifted(matrix: np.ndarray, shift: np.ndarray, held: int) -> np.ndarray:
-    """The matrix in the coordinates z, without what round-off leaves of the forces of a common motion."""
-    found = shift.T @ matrix @ shift
-    rest = np.abs(found[held]) < 1e-13 * np.abs(matrix).max()
-    found[held, rest] = found[rest, held] = 0.0
+def _without_round_off(matrix: np.ndarray, held: int) -> np.ndarray:
+    """The matrix without what round-off leaves of the forces of a common motion, in the column `held`."""
+    found = matrix.copy()
+    found[np.abs(found[:, held]) < 1e-13 * np.abs(matrix).max(), held] = 0.0
     return found

@@ -162,6 +162,7 @@ SHIPPED = {
     "slider_on_plate": {"no controller": "free"},
     "slider_on_incline": {"no controller": "free"},
     "bristle_contact": {"no controller": "stick-slip"},
+    "elastic_slider": {"held": "sticks once", "shaken at 200 Hz": "stick-slip"},
     "whirl": {
         "stiff PI": "stick-slip",
         "sliding mode, gain 0.2 1/s": "free",
@@ -169,7 +170,7 @@ SHIPPED = {
         "sliding mode, gain 1.3 1/s": "stick-slip",
     },
 }
-LONG = {"whirl", "predictive"}
+LONG = {"whirl", "predictive", "elastic_slider"}
 CHAOTIC = {"whirl"}  # collars strike the wall
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from toolbox import AccuracyError, Scene, simulate
 
-LONG = {"whirl", "predictive"}
+LONG = {"whirl", "predictive", "elastic_slider"}
 SCENES = [
     pytest.param(path.stem, marks=pytest.mark.slow) if path.stem in LONG else path.stem
     for path in sorted((Path(__file__).parents[2] / "studies/scenes").glob("*.toml"))

@@ -47,6 +47,8 @@ class Fit:
         Names without influence where others rest, which therefore have no estimate.
     sampling
         Estimated error of each number because measured inputs are known at their samples only, shape (k,).
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     names: tuple[str, ...]
@@ -65,6 +67,7 @@ class Fit:
     resting: Mapping[str, str] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
     sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -137,7 +140,7 @@ class Fit:
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
-            factor, unit = reading(unit)
+            factor, unit = reading(unit, self.asked)
             part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
             ends = f"{low * factor:.6g} .. {high * factor:.6g}"
             rows.append([name, f"{self.values[i] * factor:.6g}", ends, "" if unit == "1" else unit, f"deviation {part}"])
@@ -177,4 +180,4 @@ class Fit:
         """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self.misfit, self.values)
+        return fitted(self.misfit, self.values, self.asked)

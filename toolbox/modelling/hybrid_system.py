@@ -14,7 +14,7 @@ import numpy as np
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
@@ -137,9 +137,9 @@ class HybridSystem:
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
     def _repr_html_(self) -> str:
-        rows = []
+        rows, asked = [], asked_units(fields=self.parts)
         for name, entry in self.parameters.items():
-            factor, unit = reading(entry.unit)
+            factor, unit = reading(entry.unit, asked)
             rows.append((name, _shown(factor * self.parameter(name)), "" if unit == "1" else unit, entry.meaning))
         return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 

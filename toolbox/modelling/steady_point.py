@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -38,12 +38,15 @@ class Equilibrium:
         Inputs u, shape (n_u,).
     modes
         {element: mode}.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     plant: HybridSystem
     states: np.ndarray
     inputs: np.ndarray
     modes: Mapping[str, str]
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Any:
         """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
@@ -55,7 +58,7 @@ class Equilibrium:
         lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
         units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
         for name, unit in units.items():
-            factor, unit = reading(unit)
+            factor, unit = reading(unit, self.asked)
             value = self[name] * factor
             shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
             lines.append(f"  {name:<18} {shown} {unit}")

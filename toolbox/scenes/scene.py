@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -185,6 +186,13 @@ class Scene:
     def plant(self) -> HybridSystem:
         """The composed plant, with the declared parameters."""
         return compose(*self.parts)
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """{unit: unit that was typed}: the units in which a study of the scene answers."""
+        laws = tuple(case.law for case in self.cases)
+        inputs = (self.inputs, *(case.inputs for case in self.cases))
+        return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
 
     @property
     def labels(self) -> list[str]:

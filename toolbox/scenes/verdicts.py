@@ -149,7 +149,7 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
     plant = scene.plant()
-    effort, speed = reading(plant.unit(scene.effort)), reading(plant.unit(scene.signal))
+    effort, speed = (reading(plant.unit(name), scene.asked) for name in (scene.effort, scene.signal))
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]

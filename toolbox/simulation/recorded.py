@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ class Recorded(Stays):
         contacts: Any
         main_signals: Any
         limits: Any
+        asked: Mapping[str, str]
 
         def approach(self, element: str) -> np.ndarray: ...
 
@@ -47,7 +48,7 @@ class Recorded(Stays):
             values = np.asarray(self[name])
             if values.ndim == 1:
                 values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                factor, unit = reading(self.unit(name))
+                factor, unit = reading(self.unit(name), self.asked)
                 rows.append((name, *(factor * float(value) for value in (values.min(), values.max(), values[-1])), unit))
         return rows
 

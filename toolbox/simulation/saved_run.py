@@ -11,6 +11,7 @@ slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `m
 its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per step. `contacts`,
 `main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for
 no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
+`asked.units`, `asked.typed`: the units in which the run was asked for, and answers;
 `report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
@@ -63,6 +64,7 @@ def write(run: Any, target: Path) -> Path:
     for element in run.program.system.elements:
         if isinstance(element, UnilateralContact):
             written[f"approach.{element.name}"] = run.approach(element.name)
+    written |= {"asked.units": np.array(list(run.asked), dtype=np.str_), "asked.typed": np.array(list(run.asked.values()), dtype=np.str_)}
     written["report"] = np.array(run._headlines, dtype=np.str_)
     written["error"] = np.array(vars(run).get("error", np.nan))
     written["accuracy"] = np.array(run.accuracy)
@@ -256,6 +258,8 @@ class SavedRun(Recorded):
         Names of the elements with friction, and of the signals that a plot shows.
     limits
         {signal: (lowest, highest)} that the drive and the laws keep signals within.
+    asked
+        {unit: unit that was typed}: the units in which reports and figures of the run answer.
     accuracy
         Accuracy of the run; nan where an older version saved it, between whose records there are straight lines.
     """
@@ -282,6 +286,8 @@ class SavedRun(Recorded):
             name: (None if np.isnan(low) else low, None if np.isnan(high) else high)
             for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
         }
+        asked = (arrays[f"asked.{word}"].tolist() if f"asked.{word}" in arrays else [] for word in ("units", "typed"))
+        self.asked: dict[str, str] = dict(zip(*asked, strict=True))
         self.accuracy = float(arrays["accuracy"])
         self._report: list[str] = arrays["report"].tolist()
         self._error = float(arrays["error"])

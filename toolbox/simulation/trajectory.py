@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -140,6 +141,11 @@ class Trajectory(Recorded, Samples):
     def duration(self) -> float:
         """Duration asked for [s]."""
         return self.run.duration
+
+    @property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit that was typed}: the units in which reports and figures of this run answer."""
+        return self.run.asked
 
     @property
     def accuracy(self) -> float:

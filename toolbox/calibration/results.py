@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.calibration.residuals import MeasuredLoop
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
@@ -53,9 +54,9 @@ class Fit:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: np.ndarray
-    errors: np.ndarray
-    covariance: np.ndarray
+    values: FloatArray
+    errors: FloatArray
+    covariance: FloatArray
     confidence: float
     factor: float
     residuals: tuple[Residual, ...]
@@ -66,7 +67,7 @@ class Fit:
     misfit: Any = field(repr=False)
     resting: Mapping[str, str] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
-    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
     asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
@@ -84,7 +85,7 @@ class Fit:
         return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
 
     @property
-    def correlation(self) -> np.ndarray:
+    def correlation(self) -> FloatArray:
         """Correlation of the estimates, shape (k, k)."""
         size = np.sqrt(np.diag(self.covariance))
         known = np.isfinite(size) & (size > 0.0)

@@ -76,7 +76,7 @@ class TypedNumber(float):
         number.unit, number.asked = unit, asked
         return number
 
-    def __getnewargs__(self) -> tuple[float, str, str]:
+    def __getnewargs__(self) -> tuple[float, str, str]:  # type: ignore[override]
         return float(self), self.unit, self.asked
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
@@ -43,12 +44,12 @@ class Equilibrium:
     """
 
     plant: HybridSystem
-    states: np.ndarray
-    inputs: np.ndarray
+    states: FloatArray
+    inputs: FloatArray
     modes: Mapping[str, str]
     asked: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> float | Any:
         """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
         function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
         value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()

@@ -10,9 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
 from toolbox.files.unit_systems import Reading, reading
@@ -108,7 +106,7 @@ class Onset:
     unit: str
     element: str
     signal: str
-    values: np.ndarray
+    values: FloatArray
     smooth: tuple[Judged, ...]
     sticking: tuple[Judged, ...]
     hopf: tuple[HopfPoint, ...]
@@ -116,8 +114,8 @@ class Onset:
     ends: tuple[Border, ...]
     stalls: tuple[Border, ...]
     breakaways: tuple[Border, ...]
-    cycling: np.ndarray
-    standing: np.ndarray
+    cycling: BoolArray
+    standing: BoolArray
     at: float
     period: float
     duration: float

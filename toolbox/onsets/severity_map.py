@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolbox.arguments import BoolArray, FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
@@ -57,8 +58,8 @@ class MapSide:
         What the machine does, as a number of `toolbox.onsets.map_loop` (`SMOOTH`, `SWING`, `STICK_SLIP`, `STUCK`, or `NONE` for a run that failed).
     """
 
-    severity: np.ndarray
-    stuck_ratio: np.ndarray
+    severity: FloatArray
+    stuck_ratio: FloatArray
     verdict: np.ndarray
 
 
@@ -98,13 +99,13 @@ class SeverityMap:
     title: str
     names: tuple[str, str]
     units: tuple[str, str]
-    axes: tuple[np.ndarray, np.ndarray]
+    axes: tuple[FloatArray, FloatArray]
     element: str
     signal: str
     smooth: MapSide
     sticking: MapSide
-    growth: np.ndarray
-    borders: dict[str, np.ndarray]
+    growth: FloatArray
+    borders: dict[str, FloatArray]
     duration: float
     after: float
     accuracy: float
@@ -116,7 +117,7 @@ class SeverityMap:
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def regions(self) -> dict[str, np.ndarray]:
+    def regions(self) -> dict[str, BoolArray]:
         """What the machine does on both branches, as boolean arrays under "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none"."""
         sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
@@ -182,7 +183,7 @@ class SeverityMap:
             rows.append((titles[name], ranges[0], ranges[1]))
         return rows
 
-    def border(self, name: str, along: float) -> np.ndarray:
+    def border(self, name: str, along: float) -> FloatArray:
         """Return where a border crosses a value of the second number: values of the first one, in increasing order.
 
         Parameters

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import BoolArray, FloatArray
 from toolbox.files.unit_systems import reading
 from toolbox.orbits.orbit import Cycle
 
@@ -57,16 +58,16 @@ class Branch:
     asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def periods(self) -> np.ndarray:
+    def periods(self) -> FloatArray:
         """Period of every cycle [s]."""
         return np.array([cycle.period for cycle in self.cycles])
 
     @property
-    def stable(self) -> np.ndarray:
+    def stable(self) -> BoolArray:
         """Whether every cycle is stable."""
         return np.array([cycle.stable for cycle in self.cycles])
 
-    def extremes(self, signal: str) -> np.ndarray:
+    def extremes(self, signal: str) -> FloatArray:
         """Smallest and largest value of a signal over every cycle, shape (points, 2)."""
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 

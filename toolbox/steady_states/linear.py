@@ -350,7 +350,7 @@ def _point(
             place_start(plant, x, name, at[name])
         placed[:] = True
         own = {element.name: at.modes[element.name] for element in plant.elements} | own
-        given = {name: at[name] for name in plant.inputs} | given
+        given = {name: float(at[name]) for name in plant.inputs} | given
     elif isinstance(at, Equilibrium):
         x[:] = at.states
         placed[:] = True

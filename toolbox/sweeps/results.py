@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
@@ -47,10 +48,10 @@ class Sweep:
     title: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    points: np.ndarray
+    points: FloatArray
     shape: tuple[int, ...]
-    axes: tuple[np.ndarray, ...]
-    measures: dict[str, np.ndarray]
+    axes: tuple[FloatArray, ...]
+    measures: dict[str, FloatArray]
     measure_units: dict[str, str]
     errors: dict[int, str] = field(default_factory=dict)
     duration: float = 0.0
@@ -58,7 +59,7 @@ class Sweep:
     seconds: float = 0.0
     asked: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> FloatArray:
         if name in self.measures:
             return self.measures[name]
         if name in self.names:

@@ -145,11 +145,11 @@ class Tuned:
         return front[int(np.argmin(np.where(better, distance, np.inf) if better.any() else distance))]
 
     @property
-    def law(self) -> Any:
+    def law(self) -> Controller | Sampled:
         """The best law, ready for `simulate(..., controller=law)`: with its period, delay and sensors where it is sampled."""
         return self.law_of(self.best)
 
-    def law_of(self, trial: Trial) -> Any:
+    def law_of(self, trial: Trial) -> Controller | Sampled:
         """Return the law of any trial, such as another member of the front."""
         return with_numbers(self.controller, self.free, trial.numbers)
 

@@ -136,8 +136,8 @@ def tune(
             smallest(search, seed) if len(objectives) == 1 else spread(search, seed)
     law = cases[0].law
     label = f"{type(law).__name__} `{controller}`" if isinstance(controller, str) else type(law).__name__
-    first = scenes[next(iter(scenes))]
-    units = [first.plant().unit(first.effort) if each == "peak" else _UNITS.get(str(each), "") for each in objectives.values()]
+    told = scenes[next(iter(scenes))]
+    units = [told.plant().unit(told.effort) if each == "peak" else _UNITS.get(str(each), "") for each in objectives.values()]
     return Tuned(
         label,
         free,
@@ -149,7 +149,7 @@ def tune(
         seed,
         search.simulated,
         cases[0].controller,
-        {**first.asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
+        {**told.asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
     )
 
 
@@ -218,7 +218,8 @@ def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
             broken = bounds_broken(number, spec)
             if broken:
                 raise SceneError(f"Argument `bounds` of `{name}` must be {broken} {unit}, but it holds {number!r}.")
-        free.append(Free(str(name), unit, *(end if isinstance(end, TypedNumber) else float(end) for end in pair), None if given is None else float(given)))
+        low, high = (end if isinstance(end, TypedNumber) else float(end) for end in pair)
+        free.append(Free(str(name), unit, low, high, None if given is None else float(given)))
     return tuple(free)
 
 

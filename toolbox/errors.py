@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 from typing import Any
 
@@ -47,6 +46,8 @@ class GrazingError(SimulationError):
 
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return the end of an error message about an unknown name: the nearest known names."""
+    import difflib  # here, because few programs need it
+
     known = sorted(set(known))
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if isinstance(name, str) else []
     if near:

@@ -10,7 +10,7 @@ import pytest
 from models import BlockOnBelt
 from toolbox import compose, simulate
 from toolbox import time as t
-from toolbox.compilation.emitter import cache_directory
+from toolbox.compilation.kept_code import cache_directory
 
 
 def test_a_user_without_a_home_simulates_and_keeps_nothing(monkeypatch):

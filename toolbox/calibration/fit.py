@@ -218,6 +218,11 @@ def _bounds(misfit: Any, names: Sequence[str], first: np.ndarray, bounds: Mappin
     return low, high
 
 
+def _product(tall: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """tall @ ways, without the threads of @, which wait for each other for longer than so thin a product takes."""
+    return np.einsum("ni,ij->nj", tall, ways)
+
+
 @dataclass
 class LeastSquares:
     """Least squares from several starts, and what the Jacobian at the end says."""
@@ -270,17 +275,17 @@ class LeastSquares:
             size = self._size(values)
             jacobian, left = self._weighed(misfit.slopes(values, size), scales), self._left(values)
         weights = np.concatenate([np.full(left[name].size, scales[name] / sizes[name]) for name in left])
-        per_part = (jacobian * weights[:, None]) @ (size[:, None] * ways)
+        per_part = _product(jacobian * weights[:, None], size[:, None] * ways)
         heard = np.sqrt((per_part**2).mean(axis=0)) >= MUTE if rest.why else np.ones(ways.shape[1], bool)
         labels = [" = ".join(name for name, part in zip(self.names, way, strict=True) if part) for way in ways.T[heard]]
         condition = self._identifiable(labels, per_part[:, heard])
         ways, mute = ways[:, heard], np.asarray(ways[:, ~heard].any(axis=1))
-        jacobian = jacobian @ ways
+        jacobian = _product(jacobian, ways)
         n, k = jacobian.shape
         if n <= k:
             raise SceneError(f"The data must hold more values than there are free numbers, but they hold {n} for {k}.")
         sum_of_squares = sum(float(((left[name] / scales[name]) ** 2).sum()) for name in left)
-        covariance = ways @ np.linalg.inv(jacobian.T @ jacobian) @ ways.T * sum_of_squares / (n - k)
+        covariance = ways @ np.linalg.inv(np.einsum("ni,nj->ij", jacobian, jacobian)) @ ways.T * sum_of_squares / (n - k)
         covariance[mute, mute] = math.inf
         factor = float(student.ppf(0.5 + self.confidence / 2, n - k))
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, self._size(values))
@@ -363,7 +368,7 @@ class LeastSquares:
             whole = misfit is self.misfit
             given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": values / size}
             given |= {"x_scale": "jac", "xtol": 1e-10 if whole else 1e-4, "ftol": 1e-12 if whole else 1e-4, "gtol": 1e-12, "max_nfev": 100 if whole else 30}
-            found: Any = self._unbounded(given, size) if whole and isinstance(misfit, MeasuredLoop) else None
+            found: Any = self._unbounded(given, size) if isinstance(misfit, MeasuredLoop) else None
             found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
             values = found.x * size
         found.x = values
@@ -394,15 +399,16 @@ class LeastSquares:
             raise SceneError(
                 f"Argument `free` must hold numbers that the data depend on, but {words} changes none of the measured signals."
             )
-        _, singular, directions = np.linalg.svd(per_part / np.linalg.norm(per_part, axis=0), full_matrices=False)
-        if singular[-1] < SINGULAR * singular[0]:
-            direction = directions[-1] / np.linalg.norm(per_part, axis=0)
+        square, directions = np.linalg.eigh(np.einsum("ni,nj->ij", per_part, per_part) / (length[:, None] * length * len(per_part)))
+        singular = np.sqrt(np.maximum(square, 0.0))
+        if singular[0] < SINGULAR * singular[-1]:
+            direction = directions[:, 0] / length
             direction /= np.abs(direction).max()
             involved = [(name, part) for name, part in zip(names, direction, strict=True) if abs(part) > 0.05]
             words = " and ".join(f"`{name}`" for name, _ in involved)
             changes = ", ".join(f"{100 * part:+.3g} % of `{name}`" for name, part in involved)
             raise SceneError(
                 f"Argument `free` must hold numbers that the data can tell apart, but {words} cannot be: changes in the ratio {changes} "
-                f"leave every residual as it is (singular values {singular[-1]:.1e} : {singular[0]:.1e}). Fix all of them but one."
+                f"leave every residual as it is (singular values {singular[0]:.1e} : {singular[-1]:.1e}). Fix all of them but one."
             )
-        return float(singular[0] / singular[-1])
+        return float(singular[-1] / singular[0])

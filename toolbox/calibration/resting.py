@@ -42,7 +42,7 @@ def resting(
     misfit: Any, values: np.ndarray, size: np.ndarray, jacobian: np.ndarray, left: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Resting:
     """Which of the numbers at the end of a search rest on others, and where. jacobian, left: slopes and residuals there, in parts of the noise."""
-    gradient = jacobian.T @ left
+    gradient = np.einsum("ni,n->i", jacobian, left)
     curvature = (jacobian**2).sum(axis=0)
     why: dict[int, str] = {}
     for i in range(values.size):

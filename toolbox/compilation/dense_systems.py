@@ -34,10 +34,11 @@ class _Text(LoopText):
     def vector_at(self, pointer: str, block: str) -> str:
         return self.value(f"getelementptr {_V}, ptr {pointer}, i64 {block}")
 
-    def spread(self, number: str) -> str:
-        """A number in every place of a block."""
-        one = self.value(f"insertelement {_V} poison, double {number}, i32 0")
-        return self.value(f"shufflevector {_V} {one}, {_V} poison, <{BLOCK} x i32> zeroinitializer")
+    def spread(self, number: str, kind: str = "double") -> str:
+        """A number of a kind in every place of a block."""
+        block = f"<{BLOCK} x {kind}>"
+        one = self.value(f"insertelement {block} poison, {kind} {number}, i32 0")
+        return self.value(f"shufflevector {block} {one}, {block} poison, <{BLOCK} x i32> zeroinitializer")
 
     def less_product(self, first: str, end: str, target: str, factor: str, source: str) -> None:
         """target -= factor * source over a range of blocks."""
@@ -71,12 +72,9 @@ def _factor() -> str:
         text.store(inverse, text.at(inverses, k))
         first = text.value(f"sdiv i64 {k}, {BLOCK}")
         scale = text.spread(inverse)
-        here = text.value(f"insertelement {_I} poison, i64 {k}, i32 0")
-        here = text.value(f"shufflevector {_I} {here}, {_I} poison, <{BLOCK} x i32> zeroinitializer")
+        here = text.spread(k, "i64")
         with text.loop(first, "%width") as c:
-            start = text.value(f"mul i64 {c}, {BLOCK}")
-            start = text.value(f"insertelement {_I} poison, i64 {start}, i32 0")
-            start = text.value(f"shufflevector {_I} {start}, {_I} poison, <{BLOCK} x i32> zeroinitializer")
+            start = text.spread(text.value(f"mul i64 {c}, {BLOCK}"), "i64")
             rows = text.value(f"add {_I} {start}, {_LANES}")
             place = text.vector_at(column, c)
             old = text.load(place, _V)

@@ -6,6 +6,7 @@ functions and returns their addresses; object code is cached on disk under a has
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import ctypes.util
 import hashlib
@@ -22,9 +23,8 @@ from weakref import WeakValueDictionary
 import casadi as ca
 
 from toolbox.compilation.dense_systems import BLOCK, NAMES, blocks, factor_size, module_text
+from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.errors import SceneError
-from toolbox.files.atomic import replaced
-from toolbox.messages import LOG
 from toolbox.modelling.elimination import calls, size_solved
 
 FLAGS = "contract nsz arcp"
@@ -261,20 +261,6 @@ def function_text(name: str, body: Body) -> str:
     return "\n".join([f"define void @{name}({SIGNATURE}) {body.attributes} {{", "entry:", *body.lines, "  ret void", "}"])
 
 
-def cache_directory() -> Path:
-    """Where object code is kept: STICKSLIP_CACHE_DIR, else the user's cache directory."""
-    named = os.environ.get("STICKSLIP_CACHE_DIR")
-    if named:
-        return Path(named)
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    if not base:
-        try:
-            base = str(Path.home() / ".cache")
-        except RuntimeError:  # a user without a home, as in a container: nothing can be kept there, which costs time only
-            base = os.devnull
-    return Path(base) / "stickslip"
-
-
 _LOADED: WeakValueDictionary[str, Any] = WeakValueDictionary()
 _KEPT: dict[str, Any] = {}
 _MACHINE: list[Any] = []
@@ -324,10 +310,11 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
     found = _LOADED.get(key)
     if found is None:
         path = cache_directory() / "objects" / f"{key}.o"
-        image = _cached(path)
+        image = kept(path)
         if image is None:
             image = _object_code(llvm, text, large, side_by_side)
-            _write_atomically(path, hashlib.sha256(image).digest() + image)
+            _make_room(path.parent)
+            keep(path, image)
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
             library = library.import_symbol(symbol, _libm_address(symbol))
@@ -371,32 +358,13 @@ def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes
     return machine.emit_object(module)
 
 
-def _cached(path: Path) -> bytes | None:
-    """Object code from the cache, or None where there is none or the file is damaged."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    return content[32:] if hashlib.sha256(content[32:]).digest() == content[:32] else None
-
-
-def _write_atomically(path: Path, image: bytes) -> None:
-    """Keep an object file; a cache that cannot be written only costs time."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _make_room(path.parent)
-        with replaced(path) as file:
-            file.write(image)
-    except (OSError, SceneError) as error:
-        LOG.debug("machine code is not kept, so that it is made again: %s", error)
-
-
 def _make_room(directory: Path, most: int = 4096) -> None:
     """Forget the older half of the object files where there are more than `most`: every formula of time leaves one."""
-    files = [entry for entry in os.scandir(directory) if entry.name.endswith(".o")]
-    if len(files) > most:
-        for entry in sorted(files, key=lambda entry: entry.stat().st_mtime)[: len(files) // 2]:
-            os.unlink(entry.path)
+    with contextlib.suppress(OSError):
+        files = [entry for entry in os.scandir(directory) if entry.name.endswith(".o")]
+        if len(files) > most:
+            for entry in sorted(files, key=lambda entry: entry.stat().st_mtime)[: len(files) // 2]:
+                os.unlink(entry.path)
 
 
 _LIBRARY: list[Any] = []

@@ -37,6 +37,7 @@ UNROLLED = 600
 LONG = 20_000
 """Instructions of all stages beyond which they are not written out either."""
 
+
 @dataclass(frozen=True)
 class Kernel:
     """Addresses of a compiled function set and the sizes its arrays need; `cost` is the number of instructions of one step, `slopes` the size of

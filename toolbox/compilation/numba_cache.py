@@ -16,11 +16,10 @@ from __future__ import annotations
 import contextlib
 import dis
 import hashlib
-import os
 import pickle
 import sys
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -34,10 +33,8 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from toolbox.compilation.emitter import cache_directory
+from toolbox.compilation.kept_code import cache_directory, keep, kept
 from toolbox.compilation.loop_parts import PartCompiler
-from toolbox.errors import SceneError
-from toolbox.files.atomic import replaced
 
 VERSIONED = {"numba", "llvmlite", "numpy"}
 """Packages whose code enters the number of a function by their version alone, as that of Python does."""
@@ -91,16 +88,13 @@ class MachineCode(_Cache):
     def __init__(self, dispatcher: Any):
         self._dispatcher = dispatcher
         self._base = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}".replace("<", "").replace(">", "")
+        self._base += f".{sys.implementation.cache_tag}"
         self._enabled = True
 
     @property
     def cache_path(self) -> str:
         """The folder."""
-        return str(self._folder)
-
-    @property
-    def _folder(self) -> Path:
-        return cache_directory() / "loops"
+        return str(_folder())
 
     def enable(self) -> None:
         """Keep code and take what is kept."""
@@ -112,15 +106,21 @@ class MachineCode(_Cache):
 
     def known(self) -> bool:
         """Whether this machine has machine code of the function as it is, for some signature."""
-        return any(True for _ in self._folder.glob(f"{self._name_now()}.*.code"))
+        return bool(self._files(self._stamp))
 
-    def _name_now(self) -> str:
-        return f"{self._base}.{sys.implementation.cache_tag}.{stamp(self._dispatcher)[:16]}"
+    @cached_property
+    def _stamp(self) -> str:
+        """The number of the text, which is fixed from the first time that code is asked for."""
+        return stamp(self._dispatcher)[:16]
+
+    def _files(self, stamped: str = "*") -> list[Path]:
+        """Files of the function, of all its texts or of one."""
+        return list(_folder().glob(f"{self._base}.{stamped}.*.code"))
 
     def _path(self, signature: Any, codegen: Any) -> Path:
         fields = [(kind.instance_class.__qualname__, kind.instance_class._fields) for kind in signature if hasattr(kind, "instance_class")]
         key = hashlib.sha256(repr((signature, fields, codegen.magic_tuple())).encode()).hexdigest()
-        return self._folder / f"{self._name_now()}.{key[:16]}.code"
+        return _folder() / f"{self._base}.{self._stamp}.{key[:16]}.code"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code that is kept for a signature, or None.
@@ -130,33 +130,23 @@ class MachineCode(_Cache):
         """
         if not self._enabled:
             return None
-        path = self._path(sig, target_context.codegen())
-        try:
-            content = path.read_bytes()
-        except OSError:
+        code = kept(self._path(sig, target_context.codegen()))
+        if code is None:
             return None
-        if hashlib.sha256(content[32:]).digest() != content[:32]:
-            return None
-        with contextlib.suppress(OSError):
-            os.utime(path)  # it is in use
         rtsys.initialize(target_context)
-        return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+        return CompileResult._rebuild(target_context, *pickle.loads(code))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the machine code of a signature; a folder that cannot be written only costs time."""
+        """Keep the machine code of a signature."""
         if not self._enabled or data.library.has_dynamic_globals:
             return
-        path = self._path(sig, data.codegen)
-        content = dumps(data._reduce())
-        with contextlib.suppress(OSError, SceneError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with replaced(path) as file:
-                file.write(hashlib.sha256(content).digest() + content)
+        keep(self._path(sig, data.codegen), dumps(data._reduce()))
+        with contextlib.suppress(OSError):
             self._make_room()
 
     def _make_room(self) -> None:
         texts: dict[str, float] = {}
-        files = [(path, path.name.rsplit(".", 2)[0], path.stat().st_mtime) for path in self._folder.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code")]
+        files = [(path, path.name.rsplit(".", 2)[0], path.stat().st_mtime) for path in self._files()]
         for _, text, used in files:
             texts[text] = max(used, texts.get(text, 0.0))
         last = sorted(texts, key=texts.__getitem__)[-KEPT:]
@@ -166,16 +156,19 @@ class MachineCode(_Cache):
 
     def flush(self) -> None:
         """Forget what is kept."""
-        for path in self._folder.glob(f"{self._base}.{sys.implementation.cache_tag}.*.code"):
+        for path in self._files():
             path.unlink(missing_ok=True)
+
+
+def _folder() -> Path:
+    return cache_directory() / "loops"
 
 
 def known(function: Any) -> bool:
     """Whether a cached function needs no compiling here."""
     if getattr(function, "signatures", True):
         return True
-    kept = function._cache
-    return isinstance(kept, MachineCode) and kept.known()
+    return isinstance(function._cache, MachineCode) and function._cache.known()
 
 
 def stamp(function: Any) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os.path
 import re
 import reprlib
 import sys
@@ -16,7 +17,6 @@ import warnings
 from decimal import Decimal
 from functools import cache
 from numbers import Real
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolbox.errors import SceneError, UnusualValue, suggest
@@ -160,13 +160,13 @@ def _outside() -> int:
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None:
         file = frame.f_code.co_filename
-        if not file.startswith(_OURS) and not (file == "<string>" and frame.f_code.co_name == "__init__") and Path(file).name != "dataclasses.py":
+        if not file.startswith(_OURS) and not (file == "<string>" and frame.f_code.co_name == "__init__") and os.path.basename(file) != "dataclasses.py":
             break
         frame, level = frame.f_back, level + 1
     return level
 
 
-_OURS = str(Path(__file__).parents[1])
+_OURS = os.path.dirname(os.path.dirname(__file__))
 
 
 def _shown(value: Any) -> str:

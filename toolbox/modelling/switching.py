@@ -114,10 +114,10 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         solved = masked_solve(matrix, right)
         pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
         own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
-        others = ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements))
+        others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements)))
         terms = own
         for _ in range(min(max(map(len, coupled_groups(matrix.sparsity()))) - 1, NEIGHBOURS)):
-            terms = own + ca.sparsify(others) @ terms
+            terms = own + others @ terms
         open_field = _held_exactly(free + gain_of_force @ force, slip, slip_of_state, x, t, sticks)
         balance = matrix @ force - right
     bound = ca.substitute(static, force, solved)

@@ -40,20 +40,16 @@ def compiled_loop(run: Run, program: Program) -> Any:
 
     Says so on stderr where this machine has to compile it first.
     """
-    series = True if isinstance(program.pair, Taylor) else None
+    run_on: Any
     if isinstance(program.pair, Theta):
         from toolbox.simulation.stepping_loop import advance  # here, because numba is slow to import
 
         name, run_on = "loop of time stepping", advance
     else:
-        from toolbox.simulation.event_loop import advance
+        from toolbox.simulation.event_loop import advance, run_on
 
         name = "event loop"
-
-        def run_on(work: Any) -> Any:
-            return advance(work, series)
-
-    key = (advance, series)  # steps of Taylor series have machine code of their own
+    key = (advance, isinstance(program.pair, Taylor))  # steps of Taylor series have machine code of their own
     if key not in _LOADED:
         _LOADED.append(key)
         announced(name, advance)

@@ -134,10 +134,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
             height = _ribbon(panel, {in_words(name): (run, name) for name in elements}, begin, end) if top else 0.0
             if lines > 1:
                 legend_above(panel, height)
-        panels[-1].set_xlabel("time [s]")
-        if len(panels) > 1:
-            panels[0].figure.align_ylabels(panels)
-    return ax if ax is not None else np.array(panels)
+        return _over_time(panels, ax)
 
 
 def phase_plane(
@@ -313,9 +310,14 @@ def overlay(
             name_axis(panel.yaxis, in_words(name), longest.unit(name), longest.asked)
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
-        panels[-1].set_xlabel("time [s]")
-        if len(panels) > 1:
-            panels[0].figure.align_ylabels(panels)
+        return _over_time(panels, ax)
+
+
+def _over_time(panels: list[Any], ax: Any) -> Any:
+    """The finished panels as a plot returns them: with time below the last."""
+    panels[-1].set_xlabel("time [s]")
+    if len(panels) > 1:
+        panels[0].figure.align_ylabels(panels)
     return ax if ax is not None else np.array(panels)
 
 

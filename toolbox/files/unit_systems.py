@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from functools import cache
 from typing import Any, NamedTuple
 
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 from toolbox.files.units import TypedNumber, parse
 
 SYSTEMS: dict[str, dict[str, str]] = {
@@ -54,7 +54,7 @@ class units:
 
     def __init__(self, system: str):
         if not isinstance(system, str) or system not in SYSTEMS:
-            raise SceneError(f"There is no system of units `{system}`: {suggest(str(system), SYSTEMS)}")
+            raise SceneError(f"There is no system of units `{system}`: known are {', '.join(f'`{each}`' for each in SYSTEMS)}.")
         self._before = _SYSTEM.set(system)
 
     def __enter__(self) -> units:

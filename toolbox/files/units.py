@@ -104,6 +104,8 @@ def parse(value: Any, unit: str, name: str = "value", instead: str | None = None
             with contextlib.suppress(SceneError):
                 return _converted(value, instead, name)
         return _converted(value, unit, name)
+    if isinstance(value, TypedNumber):
+        return value
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {_shown(value)}.")
     try:
@@ -188,6 +190,8 @@ def _converted(text: str, unit: str, name: str) -> float:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
     number = Decimal(match[1].replace("_", ""))
     given = match[2].strip()
+    if re.match(r",\s?[0-9]", given):
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark.")
     if not given and unit != "1":
         raise SceneError(
             f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."

@@ -208,6 +208,8 @@ class Scene:
 
     def run(self, case: str | Case) -> Trajectory:
         """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
+        if not isinstance(case, (str, Case)):
+            raise SceneError(f"Argument `case` must be the label of a case, such as {self.labels[0]!r}, or a Case, but it is {case!r}.")
         return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
 
     @property

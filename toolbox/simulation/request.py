@@ -23,7 +23,7 @@ from toolbox.modelling.steady_point import Equilibrium
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, method_of
 from toolbox.simulation.run import UNHURRIED, Budget, Run
-from toolbox.simulation.samples import Samples
+from toolbox.simulation.samples import Samples, short
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Request:
             raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
         method = method_of(self.method)
         if not is_finite_number(self.accuracy) or not 1e-13 <= self.accuracy <= 0.1:
-            raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {self.accuracy!r}.")
+            raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {self.accuracy!r}.")
         budget = UNHURRIED
         if self.budget is not None:
             if not isinstance(self.budget, Budget):
@@ -198,14 +198,22 @@ def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple
             kinds.append((name, "number"))
             value = float(value)
         else:
-            hint = ": the swept sine is `toolbox.inputs.sweep`" if getattr(value, "__name__", "") == "sweep" else ""
             raise SceneError(
-                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}{hint}."
+                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {short(value)}{_hint(value)}."
             )
         if name in system.parameters:
             system.parameters[name].check(np.array(_range(value)))
         values[name] = value
     return tuple(sorted(kinds, key=lambda pair: pair[0])), values, typed
+
+
+def _hint(value: Any) -> str:
+    """What to write in place of an input that cannot be taken."""
+    if getattr(value, "__name__", "") == "sweep":
+        return ": the swept sine is `toolbox.inputs.sweep`"
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return ": values need their times, `(times, values)`"
+    return ": write a formula of the symbol `toolbox.time`, such as `1e4 + 500 * casadi.sin(3 * time)`" if callable(value) else ""
 
 
 def _range(value: Any) -> tuple[float, ...]:

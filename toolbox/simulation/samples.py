@@ -206,7 +206,7 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
 def check_run(run: Any) -> None:
     """Raise SceneError for anything but a trajectory."""
     if not isinstance(run, Stays):
-        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
+        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {short(run)}.")
 
 
 def scalar(samples: Samples[Any], signal: str) -> np.ndarray:

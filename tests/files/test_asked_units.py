@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
+from matplotlib.ticker import ScalarFormatter
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, wells
@@ -97,6 +98,26 @@ def test_a_run_is_reported_and_drawn_in_the_units_of_its_inputs_parameters_and_l
     with units("si"):
         assert "rpm" not in str(saved) and "kN" not in str(found)
     plt.close("all")
+
+
+def test_axes_that_are_shared_have_one_unit():
+    plain, typed = (simulate(RIG, 5.0, inputs={"top.torque": torque}) for torque in (9_000.0, "12 kN m"))
+    _, (left, right) = plt.subplots(1, 2, sharey=True)
+    plot.traces(plain, "top.torque", ax=left)
+    plot.traces(typed, "top.torque", ax=right)
+    assert left.get_ylabel() == right.get_ylabel() == "top torque [N m]"
+    assert isinstance(right.yaxis.get_major_formatter(), ScalarFormatter)  # of numbers as they are
+    _, (left, right) = plt.subplots(1, 2, sharey=True)
+    plot.traces(typed, "top.torque", ax=left)
+    plot.traces(plain, "top.torque", ax=right)
+    assert left.get_ylabel() == right.get_ylabel() == "top torque [kN m]" and right.yaxis.get_major_formatter()(9_000.0) == "9"
+    plt.close("all")
+
+
+def test_every_run_of_a_scene_answers_in_the_units_of_the_scene():
+    scene = Scene.load(SCENE)
+    constant = scene.run("constant torque")  # in which nobody types a speed
+    assert line(str(constant), "top.speed").endswith("rpm") and line(str(constant), "top.torque").endswith("kN m")
 
 
 def test_steady_states_and_hopf_points_answer_alike():

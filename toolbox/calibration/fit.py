@@ -153,7 +153,7 @@ def fit(
     lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
     found = LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
     typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
-    return dataclasses.replace(found, asked=asked_units(typed, fields=(law, machine.parts)))
+    return dataclasses.replace(found, asked={**machine.asked, **asked_units(typed, fields=(law,))})
 
 
 def _machine(

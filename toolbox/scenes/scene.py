@@ -184,8 +184,10 @@ class Scene:
         return "\n".join(lines)
 
     def plant(self) -> HybridSystem:
-        """The composed plant, with the declared parameters."""
-        return compose(*self.parts)
+        """The composed plant, with the declared parameters; answers about it are in the units of the scene."""
+        plant = compose(*self.parts)
+        plant.told = self.asked
+        return plant
 
     @property
     def asked(self) -> dict[str, str]:

@@ -167,7 +167,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
                 _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
                 _number(row.error, "{:.0e}"),
-                _number(1e3 * row.wall_time, "{:.2g} ms"),
+                _number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms"),
             ]
         )
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]

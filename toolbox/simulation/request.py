@@ -77,7 +77,7 @@ class Request:
             plant=plant, system=system, duration=duration, start=begin, inputs=values, kinds=kinds, clocks=clocks, laws=laws,
             accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method,
             budget=self.budget or UNHURRIED, solver=carry_out,
-            asked=asked_units(typed, numbers, fields=(self.controller, declared.parts)),
+            asked={**declared.asked, **asked_units(typed, numbers, fields=(self.controller,))},
         )  # fmt: skip
 
     def _checked_numbers(self, duration: float) -> Method:

@@ -90,15 +90,22 @@ def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -
 def name_axis(axis: Any, words: str, unit: str, asked: Mapping[str, str] | None = None) -> None:
     """Label an axis of matplotlib with its quantity, read as `reading_of` says.
 
-    The data stay SI, the ticks stand at round numbers of the other unit.
+    The data stay SI, the ticks stand at round numbers of the other unit. Axes that are shared have one scale, and the unit of the first that was named.
     """
+    told = getattr(axis.get_major_locator(), "told", None)
+    if told is not None and told[0] == unit:
+        axis.set_label_text(f"{words} [{told[1]}]".strip())
+        return
     factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()), asked)
     axis.set_label_text(f"{words} [{shown}]".strip())
     if shown == unit:
+        axis.get_major_locator().told = (unit, shown)
         return
 
     class Places(MaxNLocator):
         """Round numbers of the other unit."""
+
+        told = (unit, shown)
 
         def tick_values(self, vmin: float, vmax: float) -> Any:
             return np.asarray(super().tick_values(vmin * factor, vmax * factor)) / factor

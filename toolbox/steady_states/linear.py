@@ -123,7 +123,7 @@ def equilibrium(
         modes = {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)}
         typed = [in_si(value, plant.inputs[name].unit, name) for name, value in (inputs or {}).items()]
         typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
-        return Equilibrium(plant, x, u, modes, asked_units(typed, fields=(controller, declared.parts)))
+        return Equilibrium(plant, x, u, modes, {**declared.asked, **asked_units(typed, fields=(controller,))})
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
     tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]

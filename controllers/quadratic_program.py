@@ -5,13 +5,15 @@
 An answer counts only if it passes its own Karush-Kuhn-Tucker conditions here, whatever the solver says of it: a solver may report success with violated
 bounds, most of all when it is started warm.
 
-Which solver: daqp (active sets) is fastest on condensed programs; hpipm and piqp (interior points) are slower and steady; osqp (first order) is slow, most
+Which solver: daqp (active sets) is fastest on condensed programs, most of all through its own package (extra `mpc`), which keeps what it knows of the matrices
+from sample to sample, where the plug-in of casadi begins anew; hpipm and piqp (interior points) are slower and steady; osqp (first order) is slow, most
 of all in the tail, where many limits are active and it may stop short of an answer that counts; qrqp often fails on these programs, which the check
 notices. `studies/benchmarks/mpc_speed.py` measures it.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +24,7 @@ from toolbox import SceneError
 from toolbox.authoring import announced, time_left
 
 SOLVERS = ("daqp", "hpipm", "piqp", "osqp", "proxqp", "qrqp")
-"""Solvers by name: osqp through its own interface, the others as they ship with casadi."""
+"""Solvers by name: osqp through its own interface, daqp too where its package is installed, the others as they ship with casadi."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,10 @@ class QuadraticProgram:
         self._start()
 
     def _start(self) -> None:
-        self._call: Any = (_Osqp if self.solver == "osqp" else _Plugin)(self.solver, self.H, self.A)
+        self._call: Any = interface(self.solver)(self.solver, self.H, self.A)
 
     def __getstate__(self) -> dict[str, Any]:
-        """A program travels without its solver, which starts again, cold."""
+        """A program travels without its solver, which starts again, cold: the next answer is the same but for round-off."""
         return {name: value.copy() if isinstance(value, np.ndarray) else value for name, value in self.__dict__.items() if name != "_call"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -114,6 +116,12 @@ class QuadraticProgram:
             self._call.forget()
         reason = "" if sound else f"KKT residual {found.largest:.1e} of the answer of {self.solver}, violation {found.violation:.1e}"
         return Answer(z, y, sound, reason, found)
+
+
+def interface(solver: str) -> Any:
+    """The class through which a solver is called."""
+    own = {"osqp": _Osqp} | ({"daqp": _Daqp} if importlib.util.find_spec("daqp") else {})
+    return own.get(solver, _Plugin)
 
 
 class _Plugin:
@@ -163,6 +171,39 @@ class _Plugin:
         for name in ("x", "lam_x", "lam_a"):
             given[f"{name}0"][:] = found[name]
         return found["x"].copy(), np.concatenate([found["lam_x"], found["lam_a"]])
+
+
+class _Daqp:
+    """DAQP through its own interface, which starts from its last active set (D. Arnström, A. Bemporad, D. Axehill, IEEE Trans. Autom. Control 67 (2022)).
+
+    Other matrices, and an end without an answer, begin anew: with an active set of other matrices it may end in numbers that are not finite (0.11).
+    """
+
+    def __init__(self, solver: str, H: np.ndarray, A: np.ndarray):
+        self.H, self.A = H, A
+        self.model: Any = None
+
+    def matrices(self, H: np.ndarray, A: np.ndarray) -> None:
+        self.model = None
+
+    def forget(self) -> None:
+        self.model = None
+
+    def __call__(self, g: np.ndarray, low: np.ndarray, high: np.ndarray, left: float) -> tuple[np.ndarray, np.ndarray]:
+        if self.model is not None and self.model.update(f=g, bupper=high, blower=low) >= 0:
+            z, _, flag, found = self.model.solve()
+            if flag > 0 and np.isfinite(z).all():
+                return z, found["lam"]
+        import daqp
+
+        self.model = daqp.Model()
+        self.model.settings = {"primal_tol": 1e-8, "iter_limit": 400}
+        flag, _ = self.model.setup(self.H, g, self.A, high, low)
+        if flag >= 0:
+            z, _, flag, found = self.model.solve()
+        if flag <= 0:
+            raise RuntimeError(f"flag {flag}")
+        return z, found["lam"]
 
 
 class _Osqp:

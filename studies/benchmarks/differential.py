@@ -45,6 +45,8 @@ AGREED = 1e-8
 """Relative difference of the two references from which on a trial is left out."""
 SMALLEST = 1e-6
 """Size [m, m/s] of a state that moves at all, of machines whose parameters are all about 1."""
+OWN = 1e-12
+"""Difference [m, m/s] up to which the reference says nothing: a hundred times the absolute error of one of its steps, all that moves in it at rest."""
 DEFECTS = ("wrong", "refused", "hanging", "crash")
 LANES = 64
 LONGEST = 600
@@ -62,7 +64,8 @@ def sure(one: Trial, times: np.ndarray, right: np.ndarray) -> bool:
 def _apart(states: np.ndarray, right: np.ndarray) -> float:
     """Largest difference of a state, relative to its size over the run; one that is round-off of the others, or of a machine at rest, counts with theirs."""
     size = np.abs(right).max(axis=0)
-    return float(np.max(np.abs(states - right) / np.maximum(size, max(1e-10 * size.max(), SMALLEST))))
+    difference = np.abs(states - right)
+    return float(np.max(np.where(difference > OWN, difference, 0.0) / np.maximum(size, max(1e-10 * size.max(), SMALLEST))))
 
 
 def arguments_of(one: Trial) -> dict[str, Any]:

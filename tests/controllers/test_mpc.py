@@ -9,7 +9,7 @@ import control
 import numpy as np
 import pytest
 
-from controllers import LinearMPC, NonlinearMPC, StiffPI
+from controllers import LinearMPC, NonlinearMPC, StiffPI, quadratic_program
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
@@ -237,11 +237,25 @@ def test_a_program_without_answer_is_not_sound_for_any_solver():
     assert not QuadraticProgram(H, A).solve(np.full(8, np.nan), low, high).sound
 
 
+def test_with_or_without_its_own_package_daqp_gives_the_same_plans(problems, monkeypatch):
+    pytest.importorskip("daqp")
+    H, A, torque, recorded = problems
+    own = QuadraticProgram(H, A)
+    monkeypatch.setattr(quadratic_program, "interface", lambda solver: quadratic_program._Plugin)
+    plugged = QuadraticProgram(H, A)
+    assert type(own._call) is not type(plugged._call)
+    pairs = [(own.solve(*vectors), plugged.solve(*vectors)) for vectors in recorded]
+    assert all(mine.sound and theirs.sound for mine, theirs in pairs)
+    assert max(abs(torque @ (theirs.z - mine.z)) for mine, theirs in pairs) < 1e-6
+    own.update(2.0 * H, A)
+    g, low, high = recorded[0]
+    assert own.solve(2.0 * g, low, high).z == pytest.approx(pairs[0][0].z, abs=1e-6)
+
+
 @pytest.mark.parametrize("law", [LinearMPC, NonlinearMPC])
 def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(law, monkeypatch):
-    from controllers import quadratic_program
-
-    honest = quadratic_program._Plugin.__call__
+    solver = quadratic_program.interface("daqp")
+    honest = solver.__call__
     count = []
 
     def lying(self, *given):
@@ -249,7 +263,7 @@ def test_a_solver_that_lies_is_replaced_by_the_soft_drive_and_the_run_says_when(
         z, y = honest(self, *given)
         return (z + 0.1, y) if 20 <= len(count) <= 24 else (z, y)
 
-    monkeypatch.setattr(quadratic_program._Plugin, "__call__", lying)
+    monkeypatch.setattr(solver, "__call__", lying)
     run = simulate(RIG, 10.0, controller=law(reference=8.0, **LIMITS, **STATES), sample_time=0.1)
     fallbacks = run.laws[0].record.fallbacks
     assert len(fallbacks) == 5

@@ -109,6 +109,7 @@ def test_a_law_beats_another_by_severity_and_stick(checks, stiff, soft):
     assert "must beat the other" in text and figure(text).startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_an_onset_above_the_limit_shows_both_borders(checks, rig):
     given = {"between": (3.0, 15.0), "values": 5, "tolerance": 0.2}
     # the smooth border of the stiff drive is far below this limit: stick-slip that exists is not

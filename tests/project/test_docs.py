@@ -43,7 +43,11 @@ def command(line, folder):
 
 
 @pytest.mark.timeout(300)  # commands are processes of their own, and import everything anew
-@pytest.mark.parametrize("path", [p for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))], ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=pytest.mark.slow if p.stem == "first_hour" else ()) for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))],
+    ids=lambda path: path.stem,
+)
 def test_a_page_runs_from_top_to_bottom_in_a_folder_of_its_own(path, tmp_path, monkeypatch):
     """Python is executed, blocks with a title are files, lines of a console that begin with $ are commands."""
     (tmp_path / "studies").symlink_to(ROOT / "studies", target_is_directory=True)

@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from studies.benchmarks import differential
 from studies.benchmarks.fuzz import DEFECTS, examine
+from toolbox import compose, simulate
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -24,6 +26,16 @@ def test_a_random_machine_of_every_kind_moves_as_explicit_modes_and_scipy_say(nu
     found = []
     differential.examine(1, number, 1, lambda **words: found.append(words))
     assert {words["end"] for words in found} == {"right"}
+
+
+def test_what_the_reference_moves_by_at_rest_is_no_error_of_a_run_that_rests():
+    one, times = differential.trial(1, 1379, 0), np.linspace(0.0, 1.0, 101)
+    right = differential.Reference(one, 1e-12).run(times)
+    assert 0.0 < np.abs(right).max() < 1e-12  # its steps end in forces that balance to round-off only
+    run = simulate(compose(one.machine), 1.0, output_times=times, **differential.arguments_of(one))
+    assert not run.states.any()
+    assert differential._apart(run.states, right) == 0.0
+    assert differential._apart(run.states + 1e-11, right) > 1e-6
 
 
 def test_a_comparison_that_was_stopped_goes_on_where_it_was(tmp_path):

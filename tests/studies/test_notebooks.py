@@ -136,6 +136,7 @@ def test_what_becomes_of_the_collar_belongs_to_a_gain_and_a_way_of_starting(answ
     assert found["speed above which rolling lasts"] < found["set-point"] < found["speed at which whirl reaches the wall"]
 
 
+@pytest.mark.slow
 def test_a_lowered_peak_parks_the_string_and_exact_modes_free_it(answer):
     found = answer("08")
     parked = found.pop("tanh, lowered peak")

@@ -27,6 +27,7 @@ def test_no_law_of_the_table_is_above_the_limit_of_what_it_measures(found):
     assert all(both > top or top == 2.0 for top, both in zip(limits, found["limit, top and bit speed"], strict=True))
 
 
+@pytest.mark.slow
 def test_the_laws_that_reach_low_set_points_bear_little_everywhere(found):
     for label, low in (("LQG", 0.08), ("Z-torque", 0.025), ("H-infinity", 0.0035)):
         assert low < found[label][0] and max(found[label]) < 0.22
@@ -35,16 +36,19 @@ def test_the_laws_that_reach_low_set_points_bear_little_everywhere(found):
     assert found["PI"][-1] > 1.6 and found["stiff PI"][-1] > 1.1
 
 
+@pytest.mark.slow
 def test_tuned_on_other_rigs_a_law_keeps_more_and_impedance_the_most():
     for label, declared, worst in (("impedance, tuned", 0.488, 0.335), ("LQG, tuned", 0.233, 0.047)):
         assert study.found_at(label, 4.0, measured=False).disk_margin == pytest.approx(declared, abs=0.005)
         assert study.worst_at(label, 4.0)[0] == pytest.approx(worst, abs=0.005)
 
 
+@pytest.mark.slow
 def test_the_limit_is_that_of_a_first_look(found):
     assert [round(value, 2) for value in found["limit, top speed"]] == [0.18, 0.37, 1.04, 2.0, 2.0, 2.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("label", ["sliding mode, filter"])
 def test_a_sliding_mode_on_a_late_filter_swings_for_ever_and_lqg_does_not(found, label):
     assert set(found[label]) == {0.0}

@@ -142,6 +142,7 @@ def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(
     assert re.search(r"50000 \.\. 60000 +N$", line(str(plain), "bit.weight"))  # plain numbers are asked in SI
 
 
+@pytest.mark.slow
 def test_a_map_answers_on_each_axis_in_its_unit(tmp_path):
     over = {"top.reference": ("30 rpm", "140 rpm"), "bit.weight": (60e3, 100e3)}
     found = severity_map(RIG, over, shape=(2, 2), duration="30 s", controller=StiffPI(), halvings=0)

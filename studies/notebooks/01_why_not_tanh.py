@@ -110,6 +110,7 @@ with plt.rc_context(plot.PAPER):
     left.plot(times, 0 * times, label="set-valued", **plot.LINES[0])
     left.set(xlabel="time [s]", ylabel="turns of the bit [1]", ylim=(-0.05, None))
     left.set_yscale("asinh", linear_width=1.0)
+    left.set_yticks([0.0, 0.5, 1.0, 2.0, 5.0, 10.0], ["0", "0.5", "1", "2", "5", "10"])
     left.legend(frameon=False, loc="upper left")
     left.set_title("80 % of the static torque", loc="left", fontsize=9.0)
     right.plot(grid, believed.at(grid)["bit.speed"], label="model, width 0.1 rad/s", **plot.LINES[2])

@@ -148,7 +148,7 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
         left.set_title("drill string, worst of 90, 97 and 107 kN", loc="left", fontsize=9.0)
         left.legend(frameon=False, fontsize=7.5)
         _front(right, rig, "sliding mode", *looks[0])
-        right.set_yscale("asinh", linear_width=1.0)
+        right.set_yscale("symlog", linthresh=1.0)
         right.set(xlabel="lowest set-point that ends stick-slip [rad/s]", ylabel="impacts on the wall [1]", ylim=(-0.3, None))
         right.set_title("whirling collar", loc="left", fontsize=9.0)
         right.legend(frameon=False, fontsize=7.5)

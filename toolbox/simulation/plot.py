@@ -359,10 +359,11 @@ def _event_lines(ax: Any, run: Pictured, begin: float, end: float, elements: Seq
 
     Those of the contact whose stick is shaded are the edges of its bands.
     """
-    for i, element in enumerate(elements):
-        times = np.unique([event.time for event in run.events if event.element == element and begin <= event.time <= end])
-        if 0 < times.size <= 10 * MANY_EVENTS:
-            strength = 0.7 * min(1.0, MANY_EVENTS / times.size)
+    inside = {element: np.unique([e.time for e in run.events if e.element == element and begin <= e.time <= end]) for element in elements}
+    count = sum(times.size for times in inside.values())
+    strength = 0.7 * min(1.0, MANY_EVENTS / max(count, 1))
+    for i, times in enumerate(inside.values() if count <= 10 * MANY_EVENTS else ()):
+        if times.size:
             dots = (0, (1 + 2 * (i % 4), 2))
             ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5)
 

@@ -33,6 +33,7 @@ def test_figures_are_written_in_the_format_asked_for_and_replace_those_of_anothe
     assert Trajectory.load(out / "01_one.npz").end == 5.0
 
 
+@pytest.mark.slow
 def test_a_study_and_a_comparison_write_pdf(belt, tmp_path):
     out = tmp_path / "out"
     for _ in range(2):

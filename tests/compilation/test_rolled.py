@@ -170,6 +170,7 @@ def test_a_banded_elimination_takes_the_step_of_the_one_written_out(n, everywher
     np.testing.assert_allclose(banded, plain, rtol=0, atol=1e-13 * np.abs(plain).max())
 
 
+@pytest.mark.slow
 def test_the_implicit_step_of_a_chain_is_as_long_for_twice_as_many(monkeypatch):
     sizes = [steps(uniform(n, True), 0, monkeypatch)[1].kernel.instructions for n in (250, 500)]
     assert sizes[1] < 1.1 * sizes[0] < 6000

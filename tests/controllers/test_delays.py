@@ -57,6 +57,7 @@ def test_with_one_to_three_samples_of_delay_a_law_varies_its_torque_at_most_twic
         assert variation(law(late), late) <= 2.0 * prompt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [LinearMPC, NonlinearMPC])
 def test_predictive_laws_do_so_too(kind):
     prompt = variation(kind(**NUMBERS), 0, 0.1)

@@ -434,6 +434,7 @@ def test_on_a_rig_that_is_not_the_declared_one_the_bit_turns_at_its_set_point_wi
     assert 0.1 * len(taken) <= 0.1 * 120.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [OTHERS["drive - 10 %"], OTHERS["drive + 20 %"]])
 def test_a_filter_that_trusts_its_drive_parks_the_bit_and_the_watchdog_sees_the_motor_swing(rig):
     trusting = NonlinearMPC(reference=8.0, delay=0.03, **TRUSTING[NonlinearMPC], **LIMITS)

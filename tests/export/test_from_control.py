@@ -88,6 +88,7 @@ def test_about_a_working_point_the_system_sees_deviations():
         assert now["top.torque"] == pytest.approx(9000.0 - 1500.0 * (now["top.speed"] - 9.0))
 
 
+@pytest.mark.slow
 def test_it_is_a_law_like_any_other(tmp_path):
     law = from_control(pi(), reference=9.95, **SIGNALS)
     found = onset(RIG, "top.reference", (5.0, 14.0), controller=law, values=4)

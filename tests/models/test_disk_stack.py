@@ -175,6 +175,7 @@ def test_a_clamping_force_that_does_not_press_is_refused(force):
         DiskStack().clamped(force)
 
 
+@pytest.mark.slow
 def test_a_stack_of_sixty_four_interfaces_brakes():
     stack = DiskStack(rotors=32, wheel_inertia=1280.0)
     run = simulate(compose(stack), 0.01, start=turning(stack, 2.0))

@@ -416,6 +416,7 @@ def test_bounces_that_die_out_on_a_rough_rigid_wall_end_in_contact(restitution, 
 STEP, SHORT, LONG, *INSIDE = whirl.WAYS
 
 
+@pytest.mark.slow
 def test_a_step_from_rest_strikes_at_some_gains_and_a_ramp_of_a_minute_at_none():
     stiff = whirl.row(whirl.driven(None))
     assert stiff["severity"] > 1.0 and stiff["stuck"] > 1.0 and stiff["impacts"] > 500  # without a sliding mode it sticks, slips and strikes

@@ -43,6 +43,7 @@ def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
     assert all(border.confirmed and border.safe == "above" for border in (*found.losses, *found.ends))
 
 
+@pytest.mark.slow
 def test_the_smooth_onset_of_a_stiff_drive_understates_the_danger_by_a_factor_of_about_three(stiff):
     assert stiff.loss == pytest.approx(stiff.hopf[0].value, abs=2 * stiff.losses[0].tolerance)
     assert 2.5 < stiff.end / stiff.loss < 3.5
@@ -63,6 +64,7 @@ def test_what_the_report_calls_bistable_is_so_in_plain_runs(rig, stiff):
     assert measure.stuck_ratio(begun, "bit", 500.0) > 0.1
 
 
+@pytest.mark.slow
 def test_a_drive_that_gives_way_moves_both_borders_down(stiff, soft):
     assert soft.loss < 0.9 * stiff.loss
     assert soft.end < 0.75 * stiff.end
@@ -130,6 +132,7 @@ def test_under_a_constant_torque_stick_slip_ends_at_one_torque_and_standstill_at
     assert found.bistable[-1][1] == found.end
 
 
+@pytest.mark.slow
 def test_towards_low_torques_stick_slip_does_not_end_in_smooth_running_but_stalls():
     plant = compose(wells.NAVARRO_LOPEZ_4, BitRock())
     found = onset(plant, "top.torque", (9000.0, 11_000.0), inputs={"top.torque": 10_300.0}, values=5)

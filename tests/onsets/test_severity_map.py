@@ -51,6 +51,7 @@ def test_the_linear_border_is_the_hopf_curve(found):
         assert found.border("linear", weight) == pytest.approx([speed], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_smooth_running_of_a_fast_sampled_law_is_lost_by_simulation_where_the_poles_of_the_continuous_one_say(found):
     sampled = severity_map(RIG, OVER, shape=(9, 4), controller=Sampled(StiffPI(), 0.005), halvings=5)
     cell = np.diff(found.axes[0])[0] * found.resolution

@@ -231,6 +231,7 @@ class OnSide(Controller):
 # --- the drill string
 
 
+@pytest.mark.slow
 def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_grid(rig):
     found = margins(rig, Sampled(LQG(reference=5.0, late=3), 0.01, 0.03))
     loop = control.ss(found.loop.A, found.loop.B, -found.loop.C, -found.loop.D, 0.01)

@@ -43,7 +43,6 @@ def test_both_borders_of_thomsen_and_fidlin_are_those_of_first_order():
     assert all(border.confirmed and border.safe == "above" for border in (*found.losses, *found.ends))
 
 
-@pytest.mark.slow
 def test_the_smooth_onset_of_a_stiff_drive_understates_the_danger_by_a_factor_of_about_three(stiff):
     assert stiff.loss == pytest.approx(stiff.hopf[0].value, abs=2 * stiff.losses[0].tolerance)
     assert 2.5 < stiff.end / stiff.loss < 3.5

@@ -164,11 +164,13 @@ def field_table(thing: Any) -> list[str]:
     fields = [field for field in dataclasses.fields(thing) if field.name != "name" and not field.name.startswith("_")]
     if not any("unit" in field.metadata for field in fields):
         return []
-    rows = ["| field | default | unit | bounds | usual | meaning |", "|---|---|---|---|---|---|"]
+    heads = ["field", "default", "unit", "bounds", "usual", "meaning"]
+    heads += ["source of the default"] if any(field.metadata.get("source") for field in fields) else []
+    rows = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for field in fields:
-        unit, meaning = field.metadata.get("unit", ""), field.metadata.get("meaning", "")
-        cells = (f"`{field.name}`", _default(field), "" if unit == "1" else unit, _bounds(field.metadata), _usual(field.metadata.get("usual")), meaning)
-        rows.append("| " + " | ".join(cell.replace("|", chr(92) + "|") for cell in cells) + " |")
+        unit, words = field.metadata.get("unit", ""), [field.metadata.get(key, "") for key in ("meaning", "source")]
+        cells = [f"`{field.name}`", _default(field), "" if unit == "1" else unit, _bounds(field.metadata), _usual(field.metadata.get("usual")), *words]
+        rows.append("| " + " | ".join(cell.replace("|", chr(92) + "|") for cell in cells[: len(heads)]) + " |")
     return rows
 
 

@@ -48,11 +48,11 @@ class BlockOnBelt(Component):
     it is the oscillator of J. P. Den Hartog (1931).
     """
 
-    mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)
-    stiffness: Quantity = quantity(1.0, "N/m", "stiffness of the spring", at_least=0)
+    mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0, source="Leine et al. (1998)")
+    stiffness: Quantity = quantity(1.0, "N/m", "stiffness of the spring", at_least=0, source="Leine et al. (1998)")
     damping: Quantity = quantity(0.0, "N s/m", "viscous damping to ground", at_least=0)
     drag: Quantity = quantity(0.0, "N s/m", "viscous drag between block and belt", at_least=0)
-    belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt")
+    belt_speed: Quantity = quantity(0.2, "m/s", "speed of the belt", source="Leine et al. (1998)")
     load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
     friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
 

@@ -42,9 +42,9 @@ class Exponential(FrictionLaw):
     and Farhang (2016) for two disks has decay = alpha. Range: decay >= 0, from constant friction to a jump.
     """
 
-    static: Quantity = quantity(0.8, "1", "static coefficient", at_least=0)
-    kinetic: Quantity = quantity(0.5, "1", "kinetic coefficient at high speed", at_least=0)
-    decay: Quantity = quantity(0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0)
+    static: Quantity = quantity(0.8, "1", "static coefficient", at_least=0, source="Navarro-Lopez and Cortes (2007)")
+    kinetic: Quantity = quantity(0.5, "1", "kinetic coefficient at high speed", at_least=0, source="Navarro-Lopez and Cortes (2007)")
+    decay: Quantity = quantity(0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0, source="Navarro-Lopez and Cortes (2007)")
 
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-self.decay * speed)
@@ -64,9 +64,9 @@ class Transition(FrictionLaw):
     1.37 times `speed`. Defaults: mu 0.3, ratio 0.65, w_c = 1.5 rad/s of U. J. F. Aarsnes and R. J. Shor (2018), whose law jumps there.
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
-    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
-    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
 
     def sliding(self, speed):
         square = (speed / self.speed) ** 2
@@ -87,9 +87,9 @@ class Drop(FrictionLaw):
     with static 0.3, kinetic 0.65 of it and 1.5 rad/s.
     """
 
-    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0)
-    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0)
-    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0)
+    static: Quantity = quantity(0.3, "1", "static coefficient, and that below the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    kinetic: Quantity = quantity(0.195, "1", "kinetic coefficient beyond the drop", at_least=0, source="Aarsnes and Shor (2018)")
+    speed: Quantity = quantity(1.5, "rad/s", "slip speed of the drop (m/s for translation)", above=0, source="Aarsnes and Shor (2018)")
 
     def sliding(self, speed, beyond):
         return self.static - (self.static - self.kinetic) * beyond
@@ -191,8 +191,8 @@ class Hyperbolic(FrictionLaw):
     den Steen, Nonlinear Dynamics 16 (1998) 41-54, doi:10.1023/A:1008289604683.
     """
 
-    static: Quantity = quantity(1.0, "N", "static bound", at_least=0)
-    decay: Quantity = quantity(3.0, "s/m", "decay with slip speed", at_least=0)
+    static: Quantity = quantity(1.0, "N", "static bound", at_least=0, source="Leine et al. (1998)")
+    decay: Quantity = quantity(3.0, "s/m", "decay with slip speed", at_least=0, source="Leine et al. (1998)")
 
     def sliding(self, speed):
         return self.static / (1 + self.decay * speed)

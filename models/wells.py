@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 from models.drill_string import TorsionalChain
 from models.friction import Drop
+from toolbox.authoring import suggest
 
 if TYPE_CHECKING:
     from models.tabulated_string import DrillString
@@ -77,4 +78,4 @@ def __getattr__(name: str) -> DrillString:
     if name == "UFRJ":
         with as_file(files("models") / "tables") as folder:
             return DrillString.from_tables(folder / "ufrj_sections.csv", top_inertia=2122.0, drag_rate=0.35, internal_damping=0.06, band=1.0)
-    raise AttributeError(f"module `models.wells` has no attribute `{name}`")
+    raise AttributeError(f"There is no well `{name}`: {suggest(name, __all__)}")

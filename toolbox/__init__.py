@@ -278,7 +278,13 @@ def _lazy(name: str) -> ModuleType:
 
 
 # the public modules have short names: `from toolbox.measure import severity` finds the one that stands in its room
-inputs = sys.modules[f"{__name__}.inputs"] = _lazy("toolbox.modelling.inputs")
-linear = sys.modules[f"{__name__}.linear"] = _lazy("toolbox.steady_states.linear")
-measure = sys.modules[f"{__name__}.measure"] = _lazy("toolbox.measuring.measure")
-plot = sys.modules[f"{__name__}.plot"] = _lazy("toolbox.simulation.plot")
+if TYPE_CHECKING:
+    from toolbox.measuring import measure as measure
+    from toolbox.modelling import inputs as inputs
+    from toolbox.simulation import plot as plot
+    from toolbox.steady_states import linear as linear
+else:
+    inputs = sys.modules[f"{__name__}.inputs"] = _lazy("toolbox.modelling.inputs")
+    linear = sys.modules[f"{__name__}.linear"] = _lazy("toolbox.steady_states.linear")
+    measure = sys.modules[f"{__name__}.measure"] = _lazy("toolbox.measuring.measure")
+    plot = sys.modules[f"{__name__}.plot"] = _lazy("toolbox.simulation.plot")

@@ -7,8 +7,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from toolbox.errors import SceneError
+
+FloatArray = NDArray[np.float64]
+"""What results hold: an array of floats, as a type checker sees it."""
+
+BoolArray = NDArray[np.bool_]
 
 
 def mapping(word: str, given: Any) -> dict[str, Any]:

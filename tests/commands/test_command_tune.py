@@ -40,7 +40,7 @@ def test_two_scenes_become_a_report_a_figure_the_points_and_scenes_with_the_tune
     out = tmp_path / "tuned"
     assert main(["tune", *rigs, *FREE, "--runs", "20", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "proportional [N m s/rad]", "50 .. 20000", "severity", "Two inertias, 90 kN"):
+    for word in ("StiffPI `stiff PI`", "worst of 2 scenes", "integral [kN m/rad]", "0.05 .. 20", "severity", "Two inertias, 90 kN"):
         assert word in printed
     assert {path.name for path in out.iterdir()} == {"tune.txt", "tune.png", "trials.csv", "tuned_rig_90.toml", "tuned_rig_100.toml"}
     assert (out / "tune.txt").read_text() in printed and (out / "tune.png").read_bytes().startswith(b"\x89PNG")

@@ -54,7 +54,8 @@ def written(tmp_path):
 def test_a_scene_with_a_law_of_ones_own_runs_where_its_file_is_loaded(written, tmp_path, capsys):
     law, scene = written("MyFirstDamper")
     assert main(["simulate", str(scene)]) == 2
-    assert "There is no control law `MyFirstDamper`" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "There is no control law `MyFirstDamper`" in said and "`--load FILE.py`" in said
     assert main(["simulate", str(scene), "--duration", "0.5 min", "--load", str(law)]) == 0
     assert "30 s" in capsys.readouterr().out
     assert main(["list", "MyFirstDamper", "--load", str(law)]) == 0

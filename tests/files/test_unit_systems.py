@@ -48,6 +48,8 @@ def test_a_system_holds_inside_of_its_block_or_from_there_on():
             assert reading("N").unit == "klbf"
         assert reading("N").unit == "kN"
     assert reading("N") == (1.0, "N")
+    with units("si"):  # chosen as well: it wins over what was typed
+        assert reading("N", {"N": "kN"}) == (1.0, "N")
     chosen = units("oilfield")
     assert reading("rad/s").unit == "rpm"
     chosen.__exit__()
@@ -79,9 +81,11 @@ def test_reports_say_the_same_in_other_units_and_numbers_stay_si():
 
 def test_an_onset_answers_in_rpm():
     found = onset(RIG, "top.reference", ("60 rpm", "140 rpm"), controller=StiffPI(), at="120 rpm", duration="40 s", tolerance="5 rpm", values=3)
+    text, picture = str(found), found.plot()  # it was asked in rpm, and nothing else was chosen
     with units("metric"):
-        text = str(found)
-        picture = found.plot()
+        assert str(found) == text
+    with units("si"):
+        assert "rpm" not in str(found) and "The working point 12.5664 rad/s" in str(found)
     assert "top.reference from 60 to 140 rpm" in text and "The working point 120 rpm" in text
     assert f"{found.end / RPM:.6g} rpm" in text and "rad/s" not in text
     assert picture.get_xlabel() == "top reference [rpm]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import runpy
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,26 @@ def test_a_type_checker_has_nothing_to_say_about_text_with_units_where_it_is_tak
     words = ["--config-file", str(root / "pyproject.toml"), "--cache-dir", str(tmp_path)]
     said, _, code = api.run([*words, str(SCRIPT), str(wrong)])
     assert "expression has type \"float\", variable has type \"str\"" in said and said.count("error:") == 1 and code == 1, said
+
+
+@pytest.mark.slow
+def test_a_strict_type_checker_knows_what_results_hold():
+    api = pytest.importorskip("mypy.api")
+    script = SCRIPT.with_name("typed_results.py")  # it asserts the type of everything that it reads
+    wrong = script.read_text().replace("assert_type(found.end, float)", "assert_type(found.end, str)")
+    with tempfile.TemporaryDirectory() as folder:
+        other = Path(folder) / "wrong.py"
+        other.write_text(wrong)
+        # as of an installed toolbox, whose own errors a checker does not show
+        words = ["--strict", "--follow-imports=silent", "--ignore-missing-imports", "--cache-dir", f"{folder}/cache"]
+        said, _, code = api.run([*words, str(script), str(other)])
+    assert 'Expression is of type "float", not "str"' in said and said.count("error:") == 1 and code == 1, said
+
+
+@pytest.mark.slow
+def test_the_script_that_reads_results_runs():
+    found = runpy.run_path(str(SCRIPT.with_name("typed_results.py")))
+    assert found["fitted"]["bit.weight"] == pytest.approx(97_347.0, rel=1e-3) and len(found["branch"].values) == 3
 
 
 @pytest.mark.slow

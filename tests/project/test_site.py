@@ -28,6 +28,7 @@ def test_a_part_has_a_table_of_its_fields():
     section = page.partition("::: models.BitRock\n")[2].partition("\n:::")[0]
     assert "| `weight` | 97347 | N | &gt;= 0 | 500 to 5e+06 | weight on bit |" in section
     assert page.count("| field | default | unit | bounds | usual | meaning |") > 30
+    assert "| weight on bit | Navarro-Lopez and Cortes (2007) |" in page and "| mass of the absorber |\n" in page  # chosen numbers have no source
 
 
 @pytest.fixture(scope="module")

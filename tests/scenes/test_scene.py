@@ -272,7 +272,7 @@ MISTAKES = [
     (edited("static = 0.8,", "static = 0.3,"), "must be <= the static coefficient"),
     (edited("duration = \"2 min\"", "duration = -1"), "`duration` must be > 0 s"),
     (edited("duration = \"2 min\"", "duration = 0"), "`duration` must be > 0 s"),
-    (edited("accuracy = 1e-7", "accuracy = 1"), "`accuracy` must be between"),
+    (edited("accuracy = 1e-7", "accuracy = 1"), "`accuracy` must be a number between"),
     (edited("accuracy = 1e-7", 'accuracy = "fine"'), "`accuracy` must be a number"),
     (edited('after = "60 s"', 'after = "3 min"'), "`verdict.after` must be"),
     (edited('sample_time = "10 ms"', "sample_time = 0"), "`sample_time` must be > 0 s"),

@@ -38,6 +38,17 @@ def test_what_the_reference_moves_by_at_rest_is_no_error_of_a_run_that_rests():
     assert differential._apart(run.states + 1e-11, right) > 1e-6
 
 
+@pytest.mark.parametrize(("number", "draw"), [(2720, 1), (2951, 2)])
+def test_a_rest_that_a_weak_load_ends_for_a_moment_is_not_stepped_over_by_the_reference(number, draw):
+    one = differential.trial(1, number, draw)
+    times = np.linspace(0.0, one.duration, 101)
+    reference = differential.Reference(one, 1e-12)
+    right = reference.run(times)
+    run = simulate(compose(one.machine), one.duration, output_times=times, accuracy=1e-8, **differential.arguments_of(one))
+    assert [event.time for event in run.events] == pytest.approx([each[0] for each in reference.events], abs=1e-7)
+    assert differential._apart(run.states, right) < 1e-7
+
+
 def test_a_comparison_that_was_stopped_goes_on_where_it_was(tmp_path):
     log = tmp_path / "log.jsonl"
     differential.work(1, 1, range(1, 2), log)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -14,13 +15,14 @@ COLUMNS = 2
 """Signals side by side."""
 
 
-def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
+def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray, asked: Mapping[str, str]) -> Any:
     """Measured against model: one panel per signal, or the loop of friction over slip, and below each the residuals.
 
     Parameters
     ----------
     misfit: what was measured, and the model that was fitted to it.
     values: the fitted numbers, shape (numbers,).
+    asked: {unit: unit that was typed}, of the axes.
 
     Returns
     -------
@@ -71,8 +73,8 @@ def fitted(misfit: MeasuredLoop | Simulated, values: np.ndarray) -> Any:
                 bottom.set_xlabel("time [s]")
             bottom.plot(x, measured - model[name], **dots)
             bottom.axhline(0.0, color="0.2", linewidth=0.7)
-            name_axis(top.yaxis, in_words(name), unit)
-            name_axis(bottom.yaxis, "residual", unit)
+            name_axis(top.yaxis, in_words(name), unit, asked)
+            name_axis(bottom.yaxis, "residual", unit, asked)
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, frameon=False, markerscale=3.0, loc="outside lower center", ncols=len(labels))
         figure.align_ylabels(axes)

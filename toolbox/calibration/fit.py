@@ -13,6 +13,7 @@ one point of a line of equally good ones. The singular values of J show that, an
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +29,7 @@ from toolbox.calibration.resting import resting
 from toolbox.calibration.results import Fit
 from toolbox.calibration.trust import residual_of, sampling_error
 from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -149,7 +151,9 @@ def fit(
             )
     first, units = zip(*[_declared(misfit, name) for name in names], strict=True)
     lowest, highest = _bounds(misfit, names, np.array(first), bounds or {})
-    return LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+    found = LeastSquares(misfit, names, units, np.array(first), lowest, highest, noise, starts, seed, confidence).fit()
+    typed = [in_si(bounds[name], unit, name) for name, unit in zip(names, units, strict=True) if name in bounds]
+    return dataclasses.replace(found, asked={**machine.asked, **asked_units(typed, fields=(law,))})
 
 
 def _machine(

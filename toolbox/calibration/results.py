@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.calibration.residuals import MeasuredLoop
 from toolbox.calibration.trust import Residual
 from toolbox.errors import SceneError, suggest
@@ -47,13 +48,15 @@ class Fit:
         Names without influence where others rest, which therefore have no estimate.
     sampling
         Estimated error of each number because measured inputs are known at their samples only, shape (k,).
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: np.ndarray
-    errors: np.ndarray
-    covariance: np.ndarray
+    values: FloatArray
+    errors: FloatArray
+    covariance: FloatArray
     confidence: float
     factor: float
     residuals: tuple[Residual, ...]
@@ -64,7 +67,8 @@ class Fit:
     misfit: Any = field(repr=False)
     resting: Mapping[str, str] = field(default_factory=dict)
     mute: tuple[str, ...] = ()
-    sampling: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    sampling: FloatArray = field(default_factory=lambda: np.zeros(0))
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> float:
         """An estimate in SI."""
@@ -81,7 +85,7 @@ class Fit:
         return float(self.values[i] - self.factor * self.errors[i]), float(self.values[i] + self.factor * self.errors[i])
 
     @property
-    def correlation(self) -> np.ndarray:
+    def correlation(self) -> FloatArray:
         """Correlation of the estimates, shape (k, k)."""
         size = np.sqrt(np.diag(self.covariance))
         known = np.isfinite(size) & (size > 0.0)
@@ -137,7 +141,7 @@ class Fit:
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
             low, high = self.interval(name)
-            factor, unit = reading(unit)
+            factor, unit = reading(unit, self.asked)
             part = f"{100 * self.errors[i] / abs(self.values[i]):.2g} %" if self.values[i] else "-"
             ends = f"{low * factor:.6g} .. {high * factor:.6g}"
             rows.append([name, f"{self.values[i] * factor:.6g}", ends, "" if unit == "1" else unit, f"deviation {part}"])
@@ -177,4 +181,4 @@ class Fit:
         """Draw what was measured against the model: traces, residuals, and the friction loop. Returns the axes."""
         from toolbox.calibration.figures import fitted  # here, because matplotlib is slow to import
 
-        return fitted(self.misfit, self.values)
+        return fitted(self.misfit, self.values, self.asked)

@@ -13,6 +13,7 @@ import re
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any, NoReturn
 
 from toolbox.commands import compare, fit, listing, onset, simulate, study, sweep, tradeoff, tune
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
             from toolbox.scenes.catalogue import load_parts
 
             load_parts(path)
-        with units(given.units):
+        with nullcontext() if given.units is None else units(given.units):
             return given.action(given)
     except SceneError as error:
         return complaint(_by_option(str(error), given), 2)
@@ -107,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
             "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
         )
         each.set_defaults(parser=each)
-        each.add_argument("--units", choices=tuple(SYSTEMS), default="si", help="of what is printed and drawn; files of numbers stay SI (si)")
+        each.add_argument("--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI")
     return parser
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
 if TYPE_CHECKING:
@@ -138,7 +140,8 @@ def _variations(given: argparse.Namespace, scene: Any, label: str) -> Variations
         wrong = next((name for name, (low, high) in ranges.items() if not low < high and int(spans[name][2]) > 1), None)
         if wrong is not None:
             raise SceneError(f"Argument `{wrong}` must be a range LOW:HIGH with LOW < HIGH, but it is {':'.join(spans[wrong][:2])}.")
-        return designs.grid({name: np.linspace(*ranges[name], int(ends[2])) for name, ends in spans.items()})
+        made = designs.grid({name: np.linspace(*ranges[name], int(ends[2])) for name, ends in spans.items()})
+        return dataclasses.replace(made, asked={name: unit for name, ends in ranges.items() if (unit := asked_in(ends, ""))})
     design = {"random": designs.uniform, "latin-hypercube": designs.latin_hypercube, "sobol": designs.sobol}[given.sampling]
     return design(ranges, given.runs, given.seed)
 

@@ -130,7 +130,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        beside = [other.name for other in path.parent.iterdir() if other.suffix in (".csv", ".toml")] if path.parent.is_dir() else []
+        beside = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix] if path.parent.is_dir() else []
         raise SceneError(f"There is no table `{path}`" + (f": {suggest(path.name, beside)}" if beside else ".")) from None
     except OSError as error:
         raise SceneError(f"Table `{path}` cannot be read: {error.strerror}.") from None

@@ -1,13 +1,19 @@
-"""Units in which reports, tables and figures answer: SI, metric field units or US oilfield units. Numbers in Python and in files stay SI."""
+"""Units in which reports, tables and figures answer: those that the question was typed in, or a chosen system. Numbers in Python and in files stay SI.
+
+A number that was typed remembers its unit (`toolbox.files.units.TypedNumber`). Verbs collect these units, `asked_units`, and hand them to their result as
+`asked`; `reading` decides for all reports and figures: a chosen system first, because it is chosen by who reads, then the unit asked in, then SI.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from functools import cache
 from typing import Any, NamedTuple
 
-from toolbox.errors import SceneError, suggest
-from toolbox.files.units import parse
+from toolbox.errors import SceneError
+from toolbox.files.units import TypedNumber, parse
 
 SYSTEMS: dict[str, dict[str, str]] = {
     "si": {},
@@ -23,13 +29,17 @@ SYSTEMS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 """{system: {unit of the toolbox: unit of an answer}}; a unit that is not there stays. Text in these units is understood where quantities are typed."""
 
-_SYSTEM: ContextVar[str] = ContextVar("units", default="si")
+_SYSTEM: ContextVar[str | None] = ContextVar("units", default=None)
+
+SIZED = frozenset(("1", "s", "m"))
+"""Units that a field of a part is typed in as it suits its own size: a bit of 8.5 in hangs on 2 km of pipe, and is sampled every 10 ms."""
 
 
 class units:
     """Choose the units in which reports, tables and figures answer: `with units("oilfield"): print(found)`, or `units("metric")` from here on.
 
-    Only what is read changes: numbers that Python gets, axes as matplotlib knows them, and files stay SI.
+    Where no system is chosen, an answer is in the units that its question was typed in, such as "95 rpm" or "10 kN m", and else in SI. Only what is read
+    changes: numbers that Python gets, axes as matplotlib knows them, and files stay SI.
 
     Parameters
     ----------
@@ -44,7 +54,7 @@ class units:
 
     def __init__(self, system: str):
         if not isinstance(system, str) or system not in SYSTEMS:
-            raise SceneError(f"There is no system of units `{system}`: {suggest(str(system), SYSTEMS)}")
+            raise SceneError(f"There is no system of units `{system}`: known are {', '.join(f'`{each}`' for each in SYSTEMS)}.")
         self._before = _SYSTEM.set(system)
 
     def __enter__(self) -> units:
@@ -66,10 +76,47 @@ class Reading(NamedTuple):
         return "" if self.unit == "1" else f" {self.unit}"
 
 
-def reading(unit: str) -> Reading:
-    """How numbers in a unit of the toolbox are read in the chosen system."""
-    other = SYSTEMS[_SYSTEM.get()].get(unit)
-    return Reading(1.0, unit) if other is None else Reading(1.0 / _size(other, unit), other)
+def reading(unit: str, asked: Mapping[str, str] | None = None) -> Reading:
+    """How numbers in a unit of the toolbox are read: in the chosen system, else in the unit of `asked` {unit: unit of the question}, else as they are."""
+    chosen = _SYSTEM.get()
+    other = (asked or {}).get(unit) if chosen is None else SYSTEMS[chosen].get(unit)
+    return Reading(1.0, unit) if other in (None, unit) else Reading(1.0 / _size(other, unit), other)
+
+
+def asked_units(*given: Any, fields: Iterable[Any] = ()) -> dict[str, str]:
+    """{unit: unit that was typed} of the numbers in arguments of a question; of two that were typed in different units the first counts.
+
+    Reports tell times in seconds, however long a run was asked for. fields: parts and laws, whose typed fields count after all arguments, but for those
+    in the units `SIZED`.
+    """
+    found: dict[str, str] = {}
+    for number in _typed(given):
+        if number.unit != "s":
+            found.setdefault(number.unit, number.asked)
+    for number in _typed(tuple(fields)):
+        if number.unit not in SIZED:
+            found.setdefault(number.unit, number.asked)
+    return found
+
+
+def asked_in(given: Any, unit: str) -> str:
+    """The unit in which a range or a row of numbers was typed; `unit`, where all of it was given as plain numbers."""
+    return next((number.asked for number in _typed(given)), unit)
+
+
+def _typed(given: Any) -> Iterator[TypedNumber]:
+    """The numbers that were typed, in arguments, and in the fields of parts and laws."""
+    if isinstance(given, TypedNumber):
+        yield given
+    elif isinstance(given, Mapping):
+        yield from _typed(tuple(given.values()))
+    elif isinstance(given, (tuple, list)):
+        for each in given:
+            if type(each) is not float:
+                yield from _typed(each)
+    elif dataclasses.is_dataclass(given) and not isinstance(given, type):
+        for field in dataclasses.fields(given):
+            yield from _typed(getattr(given, field.name, None))
 
 
 @cache

@@ -62,8 +62,26 @@ _SPELLINGS = [
 ]
 
 
+class TypedNumber(float):
+    """A number in SI that was typed as text: it calculates as the float it is, and remembers the unit in which an answer about it is given.
+
+    unit: that of the number, as a part declares it, such as "rad/s";  asked: the one that was typed, in its usual spelling, such as "rpm".
+    """
+
+    unit: str
+    asked: str
+
+    def __new__(cls, value: float, unit: str, asked: str) -> TypedNumber:
+        number = super().__new__(cls, value)
+        number.unit, number.asked = unit, asked
+        return number
+
+    def __getnewargs__(self) -> tuple[float, str, str]:  # type: ignore[override]
+        return float(self), self.unit, self.asked
+
+
 def parse(value: Any, unit: str, name: str = "value", instead: str | None = None) -> float:
-    """Return the number of a quantity in a unit: a number passes unchanged, a text such as "97.3 kN" is converted.
+    """Return the number of a quantity in a unit: a number passes unchanged, a text such as "97.3 kN" is converted, to a `TypedNumber`.
 
     Parameters
     ----------
@@ -86,6 +104,8 @@ def parse(value: Any, unit: str, name: str = "value", instead: str | None = None
             with contextlib.suppress(SceneError):
                 return _converted(value, instead, name)
         return _converted(value, unit, name)
+    if isinstance(value, TypedNumber):
+        return value
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is {_shown(value)}.")
     try:
@@ -170,6 +190,8 @@ def _converted(text: str, unit: str, name: str) -> float:
         raise SceneError(f"Argument `{name}` must be {_words(unit)}, but it is `{text}`.")
     number = Decimal(match[1].replace("_", ""))
     given = match[2].strip()
+    if re.match(r",\s?[0-9]", given):
+        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark.")
     if not given and unit != "1":
         raise SceneError(
             f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."
@@ -179,7 +201,8 @@ def _converted(text: str, unit: str, name: str) -> float:
     except _UnknownUnit:
         raise SceneError(f"Argument `{name}` must be a plain number: its part declares the unknown unit `{unit}`.") from None
     try:
-        (factor, offset), roots = _roots(_meant(given or "1", wanted))
+        meant = _meant(given or "1", wanted)
+        (factor, offset), roots = _roots(meant)
     except _UnknownUnit as unknown:
         fitting = [word for word in USUAL if _fit(_roots(word)[1], wanted)]
         raise SceneError(
@@ -194,7 +217,13 @@ def _converted(text: str, unit: str, name: str) -> float:
         result = math.inf
     if not math.isfinite(result):
         raise SceneError(f"Argument `{name}` must be finite, but it is `{text}`.")
-    return result
+    return result if unit == "1" or offset else TypedNumber(result, unit, unit if factor == target else _usual(meant))
+
+
+@cache
+def _usual(given: str) -> str:
+    """The usual spelling of a unit: that of the first of `USUAL` that is the same."""
+    return next((word for word in USUAL if _roots(word) == _roots(given)), given)
 
 
 def _meant(given: str, wanted: dict[str, Decimal]) -> str:

@@ -57,7 +57,8 @@ def closed_loop(
             parts.append(callable_law(dataclasses.replace(sampled, law=law), declared))
             laws.append(law)
         else:
-            raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {law!r}.")
+            shown = f"the class {law.__name__}: give one of it, `{law.__name__}(...)`" if isinstance(law, type) else f"{law!r}"
+            raise SceneError(f"Argument `controller` must be a Controller, Sampled or a callable, but it is {shown}.")
         if sampled is not None:
             clocks.append((float(sampled.period), float(sampled.delay)))
             seeds.append(sampled.seed)

@@ -105,6 +105,7 @@ def quantity(
     above: float | None = None,
     at_most: float | None = None,
     usual: tuple[float, float] | None = None,
+    source: str = "",
 ) -> Any:
     """Declare a numeric field of a part, in SI: `mass: Quantity = quantity(1.0, "kg", "mass of the block", above=0)`.
 
@@ -121,14 +122,16 @@ def quantity(
     unit
         The unit.
     meaning
-        What the number is, and its source.
+        What the number is.
     at_least, above, at_most
         Bounds: >=, > and <=.
     usual
         (low, high) in SI: sizes between which every number lies that is neither 0 nor mistaken, `math.inf` for no upper end. Making a part with another one
         warns once (`UnusualValue`), and names the unit that was perhaps meant. Choose it so wide that no real machine is outside.
+    source
+        Who published the declared value; empty for a value that is chosen.
     """
-    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual}
+    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual, "source": source}
     return dataclasses.field(default=default, metadata=metadata)
 
 

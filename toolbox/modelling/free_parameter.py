@@ -30,7 +30,10 @@ class FreeParameter:
         try:
             entry = plant._parameter(name)
         except SceneError:
-            raise SceneError(f"There is no parameter or input `{name}`: {suggest(str(name), [*plant.parameters, *plant.inputs])}") from None
+            hint = suggest(str(name), [*plant.parameters, *plant.inputs])
+            if str(name).endswith(".reference") and not any(each.endswith(".reference") for each in (*plant.parameters, *plant.inputs)):
+                hint = "a set-point belongs to a control law, and there is none: give it as `controller`."
+            raise SceneError(f"There is no parameter or input `{name}`: {hint}") from None
         if entry.size is not None:
             raise SceneError(f"Argument `parameter` must be one number, but `{name}` has {entry.size} entries: name one, e.g. `{name}.0`.")
         return FreeParameter(name, entry.unit, False)

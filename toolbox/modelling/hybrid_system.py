@@ -14,7 +14,7 @@ import numpy as np
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
 from toolbox.modelling.elements import Element
@@ -105,6 +105,8 @@ class HybridSystem:
         {signal that control laws name: what they find in its place}.
     kernels
         What is computed or compiled once per structure.
+    told
+        {unit: unit that was typed} in the scene that the plant is of; None without one.
     """
 
     parts: tuple[Component, ...]
@@ -129,6 +131,12 @@ class HybridSystem:
     updates: tuple[SampledUpdate, ...]
     routes: dict[str, str]
     kernels: dict[Any, Any]
+    told: Mapping[str, str] | None = None
+
+    @property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit that was typed}: the units in which answers about the plant are given, those of its scene, else those of the fields of its parts."""
+        return asked_units(fields=self.parts) if self.told is None else self.told
 
     def __repr__(self) -> str:
         parts = ", ".join(type(part).__name__ for part in self.parts)
@@ -139,7 +147,7 @@ class HybridSystem:
     def _repr_html_(self) -> str:
         rows = []
         for name, entry in self.parameters.items():
-            factor, unit = reading(entry.unit)
+            factor, unit = reading(entry.unit, self.asked)
             rows.append((name, _shown(factor * self.parameter(name)), "" if unit == "1" else unit, entry.meaning))
         return table(repr(self), ("parameter", "value", "unit", "meaning"), rows)
 

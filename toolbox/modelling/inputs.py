@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -16,7 +16,7 @@ import numpy as np
 
 from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
-from toolbox.files.units import parse
+from toolbox.files.units import TypedNumber, parse
 
 UNITS: dict[str, dict[str, str]] = {
     "step": {"before": "", "after": "", "at": "s"},
@@ -31,10 +31,11 @@ UNITS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class Table:
-    """Linear between nodes, constant outside; a repeated time is a jump. `times` [s] non-decreasing, same length as `values`."""
+    """Linear between nodes, constant outside; a repeated time is a jump. `times` [s] non-decreasing, same length as `values`; typed: values as typed."""
 
     times: np.ndarray
     values: np.ndarray
+    typed: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
     @staticmethod
     def of(name: str, times: Sequence[float] | np.ndarray, values: Sequence[float] | np.ndarray) -> Table:
@@ -66,6 +67,7 @@ class Shape:
 
     kind: str
     coefficients: tuple[float, ...]
+    typed: tuple[Any, ...] = field(default=(), compare=False, repr=False)
 
     def expression(self, t: ca.SX, c: ca.SX) -> ca.SX:
         """The formula in the symbols of time and coefficients."""
@@ -87,8 +89,14 @@ class Typed:
     def made(self, name: str, unit: str) -> Table | Shape:
         """The shape as input of a signal in its unit; raises SceneError for a value that does not fit."""
         units = UNITS[self.shape.__name__]
-        made: Table | Shape = self.shape(**{key: parse(value, units[key] or unit, f"{name}.{key}") for key, value in self.numbers.items()})
-        return made
+        return _made(self.shape, {key: parse(value, units[key] or unit, f"{name}.{key}") for key, value in self.numbers.items()})
+
+
+def _made(shape: Callable[..., Any], numbers: Mapping[str, Any]) -> Any:
+    """A shape that remembers which of its values were typed."""
+    units = UNITS[shape.__name__]
+    typed = tuple(value for key, value in numbers.items() if isinstance(value, TypedNumber) and not units[key])
+    return replace(shape(**numbers), typed=typed)
 
 
 def _typed(shape: Callable[..., Any]) -> Callable[..., Any]:
@@ -97,11 +105,11 @@ def _typed(shape: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(shape)
     def made(*given: Any, **named: Any) -> Any:
-        if not any(isinstance(value, str) for value in (*given, *named.values())):
+        if not any(isinstance(value, (str, TypedNumber)) for value in (*given, *named.values())):
             return shape(*given, **named)
         arguments = signature.bind(*given, **named).arguments.items()
         numbers = {key: parse(value, units[key], key) if isinstance(value, str) and units[key] else value for key, value in arguments}
-        return Typed(shape, numbers) if any(isinstance(value, str) for value in numbers.values()) else shape(**numbers)
+        return Typed(shape, numbers) if any(isinstance(value, str) for value in numbers.values()) else _made(shape, numbers)
 
     return made
 

@@ -20,6 +20,15 @@ def place_starts(system: HybridSystem, x: np.ndarray, start: Mapping[str, Any]) 
         place_start(system, x, name, start[name])
 
 
+def _started(system: HybridSystem) -> list[str]:
+    """Names that a start value can be given to: states, and signals that are states."""
+    known = list(system.states)
+    for name, (expression, _) in system.signals.items():
+        if expression.numel() == 1 and expression.is_symbolic() and np.count_nonzero(np.array(ca.DM(ca.jacobian(system.x, expression)))) == 1:
+            known.append(name)
+    return known
+
+
 def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> None:
     """Write a start value: of a state, of one entry of a vector state (`chain.speed.0`), or of a signal that is a state (`bit.speed`)."""
     target: Any = None
@@ -35,7 +44,7 @@ def place_start(system: HybridSystem, x: np.ndarray, name: str, value: Any) -> N
     if target is None:
         if name in system.signals:
             raise SceneError(f"Argument `{name}` must be a state to be given a start value, but it is computed from states.")
-        raise SceneError(f"There is no state `{name}`: {suggest(name, [*system.states, *system.signals])}")
+        raise SceneError(f"There is no state `{name}`: {suggest(name, _started(system))}")
     array = finite_array(in_si(value, system.unit(name), name))
     if array is None:
         raise SceneError(f"Argument `{name}` must be finite numbers, but it is {value!r}.")

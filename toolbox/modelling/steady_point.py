@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import Element
@@ -38,14 +39,17 @@ class Equilibrium:
         Inputs u, shape (n_u,).
     modes
         {element: mode}.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     plant: HybridSystem
-    states: np.ndarray
-    inputs: np.ndarray
+    states: FloatArray
+    inputs: FloatArray
     modes: Mapping[str, str]
+    asked: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> float | Any:
         """A signal or input in SI: a float, or an array for a vector state. Raises SceneError for an unknown name."""
         function = function_of(self.plant, ("signal", name), lambda: [closed_signal(self.plant, name)])
         value = np.array(function(0.0, self.states, self.inputs, self.plant.values, mode_numbers(self.plant, self.modes))).ravel()
@@ -55,7 +59,7 @@ class Equilibrium:
         lines = ["Steady state" + (": " + ", ".join(f"{name} in {mode}" for name, mode in self.modes.items()) if self.modes else "")]
         units = {name: unit for name, (_, unit) in self.plant.signals.items()} | {i.name: i.unit for i in self.plant.inputs.values()}
         for name, unit in units.items():
-            factor, unit = reading(unit)
+            factor, unit = reading(unit, self.asked)
             value = self[name] * factor
             shown = f"{value:.6g}" if isinstance(value, float) else "[" + ", ".join(f"{entry:.6g}" for entry in value) + "]"
             lines.append(f"  {name:<18} {shown} {unit}")

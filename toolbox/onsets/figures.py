@@ -45,6 +45,8 @@ class DrawnOnset(Protocol):
     @property
     def unit(self) -> str: ...
     @property
+    def asked(self) -> Mapping[str, str]: ...
+    @property
     def signal(self) -> str: ...
     @property
     def values(self) -> np.ndarray: ...
@@ -83,6 +85,8 @@ class DrawnMap(Protocol):
     def names(self) -> tuple[str, str]: ...
     @property
     def units(self) -> tuple[str, str]: ...
+    @property
+    def asked(self) -> Mapping[str, str]: ...
     @property
     def axes(self) -> tuple[np.ndarray, np.ndarray]: ...
     @property
@@ -126,7 +130,7 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
                 y += [np.nan, after.severity] if jump else [after.severity]
             look = {"marker": marker, "markersize": 4.0 if marker == "o" else 6.0}
             ax.plot(x, y, label=label, markerfacecolor="white" if marker == "s" else style["color"], zorder=3, **look, **style)
-        name_axis(ax.xaxis, in_words(found.parameter), found.unit)
+        name_axis(ax.xaxis, in_words(found.parameter), found.unit, found.asked)
         ax.set_ylabel(f"severity of {in_words(found.signal)} [1]")
         ax.set_xlim(found.values[0], found.values[-1])
         ax.set_ylim(bottom=0.0)
@@ -186,7 +190,7 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
     with plt.rc_context(PAPER):
         if axes is None:
             _, axes = plt.subplots(1, 2, figsize=(1.25 * WIDTH, 4.4), layout="constrained", sharex=True, sharey=True)
-        scales = [_thousands(axis, unit) for axis, unit in zip(found.axes, found.units, strict=True)]
+        scales = [_thousands(axis, unit, found.asked) for axis, unit in zip(found.axes, found.units, strict=True)]
         divisors = np.array([scale for scale, _ in scales])
         grid = (found.axes[0] / divisors[0], found.axes[1] / divisors[1])
         borders = {name: found.borders[name] / divisors for name in BORDERS}
@@ -252,9 +256,9 @@ def _nearest(values: np.ndarray) -> np.ndarray:
     return values[tuple(places)]
 
 
-def _thousands(axis: np.ndarray, unit: str) -> tuple[float, str]:
+def _thousands(axis: np.ndarray, unit: str, asked: Mapping[str, str]) -> tuple[float, str]:
     """(divisor, unit) in which an axis is read best."""
-    factor, shown = reading_of(unit, float(np.abs(axis).max()))
+    factor, shown = reading_of(unit, float(np.abs(axis).max()), asked)
     return 1.0 / factor, shown
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import in_si
 from toolbox.measuring import measures
 from toolbox.modelling.components import law_of
@@ -80,6 +81,7 @@ class MapLoop:
     middle: np.ndarray
     rest: np.ndarray
     notes: list[str]
+    asked: dict[str, str]
 
     @staticmethod
     def of(asked: MapRequest) -> MapLoop:
@@ -146,6 +148,7 @@ class MapLoop:
             units=(free_parameters[0].unit, free_parameters[1].unit), ranges=tuple(over.values()),
             run=run, closed=closed, element=contact, signal=speed, after=float(after),
             inputs=fixed, modes=m, middle=middle, rest=rest.states, notes=notes,
+            asked={free.unit: asked_in(over[free.name], free.unit) for free in reversed(free_parameters)},
         )  # fmt: skip
 
     def _numbers(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,13 +15,14 @@ How runs find the borders is told in `toolbox.onsets.search` and `inside`, how c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.components import law_of
@@ -79,7 +80,7 @@ def onset(
     parameter
         What is varied: any input, or any parameter of the plant or of the law.
     between
-        Range (low, high) of the parameter, in SI.
+        Range (low, high) of the parameter, in SI or text with units. Typed as ("20 rpm", "120 rpm"), report and figure answer in rpm.
     controller, sample_time, parameters
         As in `simulate`; of a scene, `controller` is the label of a case (the first one by default). A sampled law also needs its continuous form, for the
         steady state.
@@ -119,6 +120,7 @@ def onset(
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
     free = FreeParameter.of(closed, parameter)
     low, high = free.between(between)
+    asked_unit = asked_in((*free.typed("between", tuple(between)), free.typed("at", at)), free.unit)
     at, duration, tolerance = in_si(at, free.unit, "at"), in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
     input_values(closed, given or {})
@@ -158,7 +160,8 @@ def onset(
     sampled = any(isinstance(each, Sampled) for each in laws or [])
     tolerance = 1e-3 * (high - low) if tolerance is None else float(tolerance)
     with progress_bar(None, "onset") as search.bar:
-        return _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+        found = _both_branches(search, asked.title, [float(value) for value in grid], at, hopf, tolerance, sampled)
+    return replace(found, asked={free.unit: asked_unit})
 
 
 @dataclass(frozen=True)
@@ -194,10 +197,9 @@ def _asked(
     moving = next((name for name, value in given.items() if not is_finite_number(value)), None)
     if moving is not None:
         raise SceneError(f"Argument `{moving}` must be a number for an onset to exist, but the scene varies it in time.")
-    numbers = {name: float(value) for name, value in given.items()}
     accuracy = scene.accuracy if accuracy is None else accuracy
     return _Asked(
-        scene.plant(), case.controller, case.label, numbers, {**scene.parameters, **(parameters or {})}, element or scene.element,
+        scene.plant(), case.controller, case.label, given, {**scene.parameters, **(parameters or {})}, element or scene.element,
         signal or scene.signal, accuracy,
     )  # fmt: skip
 

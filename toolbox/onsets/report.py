@@ -10,12 +10,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import BoolArray, FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import Reading, reading
 from toolbox.steady_states.hopf import HopfPoint
 
 STICKING = ("stick-slip", "stuck")
@@ -99,6 +97,8 @@ class Onset:
         Number of runs.
     notes
         What was not done, or not confirmed.
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     title: str
@@ -106,7 +106,7 @@ class Onset:
     unit: str
     element: str
     signal: str
-    values: np.ndarray
+    values: FloatArray
     smooth: tuple[Judged, ...]
     sticking: tuple[Judged, ...]
     hopf: tuple[HopfPoint, ...]
@@ -114,8 +114,8 @@ class Onset:
     ends: tuple[Border, ...]
     stalls: tuple[Border, ...]
     breakaways: tuple[Border, ...]
-    cycling: np.ndarray
-    standing: np.ndarray
+    cycling: BoolArray
+    standing: BoolArray
     at: float
     period: float
     duration: float
@@ -123,6 +123,7 @@ class Onset:
     perturbation: float
     runs: int
     notes: tuple[str, ...] = ()
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def loss(self) -> float:
@@ -219,7 +220,7 @@ class Onset:
     @property
     def advice(self) -> str:
         """The working point in one sentence, with its margins to both borders."""
-        factor, unit = reading(self.unit)
+        factor, unit = self._read
         shown = f"{self.at * factor:.6g} {unit}"
         if not self.values[0] <= self.at <= self.values[-1]:
             return f"The working point {shown} is outside of the range."
@@ -244,7 +245,7 @@ class Onset:
         )
 
     def __str__(self) -> str:
-        unit = reading(self.unit).tail
+        unit = self._read.tail
         rows = self._border_rows()
         widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
         lines = [*self._headlines, "", *(f"  {name:<{widths[0]}}  {value:>{widths[1]}}{unit}  {note}" for name, value, note in rows)]
@@ -259,12 +260,17 @@ class Onset:
     def _repr_html_(self) -> str:
         title, judged = self._headlines
         notes = [self.advice, *(f"Note: {note}" for note in self.notes)]
-        borders = table(title, ("border", f"{self.parameter} [{reading(self.unit).unit}]", ""), self._border_rows(), notes)
+        borders = table(title, ("border", _labelled(self.parameter, self._read.unit), ""), self._border_rows(), notes)
         return borders + table(judged, self._head, self._value_rows(), [self._checked])
 
     @property
+    def _read(self) -> Reading:
+        """How values of the parameter are read."""
+        return reading(self.unit, self.asked)
+
+    @property
     def _headlines(self) -> tuple[str, str]:
-        read = reading(self.unit)
+        read = self._read
         span = f"{self.parameter} from {self.values[0] * read.factor:.6g} to {self.values[-1] * read.factor:.6g}{read.tail}"
         return f"Onset of stick-slip: {self.title}", f"{span}, judged by `{self.element}` and `{self.signal}`"
 
@@ -279,7 +285,7 @@ class Onset:
 
     def _border_rows(self) -> list[tuple[str, str, str]]:
         """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""
-        factor = reading(self.unit).factor
+        factor = self._read.factor
         rows = [
             (f"Hopf point, {p.kind} loss", f"{p.value * factor:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
             for p in self.hopf
@@ -293,14 +299,14 @@ class Onset:
     @property
     def _head(self) -> tuple[str, ...]:
         """Headings of `_value_rows`."""
-        return (self.parameter, "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
+        return (_labelled(self.parameter, self._read.unit), "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
 
     def _value_rows(self) -> list[tuple[str, ...]]:
         """Verdicts at each value."""
         cells: list[tuple[str, ...]] = []
         for value, a, b, stands in zip(self.values, self.smooth, self.sticking, self.standing, strict=True):
             longest = "for good" if b.verdict == "stuck" else f"{b.longest:.3g} s" if b.longest else "-"
-            number = f"{value * reading(self.unit).factor:.5g}"
+            number = f"{value * self._read.factor:.5g}"
             cells.append((number, a.verdict, shown(a.severity), b.verdict, shown(b.severity), longest, "lasts" if stands else "-"))
         return cells
 
@@ -351,6 +357,10 @@ class Onset:
 COLUMNS = ("verdict", "severity", "sticks", "longest")
 
 
+def _labelled(name: str, unit: str) -> str:
+    return name if unit == "1" else f"{name} [{unit}]"
+
+
 def shown(value: float) -> str:
     """A number of a report; "-" where there is none."""
     return "-" if math.isnan(value) else f"{value:.3g}"
@@ -373,7 +383,7 @@ class Comparison:
         """One line per controller as text: name, Hopf point, loss, end, break-away, bistable band, verdict at the working point and margin."""
         lines = [("controller", "Hopf point", "smooth lost", "stick-slip ends", "break-away", "bistable", "at", "there", "margin")]
         for label, found in self.onsets.items():
-            factor = reading(found.unit).factor
+            factor = reading(found.unit, found.asked).factor
             inside = found.values[0] <= found.at <= found.values[-1]
             borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row]
             lines.append(
@@ -398,7 +408,13 @@ class Comparison:
             for row in self.rows
         ]
         lines.insert(1, "-" * max(map(len, lines)))
-        return "\n".join([*lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
+        return "\n".join([*self._title, *lines, *(f"{label} failed: {reason}" for label, reason in self.failures.items())])
+
+    @property
+    def _title(self) -> list[str]:
+        """What is compared, with the unit of its values; nothing where all failed."""
+        return [f"Borders over {_labelled(each.parameter, each._read.unit)}" for each in self.onsets.values()][:1]
 
     def _repr_html_(self) -> str:
-        return table("Onsets of stick-slip", self.rows[0], self.rows[1:], [f"{label} failed: {reason}" for label, reason in self.failures.items()])
+        failed = [f"{label} failed: {reason}" for label, reason in self.failures.items()]
+        return table(", ".join(self._title) or "Onsets of stick-slip", self.rows[0], self.rows[1:], failed)

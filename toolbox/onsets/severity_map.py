@@ -22,11 +22,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolbox.arguments import BoolArray, FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.html import table
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import Reading, reading
 from toolbox.files.units import NumberOrText
 from toolbox.messages import progress_bar
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -57,8 +58,8 @@ class MapSide:
         What the machine does, as a number of `toolbox.onsets.map_loop` (`SMOOTH`, `SWING`, `STICK_SLIP`, `STUCK`, or `NONE` for a run that failed).
     """
 
-    severity: np.ndarray
-    stuck_ratio: np.ndarray
+    severity: FloatArray
+    stuck_ratio: FloatArray
     verdict: np.ndarray
 
 
@@ -91,18 +92,20 @@ class SeverityMap:
         Number of runs and time that they took [s].
     notes
         What the reader of the map should know.
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     title: str
     names: tuple[str, str]
     units: tuple[str, str]
-    axes: tuple[np.ndarray, np.ndarray]
+    axes: tuple[FloatArray, FloatArray]
     element: str
     signal: str
     smooth: MapSide
     sticking: MapSide
-    growth: np.ndarray
-    borders: dict[str, np.ndarray]
+    growth: FloatArray
+    borders: dict[str, FloatArray]
     duration: float
     after: float
     accuracy: float
@@ -111,9 +114,10 @@ class SeverityMap:
     seconds: float = 0.0
     errors: dict[tuple[str, int, int], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def regions(self) -> dict[str, np.ndarray]:
+    def regions(self) -> dict[str, BoolArray]:
         """What the machine does on both branches, as boolean arrays under "free", "bistable", "smooth or stuck", "stick-slip", "swing", "stuck" and "none"."""
         sticks, stands = self.sticking.verdict == STICK_SLIP, self.sticking.verdict == STUCK
         calm, none = self.smooth.verdict == SMOOTH, (self.smooth.verdict == NONE) | (self.sticking.verdict == NONE)
@@ -124,8 +128,13 @@ class SeverityMap:
             "stick-slip": ~calm & sticks & ~none, "swing": ~calm & ~sticks & ~stands & ~none, "stuck": ~calm & stands & ~none, "none": none,
         }  # fmt: skip
 
+    @property
+    def _read(self) -> list[Reading]:
+        """How numbers along both axes are read."""
+        return [reading(unit, self.asked) for unit in self.units]
+
     def __str__(self) -> str:
-        read = [reading(unit) for unit in self.units]
+        read = self._read
         lines = [
             f"Severity map of {self.title}: `{self.signal}`, contact `{self.element}`",
             *(
@@ -150,7 +159,7 @@ class SeverityMap:
 
     def _repr_html_(self) -> str:
         shares = table(f"Severity map of {self.title}", ("region", "share of the map [%]", "what the machine does"), self._share_rows())
-        read = [reading(unit) for unit in self.units]
+        read = self._read
         ranges = [
             f"{name} from {axis[0] * each.factor:.6g} to {axis[-1] * each.factor:.6g}{each.tail}"
             for name, each, axis in zip(self.names, read, self.axes, strict=True)
@@ -169,12 +178,12 @@ class SeverityMap:
         rows = []
         for name, segments in self.borders.items():
             ranges = ["not in the map", ""]
-            for k, (factor, unit) in enumerate(map(reading, self.units)) if len(segments) else ():
+            for k, (factor, unit) in enumerate(self._read) if len(segments) else ():
                 ranges[k] = f"{segments[..., k].min() * factor:.5g} .. {segments[..., k].max() * factor:.5g} {unit}"
             rows.append((titles[name], ranges[0], ranges[1]))
         return rows
 
-    def border(self, name: str, along: float) -> np.ndarray:
+    def border(self, name: str, along: float) -> FloatArray:
         """Return where a border crosses a value of the second number: values of the first one, in increasing order.
 
         Parameters
@@ -223,6 +232,7 @@ class SeverityMap:
                 "runs",
                 "seconds",
                 "notes",
+                "asked",
             )
         }
         notes["errors"] = [[*key, text] for key, text in self.errors.items()]
@@ -368,7 +378,7 @@ def severity_map(
         growth=growth, borders=borders, duration=loop.run.duration, after=loop.after, accuracy=loop.run.accuracy, resolution=0.5**halvings,
         runs=count + front.runs,
         seconds=clock.perf_counter() - began, notes=tuple(loop.notes),
-        errors={(names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))): text for i, text in first.items()},  # type: ignore[misc]
+        asked=loop.asked, errors={(names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))): text for i, text in first.items()},  # type: ignore[misc]
     )  # fmt: skip
     if out is not None:
         found.save(Path(out) / "map.npz")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import BoolArray, FloatArray
 from toolbox.files.unit_systems import reading
 from toolbox.orbits.orbit import Cycle
 
@@ -43,6 +45,8 @@ class Branch:
         The points at which the kind of the cycle changes.
     ended
         Why the branch ends.
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     parameter: str
@@ -51,18 +55,19 @@ class Branch:
     cycles: list[Cycle] = field(default_factory=list)
     bifurcations: list[Bifurcation] = field(default_factory=list)
     ended: str = ""
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def periods(self) -> np.ndarray:
+    def periods(self) -> FloatArray:
         """Period of every cycle [s]."""
         return np.array([cycle.period for cycle in self.cycles])
 
     @property
-    def stable(self) -> np.ndarray:
+    def stable(self) -> BoolArray:
         """Whether every cycle is stable."""
         return np.array([cycle.stable for cycle in self.cycles])
 
-    def extremes(self, signal: str) -> np.ndarray:
+    def extremes(self, signal: str) -> FloatArray:
         """Smallest and largest value of a signal over every cycle, shape (points, 2)."""
         return np.array([cycle.extremes(signal) for cycle in self.cycles])
 
@@ -93,15 +98,15 @@ class Branch:
             labels.add(point.kind)
             ax.plot([point.value] * 2, [low, high], markers[point.kind], color=LINES[1]["color"], markersize=5.5, markeredgecolor="0.1",
                     markeredgewidth=0.6, linestyle="none", label=label, zorder=4)  # fmt: skip
-        name_axis(ax.xaxis, self.parameter, self.unit)
-        name_axis(ax.yaxis, f"{signal}, smallest and largest", self.cycles[0].run.unit(signal))
+        name_axis(ax.xaxis, self.parameter, self.unit, self.asked)
+        name_axis(ax.yaxis, f"{signal}, smallest and largest", self.cycles[0].run.unit(signal), self.cycles[0].run.asked)
         ax.legend(frameon=False)
         return ax
 
     def __str__(self) -> str:
-        factor, unit = reading(self.unit)
+        factor, unit = reading(self.unit, self.asked)
         lines = [
             f"{len(self.values)} cycles, {self.parameter} from {min(self.values) * factor:.6g} to {max(self.values) * factor:.6g} {unit}: "
             f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"
         ]
-        return "\n".join([*lines, *(f"  {point}" for point in self.bifurcations)])
+        return "\n".join([*lines, *(f"  {point.kind} at {point.value * factor:.9g} {unit}, period {point.cycle.period:.6g} s" for point in self.bifurcations)])

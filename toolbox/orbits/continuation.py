@@ -28,6 +28,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, number, whole
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.orbits.arclength import ArcWalk
 from toolbox.orbits.branch import Bifurcation, Branch
@@ -93,6 +94,7 @@ def follow(
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
     branch = Branch(parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    branch.asked = {branch.unit: asked_in(span, branch.unit)}
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away
     while len(branch.values) < points:

@@ -98,7 +98,7 @@ def limit_cycle(
             accuracy=1e-8,
         )
     if not is_finite_number(accuracy) or not 1e-13 <= accuracy <= 0.1:
-        raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {accuracy!r}.")
+        raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {accuracy!r}.")
     if period is not None and not (is_finite_number(period) and period > 0):
         raise SceneError(f"Argument `period` must be > 0 s, but it is {period!r}.")
     orbit = Orbit.of(run, (), accuracy, period)

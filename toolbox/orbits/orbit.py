@@ -144,7 +144,7 @@ class Cycle:
             for i in range(size or 1):
                 if row + i in self.returning:
                     label = name if size is None else f"{name}.{i}"
-                    factor, shown = reading(unit)
+                    factor, shown = reading(unit, self.run.asked)
                     low, high = self.extremes(label)
                     rows.append((label, factor * low, factor * high, shown))
         return rows

@@ -140,7 +140,7 @@ def performance_limit(
         late = math.floor(delay / period * (1.0 + 1e-12))
         A, B, C, D = sampled_plant(A, B, C, D, period, max(delay - late * period, 0.0))
     poles = unstable_poles(A, B, C, period)
-    signals = {name: point[name] for name in (*at, drives)}
+    signals = {name: float(point[name]) for name in (*at, drives)}
     if poles is None:
         return PerformanceLimit(0.0, math.inf, np.empty(0), np.empty(0), 0, period, delay, signals)
     zeros, degree = common_zeros(A, B, C, D, period)

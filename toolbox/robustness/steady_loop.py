@@ -83,7 +83,7 @@ def continuous_steady_loop(
     )
     system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=[Broken(law) for law in laws]).checked().system
     drives = tuple(name for law in laws for name in law.drives)
-    commands = {plant.routes.get(name, name): point[plant.routes.get(name, name)] for name in drives}
+    commands = {plant.routes.get(name, name): float(point[plant.routes.get(name, name)]) for name in drives}
     state = {name: point[name] for name in closed.states}
     linear = linearise(
         system, {**state, **{n: v for n, v in commands.items() if n in system.inputs}, **dict(inputs)},
@@ -423,7 +423,7 @@ def smooth_start(
         raise SceneError(
             "No steady running of this loop is known to begin from: give the states of the plant there, as `start` or `starts`."
         )
-    commands = {name: points[0][name] for name in plant.inputs if name not in system.inputs}
+    commands = {name: float(points[0][name]) for name in plant.inputs if name not in system.inputs}
     return {name: points[0][name] for name in plant.states}, input_defaults(plant, commands)
 
 

@@ -79,7 +79,7 @@ def part(name: str, kind: str | None = None) -> Any:
                 f"There is no {kind or 'part'} `{name}`, because `{hiding}` hides the package `{source}` of the toolbox: rename it, or start Python elsewhere."
             )
     broken = "".join(f" The parts of `{source}` cannot be loaded: {reason}." for source, reason in _packages()[1].items())
-    raise SceneError(f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken}")
+    raise SceneError(f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`.")
 
 
 def load_parts(path: str | Path) -> list[str]:

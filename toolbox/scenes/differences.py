@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from toolbox.errors import SceneError, suggest
@@ -45,11 +45,14 @@ class Differences:
         Names of the first and the second.
     rows
         For two runs every measure, for two scenes the keys whose values differ, each with both values in SI.
+    asked
+        {unit: unit that was typed}: the units in which the table answers, those of the first run before those of the second.
     """
 
     title: str
     labels: tuple[str, str]
     rows: tuple[Difference, ...]
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Difference:
         for row in self.rows:
@@ -63,7 +66,7 @@ class Differences:
 
         cells = []
         for row in self.rows:
-            factor, unit = reading(row.unit)
+            factor, unit = reading(row.unit, self.asked)
             first, second = (value * factor if isinstance(value, float) else value for value in row[2:])
             change = "" if row.change is None else f"{row.change * factor:+.4g}"
             cells.append((row.name, word(first), word(second), change, "" if unit == "1" else unit))
@@ -151,4 +154,4 @@ def compare(
             rows.append(Difference(f"{name}, severity", "1", *map(severity_of, found)))
     if not rows:
         raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
-    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows))
+    return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -183,8 +184,17 @@ class Scene:
         return "\n".join(lines)
 
     def plant(self) -> HybridSystem:
-        """The composed plant, with the declared parameters."""
-        return compose(*self.parts)
+        """The composed plant, with the declared parameters; answers about it are in the units of the scene."""
+        plant = compose(*self.parts)
+        plant.told = self.asked
+        return plant
+
+    @property
+    def asked(self) -> dict[str, str]:
+        """{unit: unit that was typed}: the units in which a study of the scene answers."""
+        laws = tuple(case.law for case in self.cases)
+        inputs = (self.inputs, *(case.inputs for case in self.cases))
+        return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
 
     @property
     def labels(self) -> list[str]:
@@ -200,6 +210,8 @@ class Scene:
 
     def run(self, case: str | Case) -> Trajectory:
         """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
+        if not isinstance(case, (str, Case)):
+            raise SceneError(f"Argument `case` must be the label of a case, such as {self.labels[0]!r}, or a Case, but it is {case!r}.")
         return simulate(self.plant(), self.duration, **self.arguments(self.case(case) if isinstance(case, str) else case))
 
     @property

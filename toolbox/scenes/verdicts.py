@@ -149,7 +149,7 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
 def table(scene: Scene, rows: Sequence[Row]) -> str:
     """The rows as text, under what was judged and above the reasons of failures."""
     plant = scene.plant()
-    effort, speed = reading(plant.unit(scene.effort)), reading(plant.unit(scene.signal))
+    effort, speed = (reading(plant.unit(name), scene.asked) for name in (scene.effort, scene.signal))
     until = f"{scene.duration:g} s" if scene.standstill is None else f"standstill at {scene.standstill * speed.factor:g} {speed.unit}"
     set_point = f"; set-point {scene.reference * speed.factor:.4g} {speed.unit}" if scene.reference else ""
     head = ["controller", "verdict", "stuck", "severity", "settling", "overshoot", f"peak {scene.effort}", "error", "wall time"]
@@ -167,7 +167,7 @@ def table(scene: Scene, rows: Sequence[Row]) -> str:
                 "-" if row.settling == math.inf else _number(100 * row.overshoot, "{:.1f} %"),  # without settling it is only a peak
                 _number(row.peak * effort.factor, ("{:.0f} " if row.peak * effort.factor >= 1000 else "{:.4g} ") + effort.unit),
                 _number(row.error, "{:.0e}"),
-                _number(1e3 * row.wall_time, "{:.2g} ms"),
+                _number(1e3 * row.wall_time, "{:.2g} ms" if row.wall_time < 0.1 else "{:.0f} ms"),
             ]
         )
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]

@@ -13,7 +13,7 @@ def main_signals(run: Any) -> list[str]:
     """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still."""
     system, nodes = run.program.system, run.nodes
     step = max(1, nodes.time.size // 400)
-    some = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
+    some: Samples[Any] = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
     ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
     own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
     # what a part gives comes before the force and slip of its contact, which often repeat it

@@ -21,7 +21,7 @@ from toolbox.compilation.moreau_jean import MOREAU_JEAN, Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5, Pair
 from toolbox.compilation.taylor import Taylor
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError
 
 Formulas = Pair | Rosenbrock | Theta | Taylor
 """Formulas of a step."""
@@ -183,6 +183,5 @@ def method_of(given: Any) -> Method:
         return given
     if isinstance(given, str) and given in METHODS:
         return METHODS[given]
-    hint = f" {suggest(given, METHODS)}" if isinstance(given, str) else ""
     known = ", ".join(map(repr, METHODS))
-    raise SceneError(f"Argument `method` must be one of {known}, or a value such as TimeStepping(step=1e-3), but it is {given!r}.{hint}")
+    raise SceneError(f"Argument `method` must be one of {known}, or a value such as TimeStepping(step=1e-3), but it is {given!r}.")

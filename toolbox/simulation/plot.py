@@ -59,6 +59,10 @@ class Pictured(Protocol):
         """{signal: (lowest, highest)} that a drive keeps signals within."""
 
     @property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit that was typed}."""
+
+    @property
     def nodes(self) -> Any:
         """The run with every step recorded."""
 
@@ -120,9 +124,9 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
             lines = curves.draw_signals(panel, samples, group, looks)
             panel.set_xlim(begin, end)
-            curves.scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit)
+            curves.scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit, run.asked)
             curves.draw_limits(panel, run.limits, group, looks)
-            name_axis(panel.yaxis, axis_words(group, unit), unit)
+            name_axis(panel.yaxis, axis_words(group, unit), unit, run.asked)
             top = panel is panels[0]
             if len(contacts) == 1:
                 _bands(panel, run, contacts[0], begin, end)
@@ -191,8 +195,8 @@ def phase_plane(
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=color, zorder=4)
         ax.autoscale_view()
         ax.margins(0.06)
-        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal))
-        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal))
+        name_axis(ax.xaxis, in_words(x_signal), run.unit(x_signal), run.asked)
+        name_axis(ax.yaxis, in_words(y_signal), run.unit(y_signal), run.asked)
     return ax
 
 
@@ -245,7 +249,7 @@ def comparison(
             _event_lines(panel, run, begin, last, [name for name in run.modes if name != contact])
             panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
             panel.set_xlim(begin, end)
-            name_axis(panel.yaxis, in_words(signal), longest.unit(signal))
+            name_axis(panel.yaxis, in_words(signal), longest.unit(signal), longest.asked)
         panels[0].figure.supylabel(panels[0].get_ylabel(), fontsize=9.0)
         plt.setp(panels, ylabel="")
         if any(contact is not None for contact in shown.values()):
@@ -302,8 +306,8 @@ def overlay(
             for label, (time, values) in drawn.items():
                 curves.draw_line(panel, time, values, label, styles[label])
             panel.set_xlim(begin, end)
-            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name))
-            name_axis(panel.yaxis, in_words(name), longest.unit(name))
+            curves.scale_robustly(panel, list(drawn.values()), longest.unit(name), longest.asked)
+            name_axis(panel.yaxis, in_words(name), longest.unit(name), longest.asked)
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
         return _over_time(panels, ax)
@@ -355,10 +359,11 @@ def _event_lines(ax: Any, run: Pictured, begin: float, end: float, elements: Seq
 
     Those of the contact whose stick is shaded are the edges of its bands.
     """
-    for i, element in enumerate(elements):
-        times = np.unique([event.time for event in run.events if event.element == element and begin <= event.time <= end])
-        if 0 < times.size <= 10 * MANY_EVENTS:
-            strength = 0.7 * min(1.0, MANY_EVENTS / times.size)
+    inside = {element: np.unique([e.time for e in run.events if e.element == element and begin <= e.time <= end]) for element in elements}
+    count = sum(times.size for times in inside.values())
+    strength = 0.7 * min(1.0, MANY_EVENTS / max(count, 1))
+    for i, times in enumerate(inside.values() if count <= 10 * MANY_EVENTS else ()):
+        if times.size:
             dots = (0, (1 + 2 * (i % 4), 2))
             ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolbox.arguments import finite_array
+from toolbox.arguments import FloatArray, finite_array
 from toolbox.errors import SceneError
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
@@ -19,19 +19,30 @@ from toolbox.simulation.samples import Stays, short
 class Recorded(Stays):
     """What a run, and one read from a file, have in common: how long elements stay in their modes, reports and tables."""
 
-    time: np.ndarray
+    time: FloatArray
 
     if TYPE_CHECKING:
-        names: Any
-        modes: Any
-        nodes: Any
-        contacts: Any
-        main_signals: Any
-        limits: Any
 
-        def approach(self, element: str) -> np.ndarray: ...
+        @property
+        def names(self) -> list[str]: ...
+        @property
+        def modes(self) -> dict[str, np.ndarray]: ...
+        @property
+        def nodes(self) -> Any: ...
+        @property
+        def contacts(self) -> list[str]: ...
+        @property
+        def main_signals(self) -> list[str]: ...
+        @property
+        def limits(self) -> dict[str, tuple[float | None, float | None]]: ...
+        @property
+        def asked(self) -> Mapping[str, str]: ...
 
-        def __getitem__(self, name: str) -> Any: ...
+        def approach(self, element: str) -> FloatArray: ...
+
+        def __contains__(self, name: object) -> bool: ...
+
+        def __getitem__(self, name: str) -> FloatArray: ...
 
         def unit(self, name: str) -> str: ...
 
@@ -47,8 +58,9 @@ class Recorded(Stays):
             values = np.asarray(self[name])
             if values.ndim == 1:
                 values = np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
-                factor, unit = reading(self.unit(name))
-                rows.append((name, *(factor * float(value) for value in (values.min(), values.max(), values[-1])), unit))
+                factor, unit = reading(self.unit(name), self.asked)
+                low, high, last = (factor * float(value) for value in (values.min(), values.max(), values[-1]))
+                rows.append((name, low, high, last, unit))
         return rows
 
     def __str__(self) -> str:

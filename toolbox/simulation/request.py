@@ -12,6 +12,7 @@ import numpy as np
 from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.compilation.program import ExpressionKey
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -22,7 +23,7 @@ from toolbox.modelling.steady_point import Equilibrium
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, method_of
 from toolbox.simulation.run import UNHURRIED, Budget, Run
-from toolbox.simulation.samples import Samples
+from toolbox.simulation.samples import Samples, short
 
 
 @dataclass(frozen=True)
@@ -66,15 +67,21 @@ class Request:
                 method = Smoothing(widths, method.tolerance)
         if isinstance(plant, SmoothSystem):
             system = smoothed(system, plant.widths, matched=plant.matched)
+<<<<<<< HEAD
         kinds, values = input_kinds(system, inputs)
+=======
+        kinds, values, typed = _input_kinds(system, inputs)
+>>>>>>> main
         if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
             for extreme in (min, max):
                 plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
         duration = float(duration)
+        numbers = {name: in_si(value, declared._parameter(name).unit, name) for name, value in (self.parameters or {}).items()}
         return Run(
             plant=plant, system=system, duration=duration, start=begin, inputs=values, kinds=kinds, clocks=clocks, laws=laws,
             accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method,
             budget=self.budget or UNHURRIED, solver=carry_out,
+            asked={**declared.asked, **asked_units(typed, numbers, fields=(self.controller,))},
         )  # fmt: skip
 
     def _checked_numbers(self, duration: float) -> Method:
@@ -84,7 +91,7 @@ class Request:
             raise SceneError(f"Argument `duration` must be a finite number >= 0 s, but it is {duration!r}.")
         method = method_of(self.method)
         if not is_finite_number(self.accuracy) or not 1e-13 <= self.accuracy <= 0.1:
-            raise SceneError(f"Argument `accuracy` must be between 1e-13 and 0.1, but it is {self.accuracy!r}.")
+            raise SceneError(f"Argument `accuracy` must be a number between 1e-13 and 0.1, but it is {self.accuracy!r}.")
         budget = UNHURRIED
         if self.budget is not None:
             if not isinstance(self.budget, Budget):
@@ -162,9 +169,15 @@ def _value(instant: Samples, name: str, size: int | None) -> Any:
     return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
+<<<<<<< HEAD
 def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
     """How each input is given (number, table, shape with its size, expression), which is structure, and the checked values."""
+=======
+def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], list[Any]]:
+    """How each input is given (number, table, shape with its size, expression), which is structure, the checked values, and those that were typed."""
+>>>>>>> main
     kinds: list[tuple[str, Any]] = []
+    typed: list[Any] = []
     values: dict[str, Any] = {}
     for name, value in inputs.items():
         entry = system.inputs.get(name)
@@ -177,7 +190,10 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
         elif isinstance(value, Typed):
             value = value.made(name, entry.unit)
         elif isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
-            value = Table.of(name, *(in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)))
+            times, numbers = (in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True))
+            typed.append(numbers)
+            value = Table.of(name, times, numbers)
+        typed.append(value.typed if isinstance(value, (Table, Shape)) else value)
         if isinstance(value, Table):
             kinds.append((name, "table"))
         elif isinstance(value, Shape):
@@ -191,14 +207,22 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
             kinds.append((name, "number"))
             value = float(value)
         else:
-            hint = ": the swept sine is `toolbox.inputs.sweep`" if getattr(value, "__name__", "") == "sweep" else ""
             raise SceneError(
-                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {value!r}{hint}."
+                f"Argument `{name}` must be a finite number, (times, values), a shape or an expression of time, but it is {short(value)}{_hint(value)}."
             )
         if name in system.parameters:
             system.parameters[name].check(np.array(_range(value)))
         values[name] = value
-    return tuple(sorted(kinds, key=lambda pair: pair[0])), values
+    return tuple(sorted(kinds, key=lambda pair: pair[0])), values, typed
+
+
+def _hint(value: Any) -> str:
+    """What to write in place of an input that cannot be taken."""
+    if getattr(value, "__name__", "") == "sweep":
+        return ": the swept sine is `toolbox.inputs.sweep`"
+    if isinstance(value, (tuple, list, np.ndarray)):
+        return ": values need their times, `(times, values)`"
+    return ": write a formula of the symbol `toolbox.time`, such as `1e4 + 500 * casadi.sin(3 * time)`" if callable(value) else ""
 
 
 def _range(value: Any) -> tuple[float, ...]:

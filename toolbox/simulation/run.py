@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -60,7 +60,8 @@ class Run:
     laws: the Python callables among them;  accuracy: target for the global error;  output_times: where it records, None for every step;
     longest_step: s;  seeds: of the noise of each sampled law;  method: how it steps, with its options;  budget: what it may spend;
     solver: the function that carries it out and returns a Trajectory;
-    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero.
+    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero;
+    asked: {unit: unit in which the question was typed}, in which reports and figures answer.
     """
 
     plant: HybridSystem
@@ -79,6 +80,7 @@ class Run:
     budget: Budget
     solver: Callable[[Run], Any]
     resume: tuple[np.ndarray, np.ndarray] | None = None
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
+from toolbox.arguments import FloatArray, is_finite_number
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 
@@ -68,6 +68,10 @@ class Stays:
         return float(sum(max(0.0, min(e, last) - max(b, after)) for b, e, word in intervals if word == mode))
 
 
+Read = TypeVar("Read", covariant=True)
+"""What a signal reads as: an array over times, or the float, or the array of a vector, of one time."""
+
+
 class Modes(dict[str, Any]):
     """Modes by element; an unknown element is an error that suggests the nearest."""
 
@@ -81,14 +85,14 @@ def short(value: Any) -> str:
     return text if len(text) < 60 else text[:56] + " ..."
 
 
-class Samples:
+class Samples(Generic[Read]):
     """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
 
     Taken at a single time, entries are floats (or shape (n,)).
     """
 
     def __init__(
-        self, program: Any, time: np.ndarray, states: np.ndarray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
+        self, program: Any, time: FloatArray, states: FloatArray, mode: np.ndarray, held: np.ndarray, parameters: np.ndarray, single: bool
     ):
         self.program = program
         self.time = time
@@ -127,7 +131,7 @@ class Samples:
     def _elements(self) -> list[str]:
         return [element.name for element in self.program.system.elements]
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Read:
         rows = self.program.system.rows(name)
         if rows is None:
             values = self.computed(name)
@@ -135,8 +139,8 @@ class Samples:
             first, size, _ = rows
             values = self.states[:, first] if size is None else self.states[:, first : first + size]
         if self._single:
-            return float(values[0]) if values.ndim == 1 else values[0]
-        return values
+            return float(values[0]) if values.ndim == 1 else values[0]  # type: ignore[return-value]
+        return values  # type: ignore[return-value]
 
     def computed(self, name: str, expression: ca.SX | None = None) -> np.ndarray:
         """Values of a signal, or of an expression in the plant's symbols that is kept under `name`, at all times."""
@@ -202,10 +206,10 @@ def window(run: Any, after: NumberOrText, until: NumberOrText | None) -> tuple[f
 def check_run(run: Any) -> None:
     """Raise SceneError for anything but a trajectory."""
     if not isinstance(run, Stays):
-        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {run!r}.")
+        raise SceneError(f"Argument `run` must be a trajectory, as `simulate` returns it, but it is {short(run)}.")
 
 
-def scalar(samples: Samples, signal: str) -> np.ndarray:
+def scalar(samples: Samples[Any], signal: str) -> np.ndarray:
     """Values of a signal, shape (nt,); raises SceneError for an unknown name or a vector."""
     values = np.asarray(samples[signal])
     if values.ndim != 1:

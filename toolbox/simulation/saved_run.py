@@ -11,6 +11,7 @@ slip-, or what `modes.element`, `modes.number`, `modes.word` say, row by row; `m
 its modes; `step.degree`: of the polynomials in it, 0 where the step is an instant; `step.<signal>`: their values at degree + 1 points per step. `contacts`,
 `main`: names of the elements with friction and of the signals that a plot shows; `limit.names`, `limit.values`: what the drive keeps signals within, nan for
 no limit; `approach.<element>`: speeds at the impacts of a unilateral contact [m/s];
+`asked.units`, `asked.typed`: the units in which the run was asked for, and answers;
 `report`: lines about the run; `error`: what `run.error` said, nan where it was not asked; `accuracy`: that of the run.
 """
 
@@ -18,16 +19,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Generic, overload
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
 from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import Event, Modes
+from toolbox.simulation.samples import Event, Modes, Read
 
 DEGREES = (1, 2, 4, 8, 16, 32)
 """Degrees of the polynomials: the points of one are every second point of the next."""
@@ -63,6 +65,7 @@ def write(run: Any, target: Path) -> Path:
     for element in run.program.system.elements:
         if isinstance(element, UnilateralContact):
             written[f"approach.{element.name}"] = run.approach(element.name)
+    written |= {"asked.units": np.array(list(run.asked), dtype=np.str_), "asked.typed": np.array(list(run.asked.values()), dtype=np.str_)}
     written["report"] = np.array(run._headlines, dtype=np.str_)
     written["error"] = np.array(vars(run).get("error", np.nan))
     written["accuracy"] = np.array(run.accuracy)
@@ -151,7 +154,7 @@ def _agrees(values: dict[str, np.ndarray], coarse: int, fine: int, size: dict[st
     return agrees
 
 
-class SavedSamples:
+class SavedSamples(Generic[Read]):
     """Signals of a saved run at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state; floats at a single time."""
 
     def __init__(self, steps: SavedSteps, row: np.ndarray, time: np.ndarray, single: bool):
@@ -161,9 +164,9 @@ class SavedSamples:
         self.mode = steps.mode[row]
         self._single = single
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> Read:
         values = self.steps.values(name, self.row, self.time)
-        return (float(values[0]) if values.ndim == 1 else values[0]) if self._single else values
+        return (float(values[0]) if values.ndim == 1 else values[0]) if self._single else values  # type: ignore[return-value]
 
     @property
     def modes(self) -> dict[str, np.ndarray]:
@@ -208,11 +211,11 @@ class SavedSteps:
         if self._degree.shape != time.shape or any(len(each) != count for each in signals.values()):
             raise ValueError("its steps do not fit to one another")
 
-    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples:
+    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> SavedSamples[Any]:
         """Signals at times within the steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
         return SavedSamples(self, row, times, single)
 
-    def at(self, times: np.ndarray) -> SavedSamples:
+    def at(self, times: np.ndarray) -> SavedSamples[FloatArray]:
         """Signals at any times within the run; right-hand limits at events."""
         return self.inside(np.maximum(np.searchsorted(self.time, times, side="right") - 1, 0), times)
 
@@ -256,9 +259,19 @@ class SavedRun(Recorded):
         Names of the elements with friction, and of the signals that a plot shows.
     limits
         {signal: (lowest, highest)} that the drive and the laws keep signals within.
+    asked
+        {unit: unit that was typed}: the units in which reports and figures of the run answer.
     accuracy
         Accuracy of the run; nan where an older version saved it, between whose records there are straight lines.
     """
+
+    if TYPE_CHECKING:
+
+        @overload
+        def at(self, time: float | str) -> SavedSamples[float | Any]: ...  # type: ignore[overload-overlap]
+        @overload
+        def at(self, time: Sequence[float | str] | FloatArray) -> SavedSamples[FloatArray]: ...
+        def at(self, time: Any) -> Any: ...
 
     def __init__(self, path: Path, arrays: dict[str, np.ndarray]):
         self.path = path
@@ -275,13 +288,16 @@ class SavedRun(Recorded):
         )
         self.events = [Event(*row) for row in zip(*(arrays[f"event.{field}"].tolist() for field in Event._fields), strict=True)]
         polynomials = {name: arrays[f"step.{name}"] for name in self._units}
-        self.nodes = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
+        steps = SavedSteps(arrays["step.time"], arrays["step.mode"], arrays["step.degree"], self._words, polynomials)
+        self.nodes = steps  # type: ignore[misc]
         self.contacts: list[str] = arrays["contacts"].tolist()
         self.main_signals: list[str] = arrays["main"].tolist()
         self.limits: dict[str, tuple[float | None, float | None]] = {
             name: (None if np.isnan(low) else low, None if np.isnan(high) else high)
             for name, (low, high) in zip(arrays["limit.names"].tolist(), arrays["limit.values"].tolist(), strict=True)
         }
+        asked = (arrays[f"asked.{word}"].tolist() if f"asked.{word}" in arrays else [] for word in ("units", "typed"))
+        self.asked: dict[str, str] = dict(zip(*asked, strict=True))
         self.accuracy = float(arrays["accuracy"])
         self._report: list[str] = arrays["report"].tolist()
         self._error = float(arrays["error"])
@@ -305,7 +321,7 @@ class SavedRun(Recorded):
     def __iter__(self) -> Any:
         return iter(self._signals)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> FloatArray:
         if name in self._signals:
             return self._signals[name]
         self.unit(name)
@@ -322,7 +338,7 @@ class SavedRun(Recorded):
             raise SceneError(f"There is no signal `{name}`: {suggest(str(name), self._units)}")
         return self._units[head]
 
-    def approach(self, element: str) -> np.ndarray:
+    def approach(self, element: str) -> FloatArray:
         """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
         if element not in self._approach:
             raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, self._approach)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -80,25 +80,32 @@ def axis_words(names: Sequence[str], unit: str) -> str:
     return tails.pop() if len(tails) == 1 and not next(iter(tails)).isdigit() else kind
 
 
-def reading_of(unit: str, size: float) -> tuple[float, str]:
-    """(factor, unit) in which numbers of this size are read best: in the chosen units, and in thousands of them where they are large, such as kN m."""
-    factor, shown = reading(unit)
-    large = size * factor >= 1e4 and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -> tuple[float, str]:
+    """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
+    factor, shown = reading(unit, asked)
+    large = (shown == unit or shown != (asked or {}).get(unit)) and size * factor >= 1e4 and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
     return (factor / 1e3, f"k{shown}") if large else (factor, shown)
 
 
-def name_axis(axis: Any, words: str, unit: str) -> None:
-    """Label an axis of matplotlib with its quantity, read in the chosen units, and in thousands of them where numbers are large.
+def name_axis(axis: Any, words: str, unit: str, asked: Mapping[str, str] | None = None) -> None:
+    """Label an axis of matplotlib with its quantity, read as `reading_of` says.
 
-    The data stay SI, the ticks stand at round numbers of the other unit.
+    The data stay SI, the ticks stand at round numbers of the other unit. Axes that are shared have one scale, and the unit of the first that was named.
     """
-    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()))
+    told = getattr(axis.get_major_locator(), "told", None)
+    if told is not None and told[0] == unit:
+        axis.set_label_text(f"{words} [{told[1]}]".strip())
+        return
+    factor, shown = reading_of(unit, float(np.abs(axis.get_view_interval()).max()), asked)
     axis.set_label_text(f"{words} [{shown}]".strip())
     if shown == unit:
+        axis.get_major_locator().told = (unit, shown)
         return
 
     class Places(MaxNLocator):
         """Round numbers of the other unit."""
+
+        told = (unit, shown)
 
         def tick_values(self, vmin: float, vmax: float) -> Any:
             return np.asarray(super().tick_values(vmin * factor, vmax * factor)) / factor

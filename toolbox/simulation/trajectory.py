@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.compilation.loop_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
@@ -59,7 +61,7 @@ class Records:
     memory: np.ndarray | None = None
 
 
-class Trajectory(Recorded, Samples):
+class Trajectory(Recorded, Samples[FloatArray]):
     """Result of `simulate`: `run.time`, `run["bit.speed"]`, `run.modes["bit"]`, `run.events`, `run.at(12.5)["bit.speed"]`, `print(run)`.
 
     Attributes
@@ -89,6 +91,14 @@ class Trajectory(Recorded, Samples):
 
     laws: tuple[Any, ...] = ()
 
+    if TYPE_CHECKING:
+
+        @overload
+        def at(self, time: float | str) -> Samples[float | Any]: ...  # type: ignore[overload-overlap]
+        @overload
+        def at(self, time: Sequence[float | str] | FloatArray) -> Samples[FloatArray]: ...
+        def at(self, time: Any) -> Any: ...
+
     def __init__(self, *, run: Any, program: Any, records: Records, why: str = ""):
         super().__init__(program, records.time, records.states, records.mode, records.held, records.parameters, False)
         self.run = run
@@ -104,7 +114,7 @@ class Trajectory(Recorded, Samples):
         self.why = why
 
     @staticmethod
-    def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples:
+    def point(run: Any, program: Any, t: float, x: np.ndarray, m: np.ndarray, p: np.ndarray) -> Samples[float | Any]:
         """Return the signals at one instant of a run under way.
 
         Parameters
@@ -140,6 +150,11 @@ class Trajectory(Recorded, Samples):
     def duration(self) -> float:
         """Duration asked for [s]."""
         return self.run.duration
+
+    @property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit that was typed}: the units in which reports and figures of this run answer."""
+        return self.run.asked
 
     @property
     def accuracy(self) -> float:
@@ -188,7 +203,7 @@ class Trajectory(Recorded, Samples):
                 found[name] = (max(lows, default=None), min(highs, default=None))
         return found
 
-    def approach(self, element: str) -> np.ndarray:
+    def approach(self, element: str) -> FloatArray:
         """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
         elements = {each.name: each for each in self.program.system.elements if isinstance(each, UnilateralContact)}
         if element not in elements:
@@ -196,7 +211,7 @@ class Trajectory(Recorded, Samples):
         nodes = self.nodes
         times = np.array([event.time for event in self.events if event.element == element and event.before == "open"])
         before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
-        rows = Samples(nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False)
+        rows: Samples[Any] = Samples(nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False)
         return rows.computed(f"{element}.rate", elements[element].rate)
 
     @property
@@ -206,7 +221,7 @@ class Trajectory(Recorded, Samples):
     def _at_last(self, element: str) -> str:
         return self._legends[element][int(self._last_mode[self._elements.index(element)])]
 
-    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples:
+    def inside(self, row: np.ndarray, times: np.ndarray, single: bool = False) -> Samples[Any]:
         """Signals at times within the recorded steps that begin at the nodes `row`; at the end of a step what it came to, before any switch there."""
         states = self._between(times, row)
         following = np.minimum(row + 1, self.time.size - 1)

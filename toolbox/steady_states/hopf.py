@@ -17,7 +17,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -25,7 +25,7 @@ import numpy as np
 
 from toolbox.arguments import numbers, whole
 from toolbox.errors import SceneError
-from toolbox.files.unit_systems import reading
+from toolbox.files.unit_systems import asked_in, reading
 from toolbox.files.units import NumberOrText
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -55,6 +55,8 @@ class HopfPoint:
         Positive: hard, the machine jumps to a large cycle, and both are stable on the safe side. nan where it does not exist.
     residual
         Residual of the equations, in parts of their terms.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     parameter: str
@@ -65,6 +67,7 @@ class HopfPoint:
     stable: str
     coefficient: float
     residual: float
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def period(self) -> float:
@@ -77,7 +80,7 @@ class HopfPoint:
         return "soft" if self.coefficient < 0 else "hard" if self.coefficient > 0 else "unknown"
 
     def __str__(self) -> str:
-        factor, unit = reading(self.unit)
+        factor, unit = reading(self.unit, self.asked)
         return (
             f"Hopf point at {self.parameter} = {self.value * factor:.6g} {unit}, stable {self.stable}; period {self.period:.4g} s; {self.kind} loss of "
             f"stability; residual {self.residual:.1e}"
@@ -108,7 +111,7 @@ def hopf_points(
     parameter
         A parameter of the plant or of its law, or an input, such as `top.reference`, `bit.weight`, `block.damping` or `chain.stiffness.0`.
     between
-        Range (low, high) of the parameter.
+        Range (low, high) of the parameter, in SI or text with units.
     controller
         Laws in their continuous form.
     inputs, parameters
@@ -156,7 +159,8 @@ def hopf_points(
             near = _crossing(followed, k, a, b)
             if near is not None:
                 found.append(_solved(followed, near, "below" if counts[0] < counts[1] else "above"))
-    return sorted(found, key=lambda point: point.value)
+    asked = {free.unit: asked_in(free.typed("between", between), free.unit)}
+    return [replace(point, asked=asked) for point in sorted(found, key=lambda point: point.value)]
 
 
 def hopf_curve(

@@ -17,6 +17,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import structure_of
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -75,7 +76,8 @@ def equilibrium(
     """
     from scipy.optimize import root
 
-    plant = _checked(_closed(plant, controller), parameters)
+    declared = _closed(plant, controller)
+    plant = _checked(declared, parameters)
     u = input_values(plant, inputs or {})
     given = np.zeros(plant.x.numel())
     place_starts(plant, given, mapping("start", start))
@@ -118,7 +120,10 @@ def equilibrium(
         if contradiction:
             reason = f"the only state found contradicts its mode: {contradiction}"
             continue
-        return Equilibrium(plant, x, u, {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)})
+        modes = {element.name: element.legend[int(v)] for element, v in zip(plant.elements, m, strict=True)}
+        typed = [in_si(value, plant.inputs[name].unit, name) for name, value in (inputs or {}).items()]
+        typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
+        return Equilibrium(plant, x, u, modes, {**declared.asked, **asked_units(typed, fields=(controller,))})
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
     tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
@@ -345,7 +350,7 @@ def _point(
             place_start(plant, x, name, at[name])
         placed[:] = True
         own = {element.name: at.modes[element.name] for element in plant.elements} | own
-        given = {name: at[name] for name in plant.inputs} | given
+        given = {name: float(at[name]) for name in plant.inputs} | given
     elif isinstance(at, Equilibrium):
         x[:] = at.states
         placed[:] = True

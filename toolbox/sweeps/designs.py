@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import asked_in
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,15 @@ class Variations:
         Shape of the results: the lengths of the axes for a grid, else (runs,).
     axes
         Values along each axis of a grid.
+    asked
+        {name: unit in which its values were typed}, of those that were.
     """
 
     names: tuple[str, ...]
     points: np.ndarray
     shape: tuple[int, ...]
     axes: tuple[np.ndarray, ...] = ()
+    asked: Mapping[str, str] = field(default_factory=dict)
 
 
 def grid(axes: Mapping[str, Any]) -> Variations:
@@ -45,7 +49,7 @@ def grid(axes: Mapping[str, Any]) -> Variations:
     if not values:
         raise SceneError("Argument `vary` must name at least one number, but it is empty.")
     mesh = np.meshgrid(*values, indexing="ij")
-    return Variations(tuple(axes), np.stack([each.ravel() for each in mesh], axis=1), mesh[0].shape, tuple(values))
+    return Variations(tuple(axes), np.stack([each.ravel() for each in mesh], axis=1), mesh[0].shape, tuple(values), _asked(axes))
 
 
 def listed(rows: Any) -> Variations:
@@ -59,7 +63,7 @@ def listed(rows: Any) -> Variations:
     points = finite_array([[row[name] for name in names] for row in rows])
     if points is None or points.ndim != 2:
         raise SceneError("Argument `vary` must hold finite numbers only, but it does not.")
-    return Variations(names, points, (len(rows),))
+    return Variations(names, points, (len(rows),), asked=_asked({name: [row[name] for row in rows] for name in names}))
 
 
 def uniform(bounds: Mapping[str, tuple[float, float]], runs: int, seed: int = 0) -> Variations:
@@ -102,7 +106,12 @@ def _scaled(bounds: Any, runs: int, seed: int, unit: Callable[[], np.ndarray]) -
         if isinstance(number, bool) or not isinstance(number, int) or number < least:
             raise SceneError(f"Argument `{word}` must be an integer >= {least}, but it is {number!r}.")
     low, high = np.array(list(bounds.values()), float).T
-    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,))
+    return Variations(tuple(bounds), low + (high - low) * unit(), (runs,), asked=_asked(bounds))
+
+
+def _asked(values: Mapping[str, Any]) -> dict[str, str]:
+    """{name: unit that was typed} of values {name: row}."""
+    return {name: unit for name, row in values.items() if (unit := asked_in(row, ""))}
 
 
 def variations_of(vary: Any) -> Variations:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
 from toolbox.files.archives import arrays, understood
@@ -39,22 +41,25 @@ class Sweep:
         Length [s] and accuracy of a run.
     seconds
         Wall time [s], without the runs that were there already.
+    asked
+        {unit: unit that was typed}: the units in which the report answers.
     """
 
     title: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    points: np.ndarray
+    points: FloatArray
     shape: tuple[int, ...]
-    axes: tuple[np.ndarray, ...]
-    measures: dict[str, np.ndarray]
+    axes: tuple[FloatArray, ...]
+    measures: dict[str, FloatArray]
     measure_units: dict[str, str]
     errors: dict[int, str] = field(default_factory=dict)
     duration: float = 0.0
     accuracy: float = 1e-6
     seconds: float = 0.0
+    asked: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> FloatArray:
         if name in self.measures:
             return self.measures[name]
         if name in self.names:
@@ -73,12 +78,12 @@ class Sweep:
         lines.append(f"  over ({kind})")
         width = max(len(name) for name in (*self.names, *self.measures))
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            each = reading(unit)
+            each = reading(unit, self.asked)
             column = self.points[:, k] * each.factor
             lines.append(f"    {name:<{width}}  {column.min():>11.5g} .. {column.max():<11.5g}{each.tail}".rstrip())
         lines.append("  found")
         for name, values in self.measures.items():
-            factor, unit = reading(self.measure_units[name])
+            factor, unit = reading(self.measure_units[name], self.asked)
             flat = values.ravel() * factor
             known = np.flatnonzero(np.isfinite(flat))
             if not known.size:
@@ -102,7 +107,8 @@ class Sweep:
     __repr__ = __str__
 
     def _place(self, index: int) -> str:
-        numbers = (f"{name} {value * reading(unit).factor:.5g}" for name, unit, value in zip(self.names, self.units, self.points[index], strict=True))
+        rows = zip(self.names, self.units, self.points[index], strict=True)
+        numbers = (f"{name} {value * reading(unit, self.asked).factor:.5g}" for name, unit, value in rows)
         return ", ".join(numbers)
 
     def to_xarray(self) -> Any:
@@ -140,6 +146,7 @@ class Sweep:
         notes = {
             "title": self.title, "names": self.names, "units": self.units, "measure_units": self.measure_units, "grid": bool(self.axes),
             "errors": {str(i): text for i, text in self.errors.items()}, "duration": self.duration, "accuracy": self.accuracy, "seconds": self.seconds,
+            "asked": self.asked,
         }  # fmt: skip
         written: dict[str, np.ndarray] = {"sweep": np.array(json.dumps(notes)), "points": self.points}
         written |= {f"axis.{name}": axis for name, axis in zip(self.names, self.axes, strict=False)}
@@ -172,5 +179,5 @@ class Sweep:
                 title=notes["title"], names=tuple(notes["names"]), units=tuple(notes["units"]), points=data["points"],
                 shape=tuple(axis.size for axis in axes) or (len(data["points"]),), axes=axes, measures={name: data[f"measure.{name}"] for name in
                 notes["measure_units"]}, measure_units=notes["measure_units"], errors={int(i): text for i, text in notes["errors"].items()},
-                duration=notes["duration"], accuracy=notes["accuracy"], seconds=notes["seconds"],
+                duration=notes["duration"], accuracy=notes["accuracy"], seconds=notes["seconds"], asked=notes.get("asked", {}),
             )  # fmt: skip

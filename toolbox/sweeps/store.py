@@ -167,7 +167,7 @@ def loaded(path: Path) -> dict[str, Any]:
     return {
         "title": notes["title"], "names": names, "units": tuple(notes["units"]), "points": points, "shape": shape, "axes": axes if notes["grid"] else (),
         "measures": measures, "measure_units": notes["measure_units"], "errors": columns.errors, "duration": notes["duration"],
-        "accuracy": notes["accuracy"], "seconds": notes["seconds"],
+        "accuracy": notes["accuracy"], "seconds": notes["seconds"], "asked": notes.get("asked", {}),
     }  # fmt: skip
 
 
@@ -303,7 +303,7 @@ def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[
     zarr = _zarr()
     notes = {
         "title": sheet.title, "names": sheet.names, "units": sheet.units, "measure_units": sheet.measure_units, "grid": bool(sheet.axes),
-        "duration": sheet.duration, "accuracy": sheet.accuracy, "seconds": sheet.seconds, **more,
+        "duration": sheet.duration, "accuracy": sheet.accuracy, "seconds": sheet.seconds, "asked": sheet.asked, **more,
     }  # fmt: skip
     attributes = {"title": sheet.title}
     if not sheet.axes:

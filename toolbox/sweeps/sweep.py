@@ -166,10 +166,11 @@ def sweep(
     numbers, broken = varied_numbers(run, variations)
     starts = None if begin is None else start_states(run, variations, begin)
     task = Task(run, numbers, tuple(chosen.values()), starts, held=held_defaults(run, variations))
+    units = tuple(FreeParameter.of(run.system, name).unit for name in variations.names)
     sheet = Sweep(
         title=title or ", ".join(type(law_of(part)).__name__ for part in run.system.parts),
         names=variations.names,
-        units=tuple(FreeParameter.of(run.system, name).unit for name in variations.names),
+        units=units,
         points=variations.points,
         shape=variations.shape,
         axes=variations.axes,
@@ -177,6 +178,7 @@ def sweep(
         measure_units={name: measure.unit(run.system) if isinstance(measure, Measure) else "1" for name, measure in chosen.items()},
         duration=run.duration,
         accuracy=run.accuracy,
+        asked={**run.asked, **{unit: variations.asked.get(name, unit) for name, unit in zip(variations.names, units, strict=True)}},
     )
     store = None if out is None else Store(out, sheet, run_fingerprint(task, variations, tuple(chosen)))
     values, errors, seconds = evaluated(task, broken, executor, store)

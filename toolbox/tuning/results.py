@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,8 @@ class Tuned:
         The law as it was given.
     simulated
         Number of runs of this call; the others came from the journal.
+    asked
+        {unit: unit that was typed}: the units in which report and figure answer.
     """
 
     title: str
@@ -106,6 +108,7 @@ class Tuned:
     seed: int
     simulated: int
     controller: Controller | Sampled = field(repr=False)
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def before(self) -> Trial:
@@ -142,11 +145,11 @@ class Tuned:
         return front[int(np.argmin(np.where(better, distance, np.inf) if better.any() else distance))]
 
     @property
-    def law(self) -> Any:
+    def law(self) -> Controller | Sampled:
         """The best law, ready for `simulate(..., controller=law)`: with its period, delay and sensors where it is sampled."""
         return self.law_of(self.best)
 
-    def law_of(self, trial: Trial) -> Any:
+    def law_of(self, trial: Trial) -> Controller | Sampled:
         """Return the law of any trial, such as another member of the front."""
         return with_numbers(self.controller, self.free, trial.numbers)
 
@@ -201,12 +204,12 @@ class Tuned:
         """(name, given, tuned, range) of the free numbers, and (name, given, tuned, change) of the objectives."""
         numbers = []
         for free, number in zip(self.free, best.numbers, strict=True):
-            factor, unit = reading(free.unit)
+            factor, unit = reading(free.unit, self.asked)
             words = f"{free.low * factor:.6g} .. {free.high * factor:.6g}{', log' if free.logarithmic else ''}"
             numbers.append([_labelled(free.name, unit), plain_number(free.given, factor), plain_number(number, factor), words])
         values = []
         for j, (name, unit) in enumerate(zip(self.objectives, self.units, strict=True)):
-            factor, unit = reading(unit)
+            factor, unit = reading(unit, self.asked)
             old, new = factor * self.counted(self.before)[j], factor * self.counted(best)[j]
             values.append([_labelled(name, unit), _short(old), _short(new), _gain(old, new)])
             if len(self.scenes) > 1:
@@ -228,7 +231,7 @@ class Tuned:
         if len(front) > 15:  # spread over the front, with its ends and the best
             chosen = {0, len(front) - 1, front.index(best)} | {round(i * (len(front) - 1) / 12) for i in range(13)}
             front = [front[i] for i in sorted(chosen)]
-        goals, own = [reading(unit) for unit in self.units], [reading(each.unit) for each in self.free]
+        goals, own = [reading(unit, self.asked) for unit in self.units], [reading(each.unit, self.asked) for each in self.free]
         names = [_labelled(name, each.unit) for name, each in zip(self.objectives, goals, strict=True)]
         rows = [["", *names, *(_labelled(free.name, each.unit) for free, each in zip(self.free, own, strict=True))]]
         for trial in front:
@@ -245,7 +248,7 @@ class Tuned:
         tried = np.array([self.counted(trial) for trial in self.trials])
         front = np.array([self.counted(trial) for trial in self.front]).reshape(-1, len(self.objectives))
         sizes = np.abs(front).max(axis=0, initial=0.0)
-        read = [reading_of(unit, float(size)) for unit, size in zip(self.units, sizes, strict=True)]
+        read = [reading_of(unit, float(size), self.asked) for unit, size in zip(self.units, sizes, strict=True)]
         names = [_labelled(name, shown) for name, (_, shown) in zip(self.objectives, read, strict=True)]
         factors = np.array([factor for factor, _ in read])
         best = factors * self.counted(self.best) if len(front) else None

@@ -23,7 +23,8 @@ from typing import Any
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.unit_systems import asked_in
+from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring import measure
 from toolbox.messages import progress_bar
 from toolbox.modelling.components import bounds_broken, fields_of, is_nested
@@ -71,7 +72,7 @@ def tune(
         What is made small: a column of the verdict ("stuck" [s], "severity", "settling" [s], "overshoot", "peak"; `measure.severity` is the same as
         "severity"), judged as the scene says, or a function run -> float. A sequence or {label: objective} asks for a front.
     bounds
-        {numeric field of the law: (low, high)} in SI; a dot leads into nested laws ("law.detuning") and tuples ("gain.0").
+        {numeric field of the law: (low, high)}, in SI or text with units; a dot leads into nested laws ("law.detuning") and tuples ("gain.0").
     duration
         Length of the runs of plants [s].
     over
@@ -135,8 +136,8 @@ def tune(
             smallest(search, seed) if len(objectives) == 1 else spread(search, seed)
     law = cases[0].law
     label = f"{type(law).__name__} `{controller}`" if isinstance(controller, str) else type(law).__name__
-    effort = scenes[next(iter(scenes))]
-    units = [effort.plant().unit(effort.effort) if each == "peak" else _UNITS.get(str(each), "") for each in objectives.values()]
+    told = scenes[next(iter(scenes))]
+    units = [told.plant().unit(told.effort) if each == "peak" else _UNITS.get(str(each), "") for each in objectives.values()]
     return Tuned(
         label,
         free,
@@ -148,6 +149,7 @@ def tune(
         seed,
         search.simulated,
         cases[0].controller,
+        {**told.asked, **{each.unit: asked_in((each.low, each.high), each.unit) for each in reversed(free)}},
     )
 
 
@@ -216,7 +218,8 @@ def _free(case: Case, bounds: Any) -> tuple[Free, ...]:
             broken = bounds_broken(number, spec)
             if broken:
                 raise SceneError(f"Argument `bounds` of `{name}` must be {broken} {unit}, but it holds {number!r}.")
-        free.append(Free(str(name), unit, float(pair[0]), float(pair[1]), None if given is None else float(given)))
+        low, high = (end if isinstance(end, TypedNumber) else float(end) for end in pair)
+        free.append(Free(str(name), unit, low, high, None if given is None else float(given)))
     return tuple(free)
 
 

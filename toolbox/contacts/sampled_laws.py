@@ -57,7 +57,7 @@ class Acting:
         self.system, self.clocks, laws, self.seeds = closed_loop(plant, plant, controller, in_si(sample_time, "s", "sample_time"))
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError("Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones.")
-        _, given = input_kinds(self.system, mapping("inputs", inputs))
+        _, given, _ = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
         own, updates = dict(names), self.system.updates
         self.driven = tuple(name for update in updates for name in update.names if name in own)

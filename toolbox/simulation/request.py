@@ -67,11 +67,7 @@ class Request:
                 method = Smoothing(widths, method.tolerance)
         if isinstance(plant, SmoothSystem):
             system = smoothed(system, plant.widths, matched=plant.matched)
-<<<<<<< HEAD
-        kinds, values = input_kinds(system, inputs)
-=======
-        kinds, values, typed = _input_kinds(system, inputs)
->>>>>>> main
+        kinds, values, typed = input_kinds(system, inputs)
         if changing:  # what parts demand of their fields must hold where all are lowest, and where all are highest
             for extreme in (min, max):
                 plant.with_parameters({name: extreme(_range(values[name])) for name in changing if _range(values[name])})
@@ -169,13 +165,8 @@ def _value(instant: Samples, name: str, size: int | None) -> Any:
     return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
-<<<<<<< HEAD
-def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any]]:
-    """How each input is given (number, table, shape with its size, expression), which is structure, and the checked values."""
-=======
-def _input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], list[Any]]:
+def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], list[Any]]:
     """How each input is given (number, table, shape with its size, expression), which is structure, the checked values, and those that were typed."""
->>>>>>> main
     kinds: list[tuple[str, Any]] = []
     typed: list[Any] = []
     values: dict[str, Any] = {}

@@ -65,7 +65,7 @@ LAWS: dict[str, Callable[[float], Any]] = {
     "Z-torque": lambda speed: ZTorque(reference=speed, filter_time=0.02),
     "H-infinity": lambda speed: HInfinity(reference=speed),
     "LQG": lambda speed: LQG(reference=speed, late=LATE, speed_noise=0.01),
-    **{f"{family}, tuned": tuned(family) for family in gains.FAMILIES},
+    **{gains.label_of(family): tuned(family) for family in gains.FAMILIES},
     "sliding mode, filter": on_estimates(SlidingMode),
     "implicit sliding mode, filter": on_estimates(ImplicitSlidingMode),
     "super-twisting, filter": on_estimates(SuperTwisting),
@@ -87,7 +87,7 @@ def worst_table(speeds: Sequence[float] = SPEEDS) -> str:
     lines = [f"{'worst of one error at a time':<32}" + "".join(f"{speed:>8g}" for speed in speeds) + f"   set at {WORKING:g} by"]
     lines.append("-" * len(lines[0]))
     for family in gains.FAMILIES:
-        label = f"{family}, tuned"
+        label = gains.label_of(family)
         found = {speed: worst_at(label, speed) for speed in (*speeds, WORKING)}
         lines.append(f"{label:<32}" + "".join(f"{shown(found[speed][0]):>8}" for speed in speeds) + f"   {found[WORKING][1]}")
     return "\n".join(lines)

@@ -7,9 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from controllers import Lifting, StiffPI, ZTorque
+from controllers import PI, Lifting, StiffPI, ZTorque
 from models import BitRock, wells
 from studies import gains
+from studies.protocol import Law, Rig
+from studies.questions.drives import run_of
 from toolbox import Sampled, SceneError, Takeover, compose, simulate
 
 RIG = compose(wells.JANSEN_2, BitRock())
@@ -41,10 +43,25 @@ def test_it_ends_a_stick_slip_that_the_law_inside_does_not_at_every_phase():
     assert run.at(240.0)["bit.speed"] == pytest.approx(SPEED, rel=0.02)
 
 
+def test_a_stick_slip_at_which_the_top_of_a_stiffer_string_swings_by_a_fifth_is_ended():
+    """A threshold of 0.3 does not see it: the lift ends at once, and the bit sticks for ever."""
+    stiffer = Rig("stiffer", drive=1.2, bit=0.8, stiffness=1.2)
+    soft = PI(proportional=803.0, integral=1457.0, reference=8.5, **LIMITS)
+    stuck = {}
+    for swing in (0.1, 0.3):
+        law = Law("lifting", lambda reference, swing=swing: Lifting(law=soft, reference=reference, swing=swing))
+        run = run_of(law, 8.5, stiffer, seed=101, phase=0.125)
+        after = run.at(np.arange(100.0, 180.0, 0.05))
+        stuck[swing] = run.time_in("bit", "stick", after=100.0)
+    assert stuck[0.1] == 0.0
+    assert stuck[0.3] > 10.0
+    assert np.abs(after["top.speed"] / 8.5 - 1.0).max() == pytest.approx(0.21, abs=0.02)
+
+
 def test_the_set_point_rises_at_its_rate_stays_and_comes_down_at_its_rate_to_what_was_asked():
     law = Lifting(law=inner(), reference=SPEED, rise=2.0, fall=0.1, hold=10.0)
-    run = inside(law, 44.0)
-    lifted = run.at(np.arange(0.0, 240.0, 0.05) + 0.001)["lifting.reference"][900:]
+    run = inside(law, 46.0)
+    lifted = run.at(np.arange(47.0, 240.0, 0.05) + 0.001)["lifting.reference"]
     assert lifted.max() == pytest.approx(12.0, abs=1e-9)
     rates = np.diff(lifted) / 0.05
     assert rates.max() <= 2.0 * 1.21 and rates.min() >= -0.1 * 1.21  # a step of 0.05 s holds five or six samples

@@ -12,7 +12,8 @@ Columns: lowest set-points [rad/s] on the groups of rigs, direct / raised;  sett
 8 rad/s on the declared rig, and there the standard deviation of the torque over its mean under noise;  disk margin at 4 rad/s on the declared rig and the
 smallest over one error of the rig at a time ('-' for laws without a slope);  99th percentile of the processor time of a sample.
 
-    python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--jobs N]    (the table and drives.csv; goes on where it was stopped)
+    python -m studies drives [--out FOLDER] [--only LABEL ...] [--groups NAME ...] [--jobs N]
+        (the table, drives.csv and drives.png; goes on where it was stopped)
     python -m studies drives --tune FAMILY ... [--runs N]                               (the gains, see `studies.gains`)
 """
 
@@ -51,8 +52,10 @@ from controllers import (
 from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import (
+    CORNERS,
     DELAY,
     GROUPS,
+    HIGHEST,
     LIMITS,
     LOWEST,
     NOISE,
@@ -70,7 +73,7 @@ from studies.protocol import (
     plant_with,
     rock_torques,
 )
-from toolbox import Controller, Sampled, Takeover, Trajectory, simulate
+from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate
 from toolbox.files import tables
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
@@ -79,6 +82,10 @@ COMMON = 8.0
 """Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
 LOW = 4.0
 """Set-point of the disk margins [rad/s]: where drilling is unstable without a law."""
+EXAMPLE = 4.2
+"""Set-point of the picture [rad/s]."""
+SHOWN = ("soft torque", "LQG, tuned", "Z-torque, tuned, lifting")
+"""Laws of the picture."""
 LATE = round(DELAY / 0.01)
 PREDICTIVE = ("linear MPC", "nonlinear MPC")
 
@@ -281,6 +288,47 @@ def write_rows(rows: Sequence[Any], path: Path) -> None:
     tables.write(path, list(made[0]), [list(each.values()) for each in made])
 
 
+def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> None:
+    """Lowest set-points of a direct takeover as marks, and the bit under some of the laws on the heavy, stiff corner of the rigs at 4.2 rad/s."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    marks = {"declared": ("o", "white"), "robust": ("o", "black"), "corners": ("s", "tab:red")}
+    with pyplot.rc_context(plot.PAPER):
+        figure, (left, right) = pyplot.subplots(1, 2, figsize=(10.0, 0.19 * len(rows) + 1.1), layout="constrained", width_ratios=(1.25, 1.0))
+        for k, each in enumerate(rows):
+            speeds = {name: each.lowest[name][0] for name in marks if name in each.lowest}
+            known = [value for value in speeds.values() if value == value]
+            none = len(known) < len(speeds)
+            left.plot([min(known, default=HIGHEST), HIGHEST + 0.6 if none else max(known)], [k, k], color="0.75", linewidth=1.0, zorder=1)
+            for name, value in speeds.items():
+                shape, fill = marks[name]
+                if value == value:
+                    left.plot(value, k, shape, markersize=5.0, markerfacecolor=fill, markeredgecolor="black" if name != "corners" else fill, zorder=2)
+            if none:
+                left.text(HIGHEST + 0.7, k, "none: " + ", ".join(name for name, value in speeds.items() if value != value), va="center", fontsize=7.0)
+        for name, (shape, fill) in marks.items():
+            left.plot([], [], shape, markersize=5.0, markerfacecolor=fill, markeredgecolor="black" if name != "corners" else fill, label=name)
+        left.set(xlim=(2.0, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rad/s]", xticks=range(2, round(HIGHEST) + 1, 2))
+        left.set_yticks(range(len(rows)), [each.label for each in rows])
+        left.invert_yaxis()
+        left.legend(loc="lower right", frameon=False, fontsize=8.0)
+        for label, style in zip(shown, plot.LINES, strict=False):
+            run = run_of(laws()[label], EXAMPLE, CORNERS[1], seed=101)
+            at = _takeover(laws()[label], EXAMPLE)
+            times = np.linspace(0.0, min(run.end, at + 110.0), 3000)
+            right.plot(times - at, run.at(times)["bit.speed"], label=label, **style)
+        right.axvline(0.0, color="0.5", linewidth=0.8, linestyle=":")
+        right.axhline(EXAMPLE, color="0.5", linewidth=0.8, linestyle=":")
+        right.set(xlabel="time since the law took over [s]", ylabel="bit speed [rad/s]")
+        right.set_title(f"{CORNERS[1].name}, set-point {EXAMPLE:g} rad/s", fontsize=9.0, loc="left")
+        right.legend(frameon=False, fontsize=8.0, loc="upper right")
+        figure.savefig(path, dpi=180)
+        pyplot.close(figure)
+
+
 def flat(each: Row) -> dict[str, Any]:
     """A row as one level of names."""
     speeds = {f"{name} {way}": value for name, pair in each.lowest.items() for way, value in zip(WAYS, pair, strict=True)}
@@ -313,7 +361,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"\n{rocks()}")
     if given.out:
         write_rows([flat(each) for each in rows], given.out / "drives.csv")
-        print(f"\nThe table is in {given.out}")
+        picture(rows, given.out / "drives.png")
+        print(f"\nThe table and its picture are in {given.out}")
 
 
 if __name__ == "__main__":

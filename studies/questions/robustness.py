@@ -159,7 +159,8 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
     ax.plot(fine, both, color="black", lw=1.0, ls=(0, (5, 2)), label="limit with the bit speed measured")
     tones = ("0.55", "tab:blue", "tab:green", "tab:orange", "tab:red", "tab:purple", "tab:brown", "tab:pink")
     styles = ("-", "--", "-.", ":")
-    drawn = ("stiff PI", "soft torque", "active damping", "LQG", *(f"{family}, tuned" for family in gains.FAMILIES))
+    lifting = (gains.label_of(family) for family, each in gains.FAMILIES.items() if each.lifts)
+    drawn = ("stiff PI", "soft torque", "LQG", "LQG, tuned", "impedance, tuned", *lifting)
     for k, label in enumerate(drawn):
         values = [found_at(label, speed, measured=False).disk_margin for speed in speeds]
         ax.plot(speeds, values, color=tones[k], ls=styles[k % 4], lw=1.4, marker="o", ms=2.2, label=label)

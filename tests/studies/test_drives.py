@@ -27,7 +27,7 @@ from studies.protocol import (
     set_point,
     verdict,
 )
-from studies.questions.drives import laws, row, run_of, step_time, table
+from studies.questions.drives import Row, judged_rows, laws, picture, row, run_of, step_time, table
 
 EVERY = laws()
 BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
@@ -166,6 +166,21 @@ def run_plant():
     from studies.protocol import PLANT
 
     return PLANT
+
+
+def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_path):
+    pairs = {"declared": (3.0, 2.8), "robust": (5.0, 4.0), "corners": (float("nan"), 5.0)}
+    rows = [Row("LQG, tuned", pairs, 10.0, 1.0, 0.01, 1e-6, (0.2, 0.1)), Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0))]
+    picture(rows, tmp_path / "drives.svg", shown=("LQG, tuned",))
+    assert (tmp_path / "drives.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+@pytest.mark.slow
+def test_laws_are_judged_side_by_side_as_one_after_the_other(tmp_path):
+    labels, path = ("PI", "LQG, tuned"), tmp_path / "cells.jsonl"
+    both = judged_rows(labels, (), path, 2)
+    assert [each.label for each in both] == list(labels)
+    assert [(each.settling, each.ripple) for each in both] == [(each.settling, each.ripple) for each in judged_rows(labels, (), None, 1)]
 
 
 def test_gains_are_stored_with_the_command_that_found_them(tmp_path):

@@ -34,7 +34,7 @@ from toolbox.steady_states.running import running
 
 KICK = 0.02
 """Part of the states by which a run starts off steady running."""
-SETTLING = 5000
+SETTLING = 20_000
 """Samples that a loop is given to show where it is steady."""
 
 

@@ -132,6 +132,7 @@ def test_stuck_interfaces_have_exactly_no_slip():
         assert stuck.any() and np.all(run[f"stack.{i}.slip"][stuck] == 0.0)
 
 
+@pytest.mark.slow
 def test_in_a_stop_slips_keep_their_duration_while_sticks_grow_until_the_last(stop):
     run = stop
     begin = study.phases(run)["stick-slip"][0]

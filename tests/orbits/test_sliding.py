@@ -128,6 +128,7 @@ def test_the_modes_on_both_sides_of_a_sliding_bifurcation_are_those_of_its_defin
     assert sliding_kind(one, other) == sliding_kind(other, one) == kind
 
 
+@pytest.mark.slow
 def test_a_slipping_block_grazes_where_its_linear_response_is_as_fast_as_the_belt():
     # slip alone is the response of a linear oscillator: speed amplitude A om / |k - om^2 + i c om|
     force = 2.0

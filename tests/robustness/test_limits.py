@@ -247,6 +247,7 @@ def test_a_damper_and_an_inertia_like_the_bit_bear_the_slope_of_the_closed_form(
     assert found.inertia == pytest.approx(J_BIT, rel=0.05) and found.damping == pytest.approx(math.sqrt(2 * K * J_BIT), rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_inertia_of_the_drive_costs_the_absorber_speed(rig):
     free, own = (absorber_limit(rig, (1.0, 8.0), own_inertia=each) for each in (False, True))
     assert free.speed < own.speed and own.inertia == pytest.approx(2122.0)

@@ -194,6 +194,7 @@ def test_the_bound_of_the_structured_singular_value_is_exact_where_it_is_known()
     assert scaled_norm(np.array([[0.5, 1e3], [0.0, 0.7j]])) == pytest.approx(0.7, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_two_drives_that_do_not_meet_have_the_margins_of_each_alone():
     plant = compose(Rotor(name="left"), Rotor(inertia=1.0, name="right"))
     laws = [

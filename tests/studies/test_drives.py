@@ -33,6 +33,7 @@ EVERY = laws()
 BRIEF = {name: replace(group, phases=(0.0, 0.5), seeds=group.seeds[:1]) for name, group in GROUPS.items()}
 
 
+@pytest.mark.slow
 def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_soft_torque_do_not():
     tuned = EVERY["LQG, tuned"]
     for group, direct, raised in (("declared", 3.2, 3.2), ("robust", 7.2, 3.8), ("corners", 9.0, 4.2)):
@@ -43,7 +44,9 @@ def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_so
         assert not judged(EVERY[label], BRIEF["robust"], 3.8, "raised").passed
 
 
-@pytest.mark.parametrize("family", ["impedance, lifting", "Z-torque, lifting", "LQG, lifting"])
+@pytest.mark.parametrize(
+    "family", ["impedance, lifting", pytest.param("Z-torque, lifting", marks=pytest.mark.slow), pytest.param("LQG, lifting", marks=pytest.mark.slow)]
+)
 def test_a_tuned_law_that_lifts_ends_stick_slip_on_every_rig_and_keeps_a_margin(family):
     law = EVERY[gains.label_of(family)]
     for group in ("declared", "robust", "corners"):

@@ -185,6 +185,7 @@ def test_what_is_no_executor_is_refused():
         sweep(compose(Growth()), {"growth.rate": [0.1]}, executor=2, **GROWING)
 
 
+@pytest.mark.slow
 def test_laws_in_python_run_in_processes():
     here = sweep(RIG, {"bit.weight": [60e3, 97e3]}, duration=5.0, controller=Sampled(Gentle(), 0.05), measures=("mean", "stuck"))
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:

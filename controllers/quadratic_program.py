@@ -197,7 +197,7 @@ class _Daqp:
         import daqp
 
         self.model = daqp.Model()
-        self.model.settings = {"primal_tol": 1e-8, "iter_limit": 400}
+        self.model.settings = {"primal_tol": 1e-11, "iter_limit": 400}
         flag, _ = self.model.setup(self.H, g, self.A, high, low)
         if flag >= 0:
             z, _, flag, found = self.model.solve()

@@ -51,8 +51,9 @@ with plt.rc_context(plot.PAPER):
 
 # %% [markdown]
 # **Answer.** With the lowered peak the string winds up to less than the break-away torque and stands for the whole minute, every program
-# solved. With exact modes the bit breaks free and holds its set-point of 4 rad/s. A curve whose peak is matched breaks free too, but on a rock that is
-# 10 % heavier than it knows its motor swings between its limits, and the bit sticks again, until the watchdog hands over to the soft drive.
+# solved. With exact modes the bit breaks free and holds its set-point of 4 rad/s. A curve whose peak is matched breaks free too. Whether it then holds
+# the bit, on a rock that is 10 % heavier than it knows, hangs on the last digits of its programs: solved to 1e-8 instead of 1e-11, its motor swings between its
+# limits and the bit sticks again, until the watchdog hands over to the soft drive.
 
 # %%
 answer = {

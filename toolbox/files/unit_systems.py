@@ -106,6 +106,8 @@ def asked_in(given: Any, unit: str) -> str:
 
 def _typed(given: Any) -> Iterator[TypedNumber]:
     """The numbers that were typed, in arguments, and in the fields of parts and laws."""
+    if given is None or type(given) in (float, str, int, bool):
+        return
     if isinstance(given, TypedNumber):
         yield given
     elif isinstance(given, Mapping):

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -133,10 +134,14 @@ class HybridSystem:
     kernels: dict[Any, Any]
     told: Mapping[str, str] | None = None
 
+    @cached_property
+    def _typed(self) -> Mapping[str, str]:
+        return asked_units(fields=self.parts)
+
     @property
     def asked(self) -> Mapping[str, str]:
         """{unit: unit that was typed}: the units in which answers about the plant are given, those of its scene, else those of the fields of its parts."""
-        return asked_units(fields=self.parts) if self.told is None else self.told
+        return self._typed if self.told is None else self.told
 
     def __repr__(self) -> str:
         parts = ", ".join(type(part).__name__ for part in self.parts)

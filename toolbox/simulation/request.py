@@ -12,7 +12,6 @@ import numpy as np
 from toolbox.arguments import finite_array, is_finite_number, mapping
 from toolbox.compilation.program import ExpressionKey
 from toolbox.errors import SceneError, suggest
-from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import closed_loop
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
@@ -77,7 +76,7 @@ class Request:
             plant=plant, system=system, duration=duration, start=begin, inputs=values, kinds=kinds, clocks=clocks, laws=laws,
             accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=seeds, method=method,
             budget=self.budget or UNHURRIED, solver=carry_out,
-            asked={**declared.asked, **asked_units(typed, numbers, fields=(self.controller,))},
+            question=(declared, typed, numbers, self.controller),
         )  # fmt: skip
 
     def _checked_numbers(self, duration: float) -> Method:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import in_si
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -61,7 +63,7 @@ class Run:
     longest_step: s;  seeds: of the noise of each sampled law;  method: how it steps, with its options;  budget: what it may spend;
     solver: the function that carries it out and returns a Trajectory;
     resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero;
-    asked: {unit: unit in which the question was typed}, in which reports and figures answer.
+    question: (plant, inputs, parameters, law) as they were asked for, which know the units in which they were typed.
     """
 
     plant: HybridSystem
@@ -80,7 +82,15 @@ class Run:
     budget: Budget
     solver: Callable[[Run], Any]
     resume: tuple[np.ndarray, np.ndarray] | None = None
-    asked: Mapping[str, str] = field(default_factory=dict)
+    question: tuple[Any, ...] = ()
+
+    @cached_property
+    def asked(self) -> Mapping[str, str]:
+        """{unit: unit in which the question was typed}, in which reports and figures answer."""
+        if not self.question:
+            return {}
+        plant, *given, law = self.question
+        return {**plant.asked, **asked_units(*given, fields=(law,))}
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

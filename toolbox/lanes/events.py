@@ -11,6 +11,7 @@ import numpy as np
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
+from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import explicit_pair
@@ -102,14 +103,15 @@ def settling(
     was = made.loaded()
     renewed = _renewed(made, was, firing, x, chosen, settled)
     noise = _round_off(made, was, x, chosen, renewed)
-    h = _first_step(made, x, chosen, renewed)
+    series = isinstance(program.pair, Taylor)  # the next step follows from its own coefficients
     columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
                "other_scale": renewed.other_scale, "scale": renewed.scale, "group_scale": renewed.group_scale, "noise": noise}  # fmt: skip
     body, was = made.body, made.loaded()
     for name, column in columns.items():
         for i, value in enumerate(column):
             body.store(renewed.settled.choose(value, was[name][i]).name, "%lanes", rows[name] + i)
-    for name, value in (("wanted", h), ("step_old", made.zero), ("flag", made.zero)):
+    numbers = {"flag": made.zero} if series else {"wanted": _first_step(made, x, chosen, renewed), "step_old": made.zero, "flag": made.zero}
+    for name, value in numbers.items():
         body.store(renewed.settled.choose(value, was[name]).name, "%lanes", rows[name])
     return body
 

@@ -1,7 +1,8 @@
 """Signals measured as lanes step: extrema and integrals in windows, on the dense output of every step.
 
-A signal is read at both ends of a step and at five Gauss points, which integrate a polynomial of degree nine exactly. Where a rule on six of these places,
-exact to degree five, is far from it, the step may be too long for what the signal does in it: its lane is marked as doubtful.
+A signal is read at both ends of a step and at Gauss points: at five, which integrate a polynomial of degree nine exactly, on the steps of DOP853, and
+at eight on those of Taylor series, which are about twice as long. Where a rule on all of these places but the middle one is far from it, the step may be too
+long for what the signal does in it: its lane is marked as doubtful.
 """
 
 from __future__ import annotations
@@ -14,20 +15,29 @@ import numpy as np
 
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
+from toolbox.lanes.polynomials import value_at
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, when_any
 
-POINTS, WEIGHTS = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(5), (1.0, 0.0), strict=True))
-PLACES = (0.0, *POINTS.tolist(), 1.0)
-"""Fractions of a step at which signals are measured: Gauss points and both ends."""
 
-_FEWER = np.delete(PLACES, 3)
-_COARSE = np.insert(np.linalg.solve(np.vander(_FEWER, increasing=True).T, 1.0 / np.arange(1, 7)), 3, 0.0)
+class Rule:
+    """Fractions of a step at which signals are measured, Gauss points and both ends, with their weights, and those of a rule without the middle one."""
+
+    def __init__(self, points: int) -> None:
+        inner, weights = (0.5 * (column + shift) for column, shift in zip(np.polynomial.legendre.leggauss(points), (1.0, 0.0), strict=True))
+        self.places = (0.0, *inner.tolist(), 1.0)
+        self.weights = (0.0, *weights.tolist(), 0.0)
+        middle = (points + 1) // 2
+        fewer = np.delete(self.places, middle)
+        coarse = np.linalg.solve(np.vander(fewer, increasing=True).T, 1.0 / np.arange(1, points + 2))
+        self.coarse = tuple(np.insert(coarse, middle, 0.0).tolist())
+
+
 _DOUBT = 0.02
 """Difference of the two rules, in parts of the range of the signal over the step, beyond which its extrema may be others than those found."""
 
 
 def measure_step(
-    observe: ca.Function, path: Path, moves: Truth, windows: list[tuple[Value, Value]], rows: dict[str, int], rtol: Value
+    observe: ca.Function, path: Path | SeriesPath, moves: Truth, windows: list[tuple[Value, Value]], rows: dict[str, int], rtol: Value
 ) -> None:
     """Write what adds a step to the extrema and integrals in the rows `measured` (signal by signal, window by window) of the lanes that move.
 
@@ -43,7 +53,7 @@ def measure_step(
         path.begin()
         doubtful = path.h < -1.0
         for q in range(observe.numel_out(0)):
-            low, high, integral, doubt = _measured(path.signal(observe, q), path.h, rtol)
+            low, high, integral, doubt = _measured(path.signal(observe, q), path.rule, path.h, rtol)
             doubtful |= doubt
             for w, within in enumerate(inside):
                 place = rows["measured"] + 3 * (q * len(windows) + w)
@@ -60,6 +70,8 @@ def measure_step(
 
 class Path:
     """The dense output of a step of DOP853, of order 7."""
+
+    rule = Rule(5)
 
     def __init__(
         self,
@@ -107,21 +119,45 @@ class Path:
         return at
 
 
-def _measured(signal: Callable[[Any], Value], h: Value, rtol: Value) -> tuple[Value, Value, Value, Truth]:
+class SeriesPath:
+    """The polynomials of a step of Taylor series."""
+
+    rule = Rule(8)
+
+    def __init__(self, states: list[list[Value]], t: Value, h: Value, was: Rows) -> None:
+        self.states, self.t, self.h = states, t, h
+        self.others = [[value.name for value in was[name]] for name in ("p", "m")]
+
+    def begin(self) -> None:
+        """Write nothing: the coefficients are there."""
+
+    def signal(self, observe: ca.Function, which: int) -> Callable[[Any], Value]:
+        """One signal as a function of the fraction of the step."""
+
+        def at(fraction: Any) -> Value:
+            s = self.h * fraction
+            x = [value_at(c, s).name for c in self.states]
+            return Value(self.t.body, inline(self.t.body, observe, [[(self.t + s).name], x, *self.others])[0][which])
+
+        return at
+
+
+def _measured(signal: Callable[[Any], Value], rule: Rule, h: Value, rtol: Value) -> tuple[Value, Value, Value, Truth]:
     """Minimum, maximum and integral of a signal over a step, the extrema refined by parabolas, and where they are doubtful."""
-    values = [signal(place) for place in PLACES]
+    places = rule.places
+    values = [signal(place) for place in places]
     integral, coarse = (
         sum((value * (h * float(weight)) for value, weight in zip(values, weights, strict=True) if weight), h * 0.0)
-        for weights in ((0.0, *WEIGHTS, 0.0), _COARSE)
+        for weights in (rule.weights, rule.coarse)
     )
     found = []
     for sign in (-1.0, 1.0):
         best = (sign * values[-1] > sign * values[0]).choose(values[-1], values[0])
         zero = h * 0.0
-        triple = [(zero + PLACES[i], values[i]) for i in range(3)]
-        for i in range(2, len(PLACES) - 1):
+        triple = [(zero + places[i], values[i]) for i in range(3)]
+        for i in range(2, len(places) - 1):
             higher = sign * values[i] > sign * triple[1][1]
-            triple = [(higher.choose(PLACES[i + k], triple[1 + k][0]), higher.choose(values[i + k], triple[1 + k][1])) for k in (-1, 0, 1)]
+            triple = [(higher.choose(places[i + k], triple[1 + k][0]), higher.choose(values[i + k], triple[1 + k][1])) for k in (-1, 0, 1)]
         for _ in range(3):
             (a, fa), (b, fb), (c, fc) = triple
             left, right = (b - a) * (fb - fc), (b - c) * (fb - fa)

@@ -10,16 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from toolbox.compilation.bodies import plain_body
-from toolbox.compilation.emitter import compiled, inline
+from toolbox.compilation.emitter import compiled
 from toolbox.compilation.emitter import function_text as scalar_text
 from toolbox.compilation.program import Program
+from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody, function_text
+from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
 from toolbox.lanes.events import carries_events, settling
 from toolbox.lanes.extrema import Path, measure_step
-from toolbox.lanes.layout import ALONE, EVENT, ROUND_OFF, SAMPLE, STOP
+from toolbox.lanes.layout import SAMPLE
 from toolbox.lanes.quintics import measure_quintics
 from toolbox.lanes.samples import POINTERS, sampling
-from toolbox.lanes.searches import Guards, emit_dips, emit_guards, emit_search, signed
+from toolbox.lanes.searches import Guards, emit_dips, emit_guards, emit_search
+from toolbox.lanes.series_pass import series_pass
 from toolbox.lanes.trial_step import Pass, Step, emit_step, explicit_pair
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 from toolbox.measuring.quintics import with_derivatives
@@ -57,43 +60,13 @@ def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: 
     return found
 
 
-@dataclass(frozen=True)
-class Verdicts:
-    """What becomes of a step, lane by lane.
-
-    accepted: it is taken;  arrives: it ends at an event;  moves: either;  refused: its error is too large;  begins: a search for an event begins;
-    goes_on: one goes on;  meets: a sample is too near to be stepped to;  too_long: for what is measured in it;  odd: left to the scalar loop.
-    """
-
-    accepted: Truth
-    arrives: Truth
-    moves: Truth
-    refused: Truth
-    begins: Truth
-    goes_on: Truth
-    meets: Truth
-    too_long: Truth
-    odd: Truth
-
-
 def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: int, late: tuple[bool, ...]) -> Block:
     made = Pass(program, width, signals, windows)
-    step = emit_step(made)
-    guards = emit_guards(made, step)
-    verdicts = _emit_verdicts(made, step, guards)
-    continues, lost = emit_search(made, step, guards, verdicts.begins, verdicts.goes_on)
-    was = made.loaded()
-    numbers, rejected = _emit_step_size(made, was, step, guards, verdicts, continues)
-    numbers["time"], columns = _emit_arrival(made, was, step, guards, verdicts)
-    if made.count and not program.updates:
-        path = Path(explicit_pair(program), made.rhs, step.t, step.h, was, step.slopes, step.x, step.k)
-        measure_step(made.observe, path, verdicts.moves, made.windows(was), made.rows, was["rtol"])
-    numbers["flag"] = _emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], lost)
-    made.store({name: [value] for name, value in numbers.items()} | columns)
+    flag = series_pass(made) if isinstance(program.pair, Taylor) else _explicit_pass(made)
     body, rows = made.body, made.rows
-    body.store_bits(numbers["flag"].differs(0.0).name, "%lanes", rows["waiting"])
+    body.store_bits(flag.differs(0.0).name, "%lanes", rows["waiting"])
     if program.updates:
-        body.store_bits((~numbers["flag"].differs(float(SAMPLE))).name, "%lanes", rows["due"])
+        body.store_bits((~flag.differs(float(SAMPLE))).name, "%lanes", rows["due"])
     bodies = {"advance": body}
     if carries_events(program):
         bodies["settle"] = settling(program, width, rows, made.lengths, (made.rhs, made.field, made.projected))
@@ -102,6 +75,23 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
     found = _machine_code(made, bodies)
     settle, observing, sample = (found.get(name, 0) for name in ("settle", "observe", "sample"))
     return Block(found["advance"], settle, observing, sample, width, rows, made.size)
+
+
+def _explicit_pass(made: Pass) -> Value:
+    """One trial step of an explicit pair in every lane; returns the flags."""
+    step = emit_step(made)
+    guards = emit_guards(made, step)
+    verdicts = _emit_verdicts(made, step, guards)
+    continues, lost = emit_search(made, step, guards, verdicts.begins, verdicts.goes_on)
+    was = made.loaded()
+    numbers, rejected = _emit_step_size(made, was, step, guards, verdicts, continues)
+    numbers["time"], columns = emit_arrival(made, was, step, guards, verdicts)
+    if made.count and not made.program.updates:
+        path = Path(explicit_pair(made.program), made.rhs, step.t, step.h, was, step.slopes, step.x, step.k)
+        measure_step(made.observe, path, verdicts.moves, made.windows(was), made.rows, was["rtol"])
+    numbers["flag"] = emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], lost)
+    made.store({name: [value] for name, value in numbers.items()} | columns)
+    return numbers["flag"]
 
 
 def _machine_code(made: Pass, bodies: dict[str, VectorBody]) -> dict[str, int]:
@@ -179,36 +169,3 @@ def _emit_step_size(
     new["accepted"] = was["accepted"] + moves.choose(1.0, 0.0)
     new["refused"] = was["refused"] + refused.choose(1.0, 0.0)
     return new, rejected
-
-
-def _emit_arrival(made: Pass, was: Rows, step: Step, guards: Guards, verdicts: Verdicts) -> tuple[Value, dict[str, list[Value]]]:
-    """Time, and states, slopes, guards and sizes of a lane after the pass."""
-    body, n, ng, own = made.body, made.n, made.ng, made.own
-    accepted, moves = verdicts.accepted, verdicts.moves
-    more: dict[str, list[Value]] = {}
-    t_new = step.to_stop.choose(accepted.choose(step.stop, step.t + step.h), step.t + step.h)
-    time = moves.choose(t_new, verdicts.meets.choose(step.stop, step.t))
-    straight = inline(body, made.projected, [[t_new.name], step.ends, *step.given[2:]])[0] if made.ne else step.ends[:own]
-    final = [accepted.choose(Value(body, straight[i]), step.x[i]) if i < own else step.x[i] for i in range(n)]
-    more["x"] = [moves.choose(value, o) for value, o in zip(final, was["x"], strict=True)]
-    more["k"] = [moves.choose(value, o) for value, o in zip(step.k, was["k"], strict=True)]
-    more["g"] = [moves.choose(value, o) for value, o in zip(step.g, was["g"], strict=True)]
-    more["scale"] = [(moves & (abs(value) > o)).choose(abs(value), o) for value, o in zip(step.x, was["scale"], strict=True)]
-    more["group_scale"] = list(was["group_scale"])
-    for i, group in enumerate(made.program.groups.tolist()):
-        more["group_scale"][group] = largest(more["scale"][i], more["group_scale"][group])
-    sizes = [(moves & (abs(step.g[j]) > o)).choose(abs(step.g[j]), o) for j, o in enumerate(was["guard_scale"])]
-    more["guard_scale"] = sizes
-    more["armed"] = [(guards.armed[j] | (moves & (signed(guards.side, step.g, j) > 1e-13 * sizes[j]))).choose(1.0, 0.0) for j in range(ng)]
-    return time, more
-
-
-def _emit_flags(made: Pass, was: Rows, step: Step, verdicts: Verdicts, rejected: Truth, taken: Value, lost: Truth) -> Value:
-    """What the pass leaves to the loop."""
-    body, program = made.body, made.program
-    every = Value(body, body.intrinsic("floor", (taken * (1 / 128)).name)) * 128.0
-    stale = (verdicts.refused & rejected) | (verdicts.moves & ~every.differs(taken))
-    flag = stale.choose(float(ROUND_OFF), was["flag"])
-    flag = ((verdicts.accepted & step.to_stop) | verdicts.meets).choose(float(SAMPLE if program.updates else STOP), flag)
-    flag = verdicts.arrives.choose(float(EVENT), flag)
-    return (verdicts.odd | lost).choose(float(ALONE), flag)

@@ -15,12 +15,12 @@ import numpy as np
 
 from toolbox.compilation import loop_layout
 from toolbox.compilation.program import program_of
-from toolbox.compilation.runge_kutta import DOP853
+from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
-from toolbox.simulation.methods import Explicit
+from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.run import Run
 from toolbox.simulation.work_arrays import work_arrays
 
@@ -75,11 +75,13 @@ class Lanes:
         for measure in measures:
             measure.check(system, run.duration)
         self.loop, self.states, self.values = lanes_loop.run, system.x.numel(), system.values.size
-        explicit = dataclasses.replace(run, method=Explicit(), output_times=None)
-        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates else formulas_of(explicit))
+        method = run.method if isinstance(run.method, TaylorSeries) and not system.updates else Explicit()
+        stepped = dataclasses.replace(run, method=method, output_times=None)
+        formulas = formulas_of(stepped)
+        self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
         self.layout = Layout(self.program, measures, run.duration)
-        compiled_loop(explicit, self.program)
-        self.work = work_arrays(explicit, self.program)
+        compiled_loop(stepped, self.program)
+        self.work = work_arrays(stepped, self.program)
         width = width or host_width(self.program.kernel.states)
         late = tuple(delay > 0.0 for _, delay in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)

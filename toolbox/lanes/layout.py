@@ -145,5 +145,5 @@ def lane_states(work: Work, width: int, signals: int) -> LaneStates:
     return LaneStates(
         scenario=np.full(width, -1, np.int64), p=np.zeros((width, parameters)), modes=np.zeros((width, ne)), last_event=np.zeros(width),
         close=np.zeros(width, np.int64), jump=np.zeros(width, np.int64), since=np.zeros((width, ne)), happened=np.zeros(width, np.bool_),
-        x_old=np.zeros(n), k_old=np.zeros(n), m_old=np.zeros(max(ne, 1)), p_old=np.zeros(parameters), signals=np.zeros((3, signals)),
+        x_old=np.zeros(n), k_old=np.zeros(work.k.size), m_old=np.zeros(max(ne, 1)), p_old=np.zeros(parameters), signals=np.zeros((3, signals)),
     )  # fmt: skip

@@ -30,15 +30,16 @@ from toolbox.compilation.loop_layout import (
     LONGEST,
     MERGED,
     NE,
+    OPENED,
     OUTPUT,
     PAUSED,
     RECORDS,
     REJECTED,
     RTOL,
+    SERIES,
     STARTED,
     STEP,
     STEP_OLD,
-    STEP_SIZE,
     TAKEN,
     TIME,
     N,
@@ -111,24 +112,23 @@ def call_sample(typingctx, address, block, clocks, noise, queue):  # pragma: no 
 
 
 @intrinsic
-def _call_scalar(typingctx, address, w):  # pragma: no cover - compiled
+def _call_scalar(typingctx, address, w, series):  # pragma: no cover - compiled
     """Call `toolbox.simulation.event_loop.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
 
     def codegen(context, builder, sig, args):
         from llvmlite import ir
 
-        nothing = context.get_value_type(types.none)  # lanes step explicitly, without series
-        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(sig.args[1]), nothing])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1], ir.Constant(nothing, None)])
+        kind = ir.FunctionType(ir.IntType(64), [context.get_value_type(kind) for kind in sig.args[1:]])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
 
-    return types.int64(types.int64, w), codegen
+    return types.int64(types.int64, w, series), codegen
 
 
 def scalar_address(w):
-    """Address of `toolbox.simulation.event_loop.advance` for the arrays `w`."""
+    """Address of `toolbox.simulation.event_loop.advance` for the arrays `w`, whose steps are Taylor series or not."""
     from numba import typeof
 
-    signature = (typeof(w), types.none)
+    signature = (typeof(w), types.boolean if w.ints[SERIES] else types.none)
     found = advance.overloads.get(signature)
     if found is None:
         advance.compile(signature)
@@ -144,6 +144,8 @@ def _observe(b, lanes, lane, views, observe, w, t):
     counts = False
     for v in range(views):
         counts = counts or block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]
+    if counts and w.ints[SERIES] != 0:
+        call(w.ints[SERIES], t, h, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, lanes.k_old)
     for part in range(65 if counts else 0):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
         call(w.ints[STEP], t, h * part / 64.0, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, w.y)
@@ -203,8 +205,10 @@ def begin(scalar, w, rest, parameters, start, memory, held, steps):
 @inlined
 def _alone(scalar, w, steps):
     """Let the scalar loop do what is due and take at most so many steps; returns its status."""
-    w.ints[BUDGET], w.ints[RECORDS] = steps, 0
-    return _call_scalar(scalar, owned(w))
+    w.ints[BUDGET], w.ints[RECORDS], w.ints[OPENED] = steps, 0, 0
+    if w.ints[SERIES] != 0:
+        return _call_scalar(scalar, owned(w), True)
+    return _call_scalar(scalar, owned(w), None)
 
 
 @inlined
@@ -291,10 +295,12 @@ def _step_alone(code, b, lanes, lane, w, flag, edges, views):
         lanes.m_old[i] = w.m[i]
     for i in range(w.p.size):
         lanes.p_old[i] = w.p[i]  # which may jump at the end of the step
+    longest = w.reals[LONGEST]
     for edge in edges:
-        if flag == ALONE and t < edge * (1.0 - SLACK) < t + w.reals[STEP_SIZE]:
-            w.reals[STEP_SIZE] = edge - t
+        if flag == ALONE and t < edge * (1.0 - SLACK):
+            w.reals[LONGEST] = min(w.reals[LONGEST], edge - t)
     status = _alone(code.scalar, w, 1 if flag == ALONE else 0)
+    w.reals[LONGEST] = longest
     if lanes.signals.shape[1] > 0 and w.reals[TIME] > t:
         _observe(b, lanes, lane, views, code.observe, w, t)
     return status

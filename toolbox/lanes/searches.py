@@ -189,10 +189,10 @@ def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
 
 def _earlier(part: Value, a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
     """The smaller of a fraction and the crossing."""
-    return smallest(_crossing(a, b, da, db, width), part)
+    return smallest(crossing(a, b, da, db, width), part)
 
 
-def _crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
+def crossing(a: Value, b: Value, da: Value, db: Value, width: Value) -> Value:
     """Fraction of a bracket at which a guard falls from a > 0 to b <= 0 is zero: by the cubic Hermite interpolant of the inverse function where the
     guard falls all the way, else from the end, which has been passed, by its tangent.
     """

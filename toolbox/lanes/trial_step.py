@@ -26,7 +26,7 @@ guard, the minimum expected, and value and slope at the end of the step.
 class Pass:
     """A pass under construction: the functions of its program, the rows of a block, and the body that is written.
 
-    signals, windows: as in `block`;  count: of the rows measured;  never: false in every lane;  probes: whether a step may be tried to the minimum of a guard.
+    signals, windows: as in `block`;  x: symbols of the states;  count: of the rows measured;  never: false in every lane;  probes: whether a step may be tried to the minimum of a guard.
     """
 
     def __init__(self, program: Program, width: int, signals: tuple[str, ...], windows: int):
@@ -34,7 +34,7 @@ class Pass:
         self.program, self.signals = program, signals
         self.n, self.ne, self.ng, self.own = kernel.states, kernel.elements, kernel.guards, system.x.numel()
         n, ne, ng = self.n, self.ne, self.ng
-        x = ca.vertcat(system.x, ca.SX.sym("hidden", n - self.own))
+        self.x = x = ca.vertcat(system.x, ca.SX.sym("hidden", n - self.own))
         p = program.expressions[0]
         arguments = [system.t, x, p, system.m]
         self.rhs = ca.Function("rhs", arguments, [ca.densify(form.field)])

@@ -129,6 +129,11 @@ class Truth:
         return Value(self.body, self.body.select(self.name, *names))
 
 
+def constant(body: VectorBody, number: float) -> Value:
+    """A number in every lane."""
+    return Value(body, body.number(number))
+
+
 def largest(a: Value, b: Any) -> Value:
     """The larger of two vectors; `b` where one is NaN."""
     return (a > b).choose(a, b)
@@ -169,3 +174,33 @@ def when_any(condition: Truth, write: Callable[[], None]) -> tuple[str, str]:
     write()
     body.lines += [f"  br label %{last}", f"{last}:", f"  br label %{label}", f"{label}:"]
     return here, last
+
+
+class Slot:
+    """A vector that branches and loops change: a place in memory, which the optimiser turns into registers."""
+
+    def __init__(self, first: Value) -> None:
+        body = first.body
+        self.body, self.place = body, f"%slot{body.count}"
+        body.count += 1
+        body.lines.insert(0, f"  {self.place} = alloca {body.type}, align {min(8 * body.width, 64)}")
+        self.set(first)
+
+    def get(self) -> Value:
+        """What is there."""
+        return Value(self.body, self.body.load(self.place, 0))
+
+    def set(self, value: Value) -> None:
+        """Write a vector."""
+        self.body.store(value.name, self.place, 0)
+
+
+def repeat_while_any(body: VectorBody, write: Callable[[], Truth]) -> None:
+    """Emit a loop over the instructions that `write` writes, which goes on while what it returns holds in any lane."""
+    label = f"loop{body.count}"
+    body.count += 1
+    body.declarations.add(f"declare i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths})")
+    body.lines += [f"  br label %{label}", f"{label}:"]
+    condition = write()
+    again = body.value(f"call i1 @llvm.vector.reduce.or.v{body.width}i1({body.truths} {condition.name})")
+    body.lines += [f"  br i1 {again}, label %{label}, label %end_{label}", f"end_{label}:"]

@@ -1,0 +1,301 @@
+"""A pass of Taylor series: one call advances all lanes by one step, which ends where the first event of the lane is.
+
+The coefficients of states and guards are written once (`toolbox.compilation.recurrences`); how far they reach, whether a guard falls through zero, where, and
+where every state is then, are read off the polynomials, as in `toolbox.simulation.series_steps`. So no lane searches an event in passes of its own, and no lane
+waits for another that does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toolbox.compilation.emitter import inline
+from toolbox.compilation.kernel import equations
+from toolbox.compilation.power_series import LOOK_AHEAD
+from toolbox.compilation.recurrences import solved
+from toolbox.compilation.taylor import Taylor
+from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
+from toolbox.lanes.extrema import SeriesPath, measure_step
+from toolbox.lanes.layout import GOES_ON
+from toolbox.lanes.polynomials import Falls, least, powers, value_and_slope, value_at
+from toolbox.lanes.searches import Guards
+from toolbox.lanes.trial_step import Pass, Step
+from toolbox.lanes.vectors import Rows, Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
+from toolbox.simulation.series_steps import GUARD_SHARE, SHARE, SLACK
+
+POLISHES = 3
+"""How often the end of a step is moved onto an event by the guard itself, at most."""
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """The series of every lane at t.
+
+    states, guards: coefficients, a list for each, guards positive before they are passed;  falls: the search in them;  reach: how far they reach;  h: the
+    step, which ends at `stop` where `to_stop`;  finite: whether they are numbers;  unresolved: whether the step is too short to be taken.
+    """
+
+    was: Rows
+    t: Value
+    states: list[list[Value]]
+    guards: list[list[Value]]
+    side: list[Value | None]
+    falls: Falls
+    reach: Value
+    h: Value
+    stop: Value
+    to_stop: Truth
+    finite: Truth
+    unresolved: Truth
+    given: list[list[str]]
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """What the guards do over a step: the first fraction of it at which one is zero (2 for none), which, and where the scalar loop has to look."""
+
+    first: Value
+    located: Value
+    odd: Truth
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a step after h: states, slopes and guards there, and how well they fulfil the equations, in parts of what is allowed."""
+
+    h: Value
+    x: list[Value]
+    k: list[Value]
+    g: list[Value]
+    error: Value
+
+
+def series_pass(made: Pass) -> Value:
+    """Write the pass; returns the flags."""
+    body = made.body
+    series = _expanded(made)
+    was = series.was
+    runs = ~was["flag"].differs(float(GOES_ON))
+    sound = runs & series.finite & ~series.unresolved
+    seen = _crossings(made, series, sound)
+    odd = (runs & ~sound) | seen.odd
+    fresh, hits = sound & ~seen.odd, seen.first <= 1.0
+    end = _checked(made, series, seen, fresh, hits)
+    good = end.error <= 1.0
+    moves, refused = fresh & good, fresh & ~good
+    never = made.never
+    verdicts = Verdicts(moves & ~hits, moves & hits, moves, refused, never, never, never, never, odd)
+    names = [value.name for value in end.x]
+    step = Step(
+        was, series.t, end.h, series.stop, series.reach, series.to_stop, never, never, never, series.unresolved, series.given, [], names, end.x, end.k, end.g,
+        end.error,
+    )  # fmt: skip
+    armed = [value.differs(0.0) for value in was["armed"]]
+    guards = Guards(runs, never, series.side, armed, hits, odd, never, never, never, seen.located, [])
+    rejected = was["rejected"].differs(0.0)
+    logarithm = Value(body, body.rough_log2(largest(end.error, 1e-10).name))
+    factor = Value(body, body.rough_exp2(smallest(largest(-made.program.pair.power * logarithm, -900.0), 900.0).name))
+    shrunk = end.h * (end.error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
+    numbers = {
+        "wanted": refused.choose(shrunk, moves.choose(series.reach, was["wanted"])),
+        "rejected": refused.choose(1.0, moves.choose(0.0, was["rejected"])),
+        "located": verdicts.arrives.choose(seen.located, was["located"]),
+        "accepted": was["accepted"] + moves.choose(1.0, 0.0),
+        "refused": was["refused"] + refused.choose(1.0, 0.0),
+    }
+    numbers["time"], columns = emit_arrival(made, was, step, guards, verdicts)
+    if made.count:
+        path = SeriesPath(series.states, series.t, end.h, was)
+        measure_step(made.observe, path, moves, made.windows(was), made.rows, was["rtol"])
+    numbers["flag"] = emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], never)
+    made.store({name: [value] for name, value in numbers.items()} | columns)
+    return numbers["flag"]
+
+
+def _expanded(made: Pass) -> Expansion:
+    """The coefficients, and the step that they allow."""
+    body, n, ng, program = made.body, made.n, made.ng, made.program
+    assert isinstance(program.pair, Taylor)
+    order = program.pair.order
+    was = made.loaded()
+    t, stop = was["time"], was["stop"]
+    given = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
+    look = was["wanted"] * LOOK_AHEAD
+    function = equations(program.system.t, made.x, program.expressions[0], program.system.m, program.form)
+    table = solved(body, function, t.name, look.name, [given[0], *given[2:]], order)
+    columns = [[Value(body, row[i] or body.number(0.0)) for row in table] for i in range(n + ng)]
+    side = [*[None] * (2 * made.ne), *was["side"][2 * made.ne :]]
+    guards = [c if sign is None else [sign * value for value in c] for c, sign in zip(columns[n:], side, strict=True)]
+    last = constant(body, 0.0)
+    for column in columns:
+        last = last + abs(column[-1])
+    reach = was["rejected"].differs(0.0).choose(was["wanted"], _reach(made, was, columns[:n], guards))
+    wanted = smallest(reach, was["longest"])
+    to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
+    h = to_stop.choose(stop - t, wanted)
+    unresolved = ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
+    return Expansion(was, t, columns[:n], guards, side, Falls(body, order), reach, h, stop, to_stop, last < 1e300, unresolved, given)
+
+
+def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[Value]]) -> Value:
+    """How far the last coefficients reach: see `toolbox.simulation.series_steps.open_series`."""
+    body = made.body
+    order = len(states[0]) - 1
+
+    def logarithm(value: Value) -> Value:
+        return Value(body, body.rough_log2(value.name))
+
+    rtol = was["rtol"]
+    rate = SHARE * rtol / was["end"]
+    zero = constant(body, 0.0)
+    terms = [zero] * 4
+    for i in range(made.own):
+        weight = 1.0 / (rate * _size(made, was, i) + was["noise"][i])
+        terms = [largest(abs(states[i][order - back]) * weight, term) for back, term in enumerate(terms)]
+    guard = zero
+    for c, size in zip(guards, was["guard_scale"], strict=True):  # of a slip that has just begun only states have a size
+        guard = largest((size > 0.0).choose(abs(c[-1]) / size, 0.0), guard)
+    allowed = [(term > 0.0).choose(logarithm(term) * (-1.0 / (order - 1.0 - back)), 1e3) for back, term in enumerate(terms)]
+    reach = smallest(allowed[0], allowed[1])
+    before = was["wanted"]
+    leaps = ~(before > 0.0) | (reach > 1.0 + logarithm(before))  # the last two may be zero alone
+    reach = leaps.choose(smallest(reach, SLACK + smallest(allowed[2], allowed[3])), reach)
+    some, first = terms[0] > 0.0, logarithm(terms[0])
+    tenth = logarithm(0.1 * was["end"])  # of an error that a tenth of the run may make
+    reach = (some & (reach > tenth)).choose(largest(tenth, (first - tenth) * (-1.0 / order)), reach)
+    reach = (some & (rtol < 1e-10)).choose(largest(reach, (logarithm(1e-14 / rate) - first) * (1.0 / order)), reach)  # no less than round-off
+    bound = (logarithm(GUARD_SHARE * rtol) - logarithm(guard)) * (1.0 / order)
+    reach = (guard > 0.0).choose(smallest(reach, bound), reach)
+    return Value(body, body.rough_exp2(largest(smallest(reach, 900.0), -900.0).name))
+
+
+def _size(made: Pass, was: Rows, i: int) -> Value:
+    """Size of a state, with floors for one that is still small."""
+    return largest(largest(was["scale"][i], 1e-10 * was["group_scale"][int(made.program.groups[i])]), 1e-14)
+
+
+def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
+    """What the guards do over the step: see `toolbox.simulation.series_steps.watch_series`."""
+    body, program, ne, was, h = made.body, made.program, made.ne, series.was, series.h
+    order = len(series.guards[0]) - 1 if series.guards else 0
+    first, located, odd = Slot(constant(body, 2.0)), Slot(constant(body, 0.0)), Slot(constant(body, 0.0))
+    power = powers(h, order)
+    for j, c in enumerate(series.guards):
+        low, end = least(c, h)
+
+        def look(j: int = j, c: list[Value] = c, low: Value = low, end: Value = end) -> None:
+            armed, size = was["armed"][j].differs(0.0), was["guard_scale"][j]
+            unsafe = sound & ~(low > 0.0)
+            begins, creeps = unsafe & armed & (c[0] > 0.0), unsafe & ~armed & (end > 0.0)
+            wrong = unsafe & ((armed & (c[0] <= 0.0) & (c[1] < 0.0)) | (~armed & (end < -1e-12 * size)))
+            scaled = [value * factor for value, factor in zip(c, power, strict=True)]
+            zero = constant(body, 0.0)
+            later, latest = [*scaled[1:], zero], [*scaled[2:], zero, zero]
+            rises = c[1] > 0.0  # what begins at zero is divided by time, or by its square
+            shown = [armed.choose(a, rises.choose(b, d)) for a, b, d in zip(scaled, later, latest, strict=True)]
+            place = series.falls.first(shown, begins | creeps, (begins & (end > 0.0)).choose(0.5, 1.0))
+            falls = place <= 1.0
+            if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
+                wrong |= falls
+            elif program.table_slot and (j < 2 * ne or j >= made.ng - len(program.bounded)):  # at its bound where an input turns: what follows decides
+                wrong |= series.to_stop & armed & (end <= 0.0) & (end >= -1e-12 * size)
+            odd.set((wrong | (creeps & falls)).choose(1.0, odd.get()))
+            sooner = begins & (place < first.get())
+            first.set(sooner.choose(place, first.get()))
+            located.set(sooner.choose(float(j), located.get()))
+
+        when_any(sound & ~(low > 0.0), look)
+    return Crossings(first.get(), located.get(), odd.get().differs(0.0))
+
+
+def _turns(made: Pass, series: Expansion, fresh: Truth, h: Value) -> Value:
+    """The part of a step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 2 where none does."""
+    body, program, was = made.body, made.program, series.was
+    first = Slot(constant(body, 2.0))
+    for i in range(made.ne):
+        if not program.system.elements[i].holds:
+            continue
+        c = series.guards[2 * i]
+        order = len(c) - 1
+        slopes = [c[k + 1] * (k + 1.0) for k in range(order)]
+        turns = fresh & was["m"][i].differs(0.0) & (c[1] < 0.0) & (value_at(slopes, h) > 0.0)
+
+        def look(slopes: list[Value] = slopes, turns: Truth = turns) -> None:
+            scaled = [-value * factor for value, factor in zip(slopes, powers(h, len(slopes) - 1), strict=True)]
+            first.set(smallest(series.falls.first([*scaled, constant(body, 0.0)], turns, constant(body, 1.0)), first.get()))
+
+        when_any(turns, look)
+    return first.get()
+
+
+def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits: Truth) -> End:
+    """The end of a step, checked against the field where a slip turns inside it and there, and moved onto an event until the guard itself is zero.
+
+    A lane whose step is checked already has it checked again, with the same bits, while others go on: see
+    `toolbox.simulation.series_steps.checked_end`.
+    """
+    body, was, n, ng = made.body, series.was, made.n, made.ng
+    size = hits.choose(seen.first * series.h, series.h)
+    middle = _turns(made, series, fresh, size)
+    turning = middle < 1.0
+    place, error = Slot(turning.choose(middle * size, size)), Slot(constant(body, 0.0))
+    stage = Slot(turning.choose(0.0, 1.0))  # at a turn; at the end; polished so many times
+    found: list[End] = []
+
+    def look() -> Truth:
+        h, now = place.get(), stage.get()
+        ends = [value_and_slope(c, h) for c in series.states]
+        x = [value for value, _ in ends]
+        names = [[(series.t + h).name], [value.name for value in x], *series.given[2:]]
+        field = [Value(body, name) for name in inline(body, made.field, names)[0]]
+        k, g = field[:n], field[n:]
+        shown = [value_at(c, h) for c in series.guards]
+        defect = _defect(made, series, h, (x, [slope for _, slope in ends]), shown, (k, g))
+        error.set((now <= 1.0).choose(defect, error.get()))
+        good = fresh & (error.get() <= 1.0)
+        turned = good & ~now.differs(0.0)
+        value, slope, close = constant(body, 0.0), constant(body, 0.0), constant(body, 0.0)
+        nearness = smallest(largest(1e-5 * was["rtol"], 1e-13), 1e-9)
+        for j in range(ng):
+            this, sign = ~seen.located.differs(float(j)), series.side[j]
+            own = [g[j], g[ng + j]] if sign is None else [sign * g[j], sign * g[ng + j]]
+            value, slope, close = (this.choose(a, b) for a, b in zip((*own, nearness * was["guard_scale"][j]), (value, slope, close), strict=True))
+        moved = h - value / slope
+        polished = good & hits & (now > 0.5) & (now < POLISHES + 0.5) & (abs(value) > close) & (slope < 0.0)
+        polished &= (moved >= 0.9 * h) & (moved <= 1.1 * h)
+        place.set(turned.choose(size, polished.choose(moved, h)))
+        stage.set((turned | polished).choose(now + 1.0, now))
+        found[:] = [End(h, x, k, g, error.get())]
+        return turned | polished
+
+    repeat_while_any(body, look)
+    return found[0]
+
+
+def _defect(
+    made: Pass,
+    series: Expansion,
+    h: Value,
+    end: tuple[list[Value], list[Value]],
+    shown: list[Value],
+    field: tuple[list[Value], list[Value]],
+) -> Value:
+    """How well a step h fulfils the equations: see `toolbox.simulation.series_steps.defect`. end: states and slopes;  shown: guards;  field: slopes and guards."""
+    body, was = made.body, series.was
+    (x, slopes), (k, g) = end, field
+    order = len(series.states[0]) - 1
+    share = SHARE * largest(was["rtol"] * smallest(h / was["end"], 0.1), 1e-14)
+    error = constant(body, 0.0)
+
+    def raised(off: Value) -> Value:  # which keeps a NaN
+        return (off <= error).choose(error, off)
+
+    for i in range(made.own):
+        size = largest(_size(made, was, i), abs(x[i]))
+        error = raised(abs(k[i] - slopes[i]) * h / (float(order) * (share * size + was["noise"][i] * h)))
+    for j in range(made.ng):
+        value = g[j] if (sign := series.side[j]) is None else sign * g[j]
+        size = largest(was["guard_scale"][j], abs(value))
+        off = abs(value - shown[j]) / (was["rtol"] * size)
+        error = (size > 0.0).choose(raised(off), error)
+    return error

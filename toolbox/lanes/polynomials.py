@@ -1,13 +1,29 @@
-"""Polynomials in lanes: their values, their bounds, and their first fall through zero, as `toolbox.simulation.series_steps` looks for it."""
+"""Polynomials in lanes: their values, their signs on [0, 1], and where they first fall through zero there.
+
+A polynomial lies between its control points, its coefficients in Bernstein's basis, and has no more zeros than these have changes of sign (G. Farin, Curves and
+Surfaces for CAGD, 5th ed. 2002, chapter 5). So where the control points are positive nothing happens, and where they fall through zero once, the polynomial does
+so once, near to where their polygon does. Only where they change sign more often is it looked at piece by piece, as
+`toolbox.simulation.series_steps` does.
+
+Of a series of high order the control points of the first terms are enough: with |c_k| s^k <= |c_k| s^m for k > m, the others move only the last point of
+degree m.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.searches import crossing
-from toolbox.lanes.vectors import Slot, Truth, Value, constant, repeat_while_any, smallest, when_any
+from toolbox.lanes.vectors import Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
 from toolbox.simulation.series_steps import SHORTEST
+
+FEW, MANY = 4, 8
+"""Degrees of control points that show that most polynomials stay positive, and of those that show where one falls."""
+
+CLOSE = 1e-5
+"""Last move of Newton's method, in parts of the place: the next would be its square."""
 
 
 def value_and_slope(c: Sequence[Value], s: Value) -> tuple[Value, Value]:
@@ -36,106 +52,155 @@ def powers(h: Value, most: int) -> list[Value]:
     return found[: most + 1]
 
 
-def bend(c: Sequence[Value], s: Value) -> Value:
-    """The most by which the cubic with values and slopes at 0 and s can be off between them."""
-    total = constant(s.body, 0.0)
-    for k in range(len(c) - 1, 3, -1):
-        total = total * s + abs(c[k]) * (k * (k - 1.0) * (k - 2.0) * (k - 3.0) / 384.0)
-    square = s * s
-    return total * (square * square)
+def control_points(c: Sequence[Value], degree: int) -> tuple[list[Value], Value]:
+    """Control points of the first terms on [0, 1], and by how much the other terms move the last of them at most."""
+    degree = min(degree, len(c) - 1)
+    points = [value * (1.0 / math.comb(degree, k)) for k, value in enumerate(c[: degree + 1])]
+    for first in range(1, degree + 1):
+        for i in range(degree, first - 1, -1):
+            points[i] = points[i] + points[i - 1]
+    rest = constant(c[0].body, 0.0)
+    for value in c[degree + 1 :]:
+        rest = rest + abs(value)
+    return points, rest
 
 
-def least(c: Sequence[Value], s: Value) -> tuple[Value, Value]:
-    """A bound below the polynomial between 0 and s, and its value at s."""
-    value, slope = value_and_slope(c, s)
-    third = s * (1.0 / 3.0)
-    low = smallest(smallest(c[0], c[0] + c[1] * third), smallest(value, value - slope * third))
-    return low - bend(c, s), value
+def stays_positive(c: Sequence[Value], h: Value) -> Truth:
+    """Where a polynomial is positive on [0, h], as far as a few control points show it."""
+    few = min(FEW, len(c) - 1)
+    rest = constant(h.body, 0.0)
+    for value in reversed(c[few + 1 :]):
+        rest = (rest + abs(value)) * h
+    power = powers(h, few)
+    first = [value * factor for value, factor in zip(c, power, strict=False)]
+    points, _ = control_points(first, few)
+    low = points[-1] - rest * power[few]
+    for point in points[:-1]:
+        low = smallest(point, low)
+    return low > 0.0
 
 
 class Falls:
-    """The search for first falls through zero on [0, 1] of polynomials of a degree, in a function of its own: its loops are there once.
+    """The search for first falls through zero on [0, 1] of polynomials of a degree.
 
-    A lane that is looked at begins above zero, or leaves zero upwards.
+    A lane that is looked at begins above zero, or leaves zero upwards. What is iterated is a function of its own, so that its loops are there once.
     """
 
     def __init__(self, body: VectorBody, degree: int) -> None:
         self.body, self.degree = body, degree
         self.room = f"%room{body.count}"
         body.count += 1
-        body.lines.insert(0, f"  {self.room} = alloca [{(degree + 3) * body.width} x double], align 64")
+        body.lines.insert(0, f"  {self.room} = alloca [{(degree + 5) * body.width} x double], align 64")
         written = _search(body.width, degree)
-        text = [f"define internal void @first_fall_{degree}(ptr noalias %c) noinline nounwind {{", "entry:", *written.lines, "  ret void", "}"]
-        body.functions[f"first fall {degree}"] = "\n".join(text)
+        head = f"define internal void @first_fall_{degree}(ptr noalias %c) noinline nounwind {{"
+        body.functions[f"first fall {degree}"] = "\n".join([head, "entry:", *written.lines, "  ret void", "}"])
         body.declarations |= written.declarations
 
     def first(self, c: Sequence[Value], where: Truth, length: Value) -> Value:
-        """The first zero in the lanes where it is true, 2 where there is none; length: of the piece that is looked at first."""
-        for i, value in enumerate([*c, where.choose(1.0, 0.0), length]):
-            self.body.store(value.name, self.room, i)
-        self.body.lines.append(f"  call void @first_fall_{self.degree}(ptr {self.room})")
-        return Value(self.body, self.body.load(self.room, self.degree + 1))
+        """The first zero in the lanes where it is true, 2 where there is none; length: of the piece that is looked at first where there may be several."""
+        body = self.body
+        points, rest = control_points(c, MANY)
+        above = [*(point > 0.0 for point in points[:-1]), points[-1] > rest]
+        last = above[-1] | (points[-1] <= -rest)
+        single, several = where & ~where, where & ~last
+        before, after, left = points[0], points[0], constant(body, 0.0)
+        for k in range(1, len(points)):
+            down = where & above[k - 1] & ~above[k]
+            several |= single & above[k]
+            before, after, left = (down.choose(a, b) for a, b in ((points[k - 1], before), (points[k], after), (float(k - 1), left)))
+            single |= down
+        several |= single & ~above[0]
+        place = Slot(constant(body, 2.0))
+
+        def search() -> None:
+            guess = (left + before / (before - after)) * (1.0 / (len(points) - 1))
+            for i, value in enumerate([*c, (single & ~several).choose(1.0, 0.0), several.choose(1.0, 0.0), guess, length]):
+                body.store(value.name, self.room, i)
+            body.lines.append(f"  call void @first_fall_{self.degree}(ptr {self.room})")
+            place.set(Value(body, body.load(self.room, self.degree + 1)))
+
+        when_any(single | several, search)
+        return place.get()
 
 
 def _search(width: int, degree: int) -> VectorBody:
-    """Coefficients, then whether a lane is looked at, then the length of its first piece stand in %c; the zero takes the place of the second."""
+    """In %c stand coefficients, which lanes fall once, which may several times, a guess, and the length of a first piece; the zero takes the second place."""
     body = VectorBody(width)
+    c = [Value(body, body.load("%c", k)) for k in range(degree + 1)]
+    single, several, guess, length = (Value(body, body.load("%c", degree + 1 + i)) for i in range(4))
+    found, place = Slot(single), Slot(guess)
+    low, high = Slot(constant(body, 0.0)), Slot(constant(body, 1.0))
+    many = several.differs(0.0)
+    when_any(many, lambda: _piece_by_piece(c, many, length, found, (low, high, place)))
+    fallen = found.get().differs(0.0)
+    when_any(fallen, lambda: _improved(c, fallen, (low, high, place)))
+    body.store(fallen.choose(place.get(), 2.0).name, "%c", degree + 1)
+    return body
 
-    def given(i: int) -> Value:
-        return Value(body, body.load("%c", i))
 
-    c = [given(k) for k in range(degree + 1)]
-    zero, one = constant(body, 0.0), constant(body, 1.0)
-    doubt = bend(c, one)
-    left, right, a, da = Slot(zero), Slot(one), Slot(c[0]), Slot(c[1])
-    looks, length, found = Slot(given(degree + 1)), Slot(given(degree + 2)), Slot(zero)
+def _piece_by_piece(c: list[Value], looks: Truth, first: Value, found: Slot, where: tuple[Slot, Slot, Slot]) -> None:
+    """Write the search for the first piece in which the polynomial becomes negative, in pieces so short that a cubic shows it. where: its ends, and a guess."""
+    body = looks.body
+    low, high, place = where
+    doubt = constant(body, 0.0)
+    for k in range(4, len(c)):
+        doubt = doubt + abs(c[k]) * (k * (k - 1.0) * (k - 2.0) * (k - 3.0) / 384.0)
+    begin, a, da, length = Slot(constant(body, 0.0)), Slot(c[0]), Slot(c[1]), Slot(first)
+    left = Slot(looks.choose(1.0, 0.0))
 
     def look() -> Truth:
-        on, size, begin = looks.get().differs(0.0), length.get(), left.get()
-        end = smallest(begin + size, 1.0)
+        on, size, start = left.get().differs(0.0), length.get(), begin.get()
+        end = smallest(start + size, 1.0)
         b, db = value_and_slope(c, end)
-        width = end - begin
+        width = end - start
         square, third = width * width, width * (1.0 / 3.0)
         off, short = doubt * (square * square), size <= SHORTEST
         below = b <= 0.0
         falls = on & below & (short | (off <= 1e-3 * (a.get() - b)))
         clear = on & ~below & (short | (smallest(a.get() + da.get() * third, b - db * third) > off))
-        right.set(falls.choose(end, right.get()))
         found.set(falls.choose(1.0, found.get()))
-        for slot, new in ((left, end), (a, b), (da, db)):
+        for slot, new in ((low, start), (high, end), (place, start + crossing(a.get(), b, da.get(), db, width) * width)):
+            slot.set(falls.choose(new, slot.get()))
+        for slot, new in ((begin, end), (a, b), (da, db)):
             slot.set(clear.choose(new, slot.get()))
         length.set(size * clear.choose(2.0, 0.5))
         goes_on = on & ~falls & ~(clear & (end >= 1.0))
-        looks.set(goes_on.choose(1.0, 0.0))
+        left.set(goes_on.choose(1.0, 0.0))
         return goes_on
 
     repeat_while_any(body, look)
-    falls = found.get().differs(0.0)
-    place = Slot(constant(body, 2.0))
 
-    def zero_of() -> None:
-        low, high = Slot(left.get()), Slot(right.get())
-        width = high.get() - low.get()
-        b, db = value_and_slope(c, high.get())
-        place.set(low.get() + crossing(a.get(), b, da.get(), db, width) * width)
-        tries = Slot(zero)
 
-        def improve() -> Truth:
-            s = place.get()
-            value, slope = value_and_slope(c, s)
-            above = value > 0.0
-            low.set(above.choose(s, low.get()))
-            high.set(above.choose(high.get(), s))
-            following = s - value / slope
-            inside = (following >= low.get()) & (following <= high.get())
-            following = inside.choose(following, 0.5 * (low.get() + high.get()))
-            goes_on = falls & (abs(following - s) > 1e-9 * high.get()) & (tries.get() < 60.0)
-            tries.set(tries.get() + 1.0)
-            place.set(following)
-            return goes_on
+def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> None:
+    """Write Newton's method in a shrinking bracket for the zero of a polynomial that is positive at its low end and not at its high one."""
+    low, high, place = where
+    tries = Slot(constant(falls.body, 0.0))
 
-        repeat_while_any(body, improve)
+    def improve() -> Truth:
+        s = place.get()
+        value, slope = value_and_slope(c, s)
+        above = value > 0.0
+        low.set(above.choose(s, low.get()))
+        high.set(above.choose(high.get(), s))
+        following = s - value / slope
+        inside = (following >= low.get()) & (following <= high.get())
+        following = inside.choose(following, 0.5 * (low.get() + high.get()))
+        goes_on = falls & (abs(following - s) > CLOSE * high.get()) & (tries.get() < 60.0)
+        tries.set(tries.get() + 1.0)
+        place.set(following)
+        return goes_on
 
-    when_any(falls, zero_of)
-    body.store(falls.choose(place.get(), 2.0).name, "%c", degree + 1)
-    return body
+    repeat_while_any(falls.body, improve)
+
+
+def lowest_place(c: Sequence[Value], h: Value, ends: tuple[Value, Value]) -> Value:
+    """About where on [0, h], in parts of it, a polynomial that falls at first and rises at the end, with these value and slope there, is lowest."""
+    body = h.body
+    a, da, b, db = c[0], c[1] * h, ends[0], ends[1] * h
+    c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
+    root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
+    place = -da / (c2 + root)  # of the cubic
+    place = ((place > 0.0) & (place < 1.0)).choose(place, 0.5)
+    slope, bend = value_and_slope([value * float(k) for k, value in enumerate(c)][1:], place * h)
+    better = place - slope / (bend * h)
+    return ((better > 0.01) & (better < 0.99)).choose(better, place)

@@ -7,6 +7,7 @@ waits for another that does.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from toolbox.compilation.emitter import inline
@@ -17,7 +18,7 @@ from toolbox.compilation.taylor import Taylor
 from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
 from toolbox.lanes.extrema import SeriesPath, measure_step
 from toolbox.lanes.layout import GOES_ON
-from toolbox.lanes.polynomials import Falls, least, powers, value_and_slope, value_at
+from toolbox.lanes.polynomials import Falls, lowest_place, powers, stays_positive, value_and_slope, value_at
 from toolbox.lanes.searches import Guards
 from toolbox.lanes.trial_step import Pass, Step
 from toolbox.lanes.vectors import Rows, Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
@@ -25,6 +26,10 @@ from toolbox.simulation.series_steps import GUARD_SHARE, SHARE, SLACK
 
 POLISHES = 3
 """How often the end of a step is moved onto an event by the guard itself, at most."""
+
+
+NEAR = 1e-7
+"""Part of a step within which its end is moved along the slopes there, right to the square of it."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +126,7 @@ def _expanded(made: Pass) -> Expansion:
     t, stop = was["time"], was["stop"]
     given = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
     look = was["wanted"] * LOOK_AHEAD
+    weights = _weights(made, was)
     function = equations(program.system.t, made.x, program.expressions[0], program.system.m, program.form)
     table = solved(body, function, t.name, look.name, [given[0], *given[2:]], order)
     columns = [[Value(body, row[i] or body.number(0.0)) for row in table] for i in range(n + ng)]
@@ -129,7 +135,7 @@ def _expanded(made: Pass) -> Expansion:
     last = constant(body, 0.0)
     for column in columns:
         last = last + abs(column[-1])
-    reach = was["rejected"].differs(0.0).choose(was["wanted"], _reach(made, was, columns[:n], guards))
+    reach = was["rejected"].differs(0.0).choose(was["wanted"], _reach(made, was, columns[:n], guards, weights))
     wanted = smallest(reach, was["longest"])
     to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
     h = to_stop.choose(stop - t, wanted)
@@ -137,7 +143,7 @@ def _expanded(made: Pass) -> Expansion:
     return Expansion(was, t, columns[:n], guards, side, Falls(body, order), reach, h, stop, to_stop, last < 1e300, unresolved, given)
 
 
-def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[Value]]) -> Value:
+def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[Value]], weights: Weights) -> Value:
     """How far the last coefficients reach: see `toolbox.simulation.series_steps.open_series`."""
     body = made.body
     order = len(states[0]) - 1
@@ -146,27 +152,53 @@ def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[V
         return Value(body, body.rough_log2(value.name))
 
     rtol = was["rtol"]
-    rate = SHARE * rtol / was["end"]
     zero = constant(body, 0.0)
     terms = [zero] * 4
-    for i in range(made.own):
-        weight = 1.0 / (rate * _size(made, was, i) + was["noise"][i])
-        terms = [largest(abs(states[i][order - back]) * weight, term) for back, term in enumerate(terms)]
+    for c, weight in zip(states, weights.states, strict=False):
+        terms = [largest(abs(c[order - back]) * weight, term) for back, term in enumerate(terms)]
     guard = zero
-    for c, size in zip(guards, was["guard_scale"], strict=True):  # of a slip that has just begun only states have a size
-        guard = largest((size > 0.0).choose(abs(c[-1]) / size, 0.0), guard)
-    allowed = [(term > 0.0).choose(logarithm(term) * (-1.0 / (order - 1.0 - back)), 1e3) for back, term in enumerate(terms)]
-    reach = smallest(allowed[0], allowed[1])
-    before = was["wanted"]
-    leaps = ~(before > 0.0) | (reach > 1.0 + logarithm(before))  # the last two may be zero alone
-    reach = leaps.choose(smallest(reach, SLACK + smallest(allowed[2], allowed[3])), reach)
-    some, first = terms[0] > 0.0, logarithm(terms[0])
-    tenth = logarithm(0.1 * was["end"])  # of an error that a tenth of the run may make
-    reach = (some & (reach > tenth)).choose(largest(tenth, (first - tenth) * (-1.0 / order)), reach)
-    reach = (some & (rtol < 1e-10)).choose(largest(reach, (logarithm(1e-14 / rate) - first) * (1.0 / order)), reach)  # no less than round-off
-    bound = (logarithm(GUARD_SHARE * rtol) - logarithm(guard)) * (1.0 / order)
-    reach = (guard > 0.0).choose(smallest(reach, bound), reach)
-    return Value(body, body.rough_exp2(largest(smallest(reach, 900.0), -900.0).name))
+    for c, weight in zip(guards, weights.guards, strict=True):
+        guard = largest(abs(c[-1]) * weight, guard)
+
+    def allowed(back: int) -> Value:
+        return (terms[back] > 0.0).choose(logarithm(terms[back]) * (-1.0 / (order - 1.0 - back)), 1e3)
+
+    reach = Slot(smallest(allowed(0), allowed(1)))
+    some, before = terms[0] > 0.0, was["wanted"]
+    tenth = weights.tenth  # of an error that a tenth of the run may make
+    leaps = ~(before > 0.0) | (reach.get() > 1.0 + logarithm(before))  # the last two may be zero alone
+
+    def look() -> None:
+        now, first = reach.get(), logarithm(terms[0])
+        now = leaps.choose(smallest(now, SLACK + smallest(allowed(2), allowed(3))), now)
+        now = (some & (now > tenth)).choose(largest(tenth, (first - tenth) * (-1.0 / order)), now)
+        round_off = (logarithm(1e-14 * was["end"] / (SHARE * rtol)) - first) * (1.0 / order)
+        reach.set((some & (rtol < 1e-10)).choose(largest(now, round_off), now))  # no less than round-off
+
+    when_any(leaps | (reach.get() > tenth) | (rtol < 1e-10), look)
+    found = (guard > 0.0).choose(smallest(reach.get(), logarithm(guard) * (-1.0 / order)), reach.get())
+    return Value(body, body.rough_exp2(largest(smallest(found, 900.0), -900.0).name))
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What a coefficient is multiplied with to be compared with what is allowed, of states and of guards; tenth: binary logarithm of a tenth of the run.
+
+    Written before the coefficients: divisions take long, but nothing else waits for them.
+    """
+
+    states: list[Value]
+    guards: list[Value]
+    tenth: Value
+
+
+def _weights(made: Pass, was: Rows) -> Weights:
+    body, rtol, end = made.body, was["rtol"], was["end"]
+    rate = SHARE * rtol / end
+    states = [1.0 / (rate * _size(made, was, i) + was["noise"][i]) for i in range(made.own)]
+    bound = GUARD_SHARE * rtol
+    guards = [(size > 0.0).choose(1.0 / (bound * size), 0.0) for size in was["guard_scale"]]  # of a slip that has just begun only states have a size
+    return Weights(states, guards, Value(body, body.rough_log2((0.1 * end).name)))
 
 
 def _size(made: Pass, was: Rows, i: int) -> Value:
@@ -181,15 +213,16 @@ def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
     first, located, odd = Slot(constant(body, 2.0)), Slot(constant(body, 0.0)), Slot(constant(body, 0.0))
     power = powers(h, order)
     for j, c in enumerate(series.guards):
-        low, end = least(c, h)
+        unsafe = sound & ~stays_positive(c, h)
 
-        def look(j: int = j, c: list[Value] = c, low: Value = low, end: Value = end) -> None:
+        def look(j: int = j, c: list[Value] = c, unsafe: Truth = unsafe) -> None:
             armed, size = was["armed"][j].differs(0.0), was["guard_scale"][j]
-            unsafe = sound & ~(low > 0.0)
+            scaled = [value * factor for value, factor in zip(c, power, strict=True)]
+            end, zero = constant(body, 0.0), constant(body, 0.0)
+            for value in reversed(scaled):
+                end = end + value
             begins, creeps = unsafe & armed & (c[0] > 0.0), unsafe & ~armed & (end > 0.0)
             wrong = unsafe & ((armed & (c[0] <= 0.0) & (c[1] < 0.0)) | (~armed & (end < -1e-12 * size)))
-            scaled = [value * factor for value, factor in zip(c, power, strict=True)]
-            zero = constant(body, 0.0)
             later, latest = [*scaled[1:], zero], [*scaled[2:], zero, zero]
             rises = c[1] > 0.0  # what begins at zero is divided by time, or by its square
             shown = [armed.choose(a, rises.choose(b, d)) for a, b, d in zip(scaled, later, latest, strict=True)]
@@ -204,7 +237,7 @@ def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
             first.set(sooner.choose(place, first.get()))
             located.set(sooner.choose(float(j), located.get()))
 
-        when_any(sound & ~(low > 0.0), look)
+        when_any(unsafe, look)
     return Crossings(first.get(), located.get(), odd.get().differs(0.0))
 
 
@@ -216,13 +249,11 @@ def _turns(made: Pass, series: Expansion, fresh: Truth, h: Value) -> Value:
         if not program.system.elements[i].holds:
             continue
         c = series.guards[2 * i]
-        order = len(c) - 1
-        slopes = [c[k + 1] * (k + 1.0) for k in range(order)]
-        turns = fresh & was["m"][i].differs(0.0) & (c[1] < 0.0) & (value_at(slopes, h) > 0.0)
+        ends = value_and_slope(c, h)
+        turns = fresh & was["m"][i].differs(0.0) & (c[1] < 0.0) & (ends[1] > 0.0)
 
-        def look(slopes: list[Value] = slopes, turns: Truth = turns) -> None:
-            scaled = [-value * factor for value, factor in zip(slopes, powers(h, len(slopes) - 1), strict=True)]
-            first.set(smallest(series.falls.first([*scaled, constant(body, 0.0)], turns, constant(body, 1.0)), first.get()))
+        def look(c: list[Value] = c, ends: tuple[Value, Value] = ends, turns: Truth = turns) -> None:
+            first.set(turns.choose(smallest(lowest_place(c, h, ends), first.get()), first.get()))
 
         when_any(turns, look)
     return first.get()
@@ -250,9 +281,21 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
         field = [Value(body, name) for name in inline(body, made.field, names)[0]]
         k, g = field[:n], field[n:]
         shown = [value_at(c, h) for c in series.guards]
-        defect = _defect(made, series, h, (x, [slope for _, slope in ends]), shown, (k, g))
-        error.set((now <= 1.0).choose(defect, error.get()))
-        good = fresh & (error.get() <= 1.0)
+        parts = _defect(made, series, h, (x, [slope for _, slope in ends]), shown, (k, g))
+        good = fresh & (now > 1.5)  # an end that is moved has been checked
+        checked = fresh
+        for off, most in parts:
+            checked &= off <= most  # not where one is NaN
+        good |= checked
+
+        def measure() -> None:
+            worst = constant(body, 1.5)
+            for off, most in parts:
+                ratio = off / most
+                worst = (ratio <= worst).choose(worst, ratio)
+            error.set((fresh & ~good).choose(worst, error.get()))
+
+        when_any(fresh & ~good, measure)
         turned = good & ~now.differs(0.0)
         value, slope, close = constant(body, 0.0), constant(body, 0.0), constant(body, 0.0)
         nearness = smallest(largest(1e-5 * was["rtol"], 1e-13), 1e-9)
@@ -260,13 +303,16 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
             this, sign = ~seen.located.differs(float(j)), series.side[j]
             own = [g[j], g[ng + j]] if sign is None else [sign * g[j], sign * g[ng + j]]
             value, slope, close = (this.choose(a, b) for a, b in zip((*own, nearness * was["guard_scale"][j]), (value, slope, close), strict=True))
-        moved = h - value / slope
-        polished = good & hits & (now > 0.5) & (now < POLISHES + 0.5) & (abs(value) > close) & (slope < 0.0)
-        polished &= (moved >= 0.9 * h) & (moved <= 1.1 * h)
-        place.set(turned.choose(size, polished.choose(moved, h)))
-        stage.set((turned | polished).choose(now + 1.0, now))
-        found[:] = [End(h, x, k, g, error.get())]
-        return turned | polished
+        move = -value / slope
+        moves = good & hits & (now > 0.5) & (now < POLISHES + 0.5) & (abs(value) > close) & (slope < 0.0) & (abs(move) <= 0.1 * h)
+        near = abs(move) <= NEAR * h
+        again = turned | (moves & ~near)
+        place.set(turned.choose(size, again.choose(h + move, h)))
+        stage.set(again.choose(now + 1.0, now))
+        move = (moves & near).choose(move, 0.0)
+        x, g[:ng] = ([a + move * rate for a, rate in zip(column, rates, strict=True)] for column, rates in ((x, k), (g[:ng], g[ng:])))
+        found[:] = [End(h + move, x, k, g, error.get())]
+        return again
 
     repeat_while_any(body, look)
     return found[0]
@@ -279,23 +325,21 @@ def _defect(
     end: tuple[list[Value], list[Value]],
     shown: list[Value],
     field: tuple[list[Value], list[Value]],
-) -> Value:
-    """How well a step h fulfils the equations: see `toolbox.simulation.series_steps.defect`. end: states and slopes;  shown: guards;  field: slopes and guards."""
-    body, was = made.body, series.was
+) -> list[tuple[Value, Value]]:
+    """How far a step h is from the equations, and how far it may be: see `toolbox.simulation.series_steps.defect`.
+
+    end: states and slopes;  shown: guards;  field: slopes and guards.
+    """
+    was = series.was
     (x, slopes), (k, g) = end, field
     order = len(series.states[0]) - 1
     share = SHARE * largest(was["rtol"] * smallest(h / was["end"], 0.1), 1e-14)
-    error = constant(body, 0.0)
-
-    def raised(off: Value) -> Value:  # which keeps a NaN
-        return (off <= error).choose(error, off)
-
+    parts = []
     for i in range(made.own):
         size = largest(_size(made, was, i), abs(x[i]))
-        error = raised(abs(k[i] - slopes[i]) * h / (float(order) * (share * size + was["noise"][i] * h)))
+        parts.append((abs(k[i] - slopes[i]) * h, float(order) * (share * size + was["noise"][i] * h)))
     for j in range(made.ng):
         value = g[j] if (sign := series.side[j]) is None else sign * g[j]
         size = largest(was["guard_scale"][j], abs(value))
-        off = abs(value - shown[j]) / (was["rtol"] * size)
-        error = (size > 0.0).choose(raised(off), error)
-    return error
+        parts.append((abs(value - shown[j]), (size > 0.0).choose(was["rtol"] * size, math.inf)))
+    return parts

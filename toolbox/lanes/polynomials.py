@@ -59,22 +59,27 @@ def control_points(c: Sequence[Value], degree: int) -> tuple[list[Value], Value]
     for first in range(1, degree + 1):
         for i in range(degree, first - 1, -1):
             points[i] = points[i] + points[i - 1]
-    rest = constant(c[0].body, 0.0)
-    for value in c[degree + 1 :]:
-        rest = rest + abs(value)
-    return points, rest
+    return points, total([abs(value) for value in c[degree + 1 :]] or [constant(c[0].body, 0.0)])
 
 
-def stays_positive(c: Sequence[Value], h: Value) -> Truth:
-    """Where a polynomial is positive on [0, h], as far as a few control points show it."""
-    few = min(FEW, len(c) - 1)
-    rest = constant(h.body, 0.0)
-    for value in reversed(c[few + 1 :]):
-        rest = (rest + abs(value)) * h
-    power = powers(h, few)
-    first = [value * factor for value, factor in zip(c, power, strict=False)]
-    points, _ = control_points(first, few)
-    low = points[-1] - rest * power[few]
+def scaled(c: Sequence[Value], power: Sequence[Value]) -> list[Value]:
+    """Coefficients of the polynomial on a step whose powers these are, as one on [0, 1]."""
+    return [c[0], *(value * factor for value, factor in zip(c[1:], power[1:], strict=True))]
+
+
+def total(values: Sequence[Value]) -> Value:
+    """Sum of vectors in pairs, so that few of them wait for each other."""
+    values = list(values)
+    while len(values) > 1:
+        pairs = [a + b for a, b in zip(values[::2], values[1::2], strict=False)]
+        values = pairs + values[2 * len(pairs) :]
+    return values[0]
+
+
+def stays_positive(c: Sequence[Value]) -> Truth:
+    """Where a polynomial is positive on [0, 1], as far as a few control points show it."""
+    points, rest = control_points(c, FEW)
+    low = points[-1] - rest
     for point in points[:-1]:
         low = smallest(point, low)
     return low > 0.0
@@ -90,7 +95,7 @@ class Falls:
         self.body, self.degree = body, degree
         self.room = f"%room{body.count}"
         body.count += 1
-        body.lines.insert(0, f"  {self.room} = alloca [{(degree + 5) * body.width} x double], align 64")
+        body.lines.insert(0, f"  {self.room} = alloca [{(degree + 3) * body.width} x double], align 64")
         written = _search(body.width, degree)
         head = f"define internal void @first_fall_{degree}(ptr noalias %c) noinline nounwind {{"
         body.functions[f"first fall {degree}"] = "\n".join([head, "entry:", *written.lines, "  ret void", "}"])
@@ -98,40 +103,32 @@ class Falls:
 
     def first(self, c: Sequence[Value], where: Truth, length: Value) -> Value:
         """The first zero in the lanes where it is true, 2 where there is none; length: of the piece that is looked at first where there may be several."""
-        body = self.body
-        points, rest = control_points(c, MANY)
-        above = [*(point > 0.0 for point in points[:-1]), points[-1] > rest]
-        last = above[-1] | (points[-1] <= -rest)
-        single, several = where & ~where, where & ~last
-        before, after, left = points[0], points[0], constant(body, 0.0)
-        for k in range(1, len(points)):
-            down = where & above[k - 1] & ~above[k]
-            several |= single & above[k]
-            before, after, left = (down.choose(a, b) for a, b in ((points[k - 1], before), (points[k], after), (float(k - 1), left)))
-            single |= down
-        several |= single & ~above[0]
-        place = Slot(constant(body, 2.0))
-
-        def search() -> None:
-            guess = (left + before / (before - after)) * (1.0 / (len(points) - 1))
-            for i, value in enumerate([*c, (single & ~several).choose(1.0, 0.0), several.choose(1.0, 0.0), guess, length]):
-                body.store(value.name, self.room, i)
-            body.lines.append(f"  call void @first_fall_{self.degree}(ptr {self.room})")
-            place.set(Value(body, body.load(self.room, self.degree + 1)))
-
-        when_any(single | several, search)
-        return place.get()
+        for i, value in enumerate([*c, where.choose(1.0, 0.0), length]):
+            self.body.store(value.name, self.room, i)
+        self.body.lines.append(f"  call void @first_fall_{self.degree}(ptr {self.room})")
+        return Value(self.body, self.body.load(self.room, self.degree + 1))
 
 
 def _search(width: int, degree: int) -> VectorBody:
-    """In %c stand coefficients, which lanes fall once, which may several times, a guess, and the length of a first piece; the zero takes the second place."""
+    """In %c stand coefficients, which lanes are looked at, and the length of a first piece; the zero takes the second place."""
     body = VectorBody(width)
     c = [Value(body, body.load("%c", k)) for k in range(degree + 1)]
-    single, several, guess, length = (Value(body, body.load("%c", degree + 1 + i)) for i in range(4))
-    found, place = Slot(single), Slot(guess)
+    where, length = Value(body, body.load("%c", degree + 1)).differs(0.0), Value(body, body.load("%c", degree + 2))
+    points, rest = control_points(c, MANY)
+    above = [*(point > 0.0 for point in points[:-1]), points[-1] > rest]
+    last = above[-1] | (points[-1] <= -rest)
+    single, several = where & ~where, where & ~last
+    before, after, left = points[0], points[0], constant(body, 0.0)
+    for k in range(1, len(points)):
+        down = where & above[k - 1] & ~above[k]
+        several |= single & above[k]
+        before, after, left = (down.choose(a, b) for a, b in ((points[k - 1], before), (points[k], after), (float(k - 1), left)))
+        single |= down
+    several |= single & ~above[0]
+    found = Slot((single & ~several).choose(1.0, 0.0))
+    place = Slot((left + before / (before - after)) * (1.0 / (len(points) - 1)))
     low, high = Slot(constant(body, 0.0)), Slot(constant(body, 1.0))
-    many = several.differs(0.0)
-    when_any(many, lambda: _piece_by_piece(c, many, length, found, (low, high, place)))
+    when_any(several, lambda: _piece_by_piece(c, several, length, found, (low, high, place)))
     fallen = found.get().differs(0.0)
     when_any(fallen, lambda: _improved(c, fallen, (low, high, place)))
     body.store(fallen.choose(place.get(), 2.0).name, "%c", degree + 1)
@@ -193,14 +190,14 @@ def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> N
     repeat_while_any(falls.body, improve)
 
 
-def lowest_place(c: Sequence[Value], h: Value, ends: tuple[Value, Value]) -> Value:
-    """About where on [0, h], in parts of it, a polynomial that falls at first and rises at the end, with these value and slope there, is lowest."""
-    body = h.body
-    a, da, b, db = c[0], c[1] * h, ends[0], ends[1] * h
+def turn(c: Sequence[Value], ends: tuple[Value, Value]) -> Value:
+    """About where on [0, 1] a polynomial that falls at first and rises at the end, with these value and slope there, is lowest."""
+    body = c[0].body
+    a, da, (b, db) = c[0], c[1], ends
     c2, c3 = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
     root = Value(body, body.intrinsic("sqrt", largest(c2 * c2 - 3.0 * c3 * da, 0.0).name))
     place = -da / (c2 + root)  # of the cubic
     place = ((place > 0.0) & (place < 1.0)).choose(place, 0.5)
-    slope, bend = value_and_slope([value * float(k) for k, value in enumerate(c)][1:], place * h)
-    better = place - slope / (bend * h)
+    slope, bend = value_and_slope([value * float(k) for k, value in enumerate(c)][1:], place)
+    better = place - slope / bend
     return ((better > 0.01) & (better < 0.99)).choose(better, place)

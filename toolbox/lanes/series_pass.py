@@ -18,7 +18,7 @@ from toolbox.compilation.taylor import Taylor
 from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
 from toolbox.lanes.extrema import SeriesPath, measure_step
 from toolbox.lanes.layout import GOES_ON
-from toolbox.lanes.polynomials import Falls, lowest_place, powers, stays_positive, value_and_slope, value_at
+from toolbox.lanes.polynomials import Falls, powers, scaled, stays_positive, total, turn, value_and_slope, value_at
 from toolbox.lanes.searches import Guards
 from toolbox.lanes.trial_step import Pass, Step
 from toolbox.lanes.vectors import Rows, Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
@@ -57,11 +57,16 @@ class Expansion:
 
 @dataclass(frozen=True)
 class Crossings:
-    """What the guards do over a step: the first fraction of it at which one is zero (2 for none), which, and where the scalar loop has to look."""
+    """What the guards do over a step.
+
+    first: the first fraction of it at which one is zero, 2 for none;  located: which;  odd: where the scalar loop has to look;  middle: the first fraction
+    at which a slip comes closest to zero and turns, where friction laws have their peak, 2 for none.
+    """
 
     first: Value
     located: Value
     odd: Truth
+    middle: Value
 
 
 @dataclass(frozen=True)
@@ -209,23 +214,23 @@ def _size(made: Pass, was: Rows, i: int) -> Value:
 def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
     """What the guards do over the step: see `toolbox.simulation.series_steps.watch_series`."""
     body, program, ne, was, h = made.body, made.program, made.ne, series.was, series.h
-    order = len(series.guards[0]) - 1 if series.guards else 0
-    first, located, odd = Slot(constant(body, 2.0)), Slot(constant(body, 0.0)), Slot(constant(body, 0.0))
-    power = powers(h, order)
-    for j, c in enumerate(series.guards):
-        unsafe = sound & ~stays_positive(c, h)
+    first, located, odd = (Slot(constant(body, number)) for number in (2.0, 0.0, 0.0))
+    middle = Slot(constant(body, 2.0))
+    power = powers(h, len(series.guards[0]) - 1) if series.guards else []
+    for j, own in enumerate(series.guards):
+        c = scaled(own, power)
+        unsafe = sound & ~stays_positive(c)
+        if j < 2 * ne and j % 2 == 0 and program.system.elements[j // 2].holds:
+            _emit_turn(c, sound & was["m"][j // 2].differs(0.0), middle)
 
         def look(j: int = j, c: list[Value] = c, unsafe: Truth = unsafe) -> None:
             armed, size = was["armed"][j].differs(0.0), was["guard_scale"][j]
-            scaled = [value * factor for value, factor in zip(c, power, strict=True)]
-            end, zero = constant(body, 0.0), constant(body, 0.0)
-            for value in reversed(scaled):
-                end = end + value
+            end, zero = total(c), constant(body, 0.0)
             begins, creeps = unsafe & armed & (c[0] > 0.0), unsafe & ~armed & (end > 0.0)
             wrong = unsafe & ((armed & (c[0] <= 0.0) & (c[1] < 0.0)) | (~armed & (end < -1e-12 * size)))
-            later, latest = [*scaled[1:], zero], [*scaled[2:], zero, zero]
+            later, latest = [*c[1:], zero], [*c[2:], zero, zero]
             rises = c[1] > 0.0  # what begins at zero is divided by time, or by its square
-            shown = [armed.choose(a, rises.choose(b, d)) for a, b, d in zip(scaled, later, latest, strict=True)]
+            shown = [armed.choose(a, rises.choose(b, d)) for a, b, d in zip(c, later, latest, strict=True)]
             place = series.falls.first(shown, begins | creeps, (begins & (end > 0.0)).choose(0.5, 1.0))
             falls = place <= 1.0
             if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
@@ -238,25 +243,14 @@ def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
             located.set(sooner.choose(float(j), located.get()))
 
         when_any(unsafe, look)
-    return Crossings(first.get(), located.get(), odd.get().differs(0.0))
+    return Crossings(first.get(), located.get(), odd.get().differs(0.0), middle.get())
 
 
-def _turns(made: Pass, series: Expansion, fresh: Truth, h: Value) -> Value:
-    """The part of a step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 2 where none does."""
-    body, program, was = made.body, made.program, series.was
-    first = Slot(constant(body, 2.0))
-    for i in range(made.ne):
-        if not program.system.elements[i].holds:
-            continue
-        c = series.guards[2 * i]
-        ends = value_and_slope(c, h)
-        turns = fresh & was["m"][i].differs(0.0) & (c[1] < 0.0) & (ends[1] > 0.0)
-
-        def look(c: list[Value] = c, ends: tuple[Value, Value] = ends, turns: Truth = turns) -> None:
-            first.set(turns.choose(smallest(lowest_place(c, h, ends), first.get()), first.get()))
-
-        when_any(turns, look)
-    return first.get()
+def _emit_turn(c: list[Value], slips: Truth, middle: Slot) -> None:
+    """Write where a slip first comes closest to zero and turns to `middle`, in parts of the step, unless that is before it."""
+    ends = total(c), total([value * float(k) for k, value in enumerate(c)][1:])
+    turns = slips & (c[1] < 0.0) & (ends[1] > 0.0)
+    when_any(turns, lambda: middle.set(turns.choose(smallest(turn(c, ends), middle.get()), middle.get())))
 
 
 def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits: Truth) -> End:
@@ -267,9 +261,9 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
     """
     body, was, n, ng = made.body, series.was, made.n, made.ng
     size = hits.choose(seen.first * series.h, series.h)
-    middle = _turns(made, series, fresh, size)
-    turning = middle < 1.0
-    place, error = Slot(turning.choose(middle * size, size)), Slot(constant(body, 0.0))
+    middle = seen.middle * series.h
+    turning = middle < size
+    place, error = Slot(turning.choose(middle, size)), Slot(constant(body, 0.0))
     stage = Slot(turning.choose(0.0, 1.0))  # at a turn; at the end; polished so many times
     found: list[End] = []
 

@@ -120,14 +120,15 @@ PLANTS = {
 }
 
 
+@pytest.mark.parametrize("method", ["explicit", "taylor"])
 @pytest.mark.parametrize("name", PLANTS)
-def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name):
+def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method):
     plant, duration, ranges, arguments = PLANTS[name]
     count = 21  # not a multiple of any width
     parameters = {key: spread(*bounds, count) for key, bounds in ranges.items()}
     sticks = [element.name for element in plant.elements if element.legend.get(0) == "stick"]
     asked = [measures.time_in(name) for name in sticks]
-    found = batch(plant, duration, parameters, count, measures=asked, most_events=2000, **arguments)
+    found = batch(plant, duration, parameters, count, measures=asked, most_events=2000, method=method, **arguments)
     assert (found.statuses == 0).all()
     for s in (0, 7, 15, 16, 20):
         own = {key: column[s] for key, column in parameters.items()}

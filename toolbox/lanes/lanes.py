@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.compilation import loop_layout
-from toolbox.compilation.program import program_of
+from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
@@ -82,7 +83,7 @@ class Lanes:
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)
-        width = width or host_width(self.program.kernel.states)
+        width = width or host_width(self.program)
         late = tuple(delay > 0.0 for _, delay in run.clocks)
         self.block = block(self.program, width, self.layout.signals, len(self.layout.windows), late)
         self.noise = noise_table(self.work, run.duration)
@@ -178,8 +179,10 @@ def run_lanes(
     return Lanes(run, measures, width).run(parameters, starts, most_events=most_events, threads=threads)
 
 
-def host_width(states: int) -> int:
-    """Lanes that suit this processor and a system of so many states: two vector registers, or one where many states fill them all."""
+def host_width(program: Program) -> int:
+    """Lanes that suit this processor and a program: two vector registers, or one where many states, or coefficients of series, fill them all."""
     import llvmlite.binding as llvm
 
-    return (16 if states < 10 else 8) if llvm.get_host_cpu_features().get("avx512f") else (8 if states < 10 else 4)
+    wide = bool(llvm.get_host_cpu_features().get("avx512f"))
+    full = program.kernel.states >= 10 or isinstance(program.pair, Taylor)
+    return (8 if wide else 4) * (1 if full else 2)

@@ -85,7 +85,7 @@ PLANTS = {
 }  # fmt: skip
 
 
-def task_of(name, accuracy, runs, seed=1):
+def task_of(name, accuracy, runs, seed=1, method="explicit"):
     plant, ranges, duration, arguments, signals, element = PLANTS[name]
     element = element if element in {e.name for e in plant.elements} else plant.elements[0].name
     after, until = 0.3141 * duration, 0.8765 * duration
@@ -97,14 +97,18 @@ def task_of(name, accuracy, runs, seed=1):
     asked += [measures.time_in(element, "stick", after, until), measures.stuck_ratio(element, after), measures.last_stay(element)]
     asked += [measures.stays(element, "stick", after, until), measures.events(element)]
     variations = uniform(ranges, runs, seed)
-    run = shared_run(plant, variations, duration, method="explicit", accuracy=accuracy, **arguments)
+    run = shared_run(plant, variations, duration, method=method, accuracy=accuracy, **arguments)
     return Task(run, varied_numbers(run, variations)[0], tuple(asked))
 
 
+METHODS = pytest.mark.parametrize("method", ["explicit", "taylor"])
+
+
+@METHODS
 @pytest.mark.parametrize("name", PLANTS)
-def test_all_measures_are_those_of_runs_one_after_the_other(name):
+def test_all_measures_are_those_of_runs_one_after_the_other(name, method):
     accuracy, duration = 1e-8, PLANTS[name][2]
-    task = task_of(name, accuracy, 24)
+    task = task_of(name, accuracy, 24, method=method)
     found = finished(dataclasses.replace(task, lanes=True))
     expected = finished(task_of(name, accuracy / 100, 24))
     assert not found.errors and not expected.errors
@@ -125,9 +129,10 @@ def test_all_measures_are_those_of_runs_one_after_the_other(name):
         assert np.nanmax(np.abs(found.values[:, q] - values[asked]) / size, initial=0.0) <= 10 * accuracy, asked
 
 
+@METHODS
 @pytest.mark.parametrize("name", PLANTS)
-def test_neighbours_change_nothing_to_the_last_bit(name):
-    task = dataclasses.replace(task_of(name, 1e-6, 130), lanes=True)
+def test_neighbours_change_nothing_to_the_last_bit(name, method):
+    task = dataclasses.replace(task_of(name, 1e-6, 130, method=method), lanes=True)
     whole = finished(task)
     for cut in (slice(0, 1), slice(1, 18), slice(50, 130)):
         np.testing.assert_array_equal(finished(task.part(cut)).values, whole.values[cut])

@@ -182,14 +182,14 @@ def _holds_expression(key: Any) -> bool:
 
 def _forced(t: ca.SX, form: Switching, elements: list[Any]) -> bool:
     """Whether time enters nonlinearly."""
-    if _called(form):
+    if solved_in_calls(form):
         force = ca.vertcat(*[element.multiplier for element in elements])
         whole = ca.vertcat(form.open_field, form.balance, *[element.static for element in elements])
         return bool(ca.depends_on(ca.jacobian(whole, t), ca.vertcat(t, force)))
     return bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), t), t))
 
 
-def _called(form: Switching) -> bool:
+def solved_in_calls(form: Switching) -> bool:
     """Whether forces are solved for in calls, whose derivatives seem to depend on all that the forces depend on."""
     return bool(form.balance.numel() and calls(ca.Function("forces", ca.symvar(form.force), [form.force])))
 
@@ -200,7 +200,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
     """
     along, pace = ca.vertcat(system.x, system.t), ca.vertcat(form.field, 1)
-    if _called(form):
+    if solved_in_calls(form):
         excited, values = _nonlinear(form, elements, along)
         slopes = ca.densify(ca.jtimes(ca.vertcat(*values), along, pace)) if values else ca.SX(0, 1)
         rates = [form.sticks[i] * slopes[k] for k, i in enumerate(excited)]

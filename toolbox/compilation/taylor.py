@@ -50,6 +50,10 @@ MOST = 12_000
 """Instructions of the coefficients beyond which explicit formulas are taken: to write and optimise so many takes a second, and more run no faster."""
 
 
+LACKING = "an operation of the plant has no Taylor series, or they would be too long"
+"""Why a plant is stepped by other formulas."""
+
+
 def series_of(formulas: Taylor, function: ca.Function) -> Body | None:
     """The function of `series_body`, or None where an operation has no Taylor coefficients or they would be too long."""
     if function.n_instructions() * formulas.order > 6 * MOST:

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolbox.compilation import loop_layout
-from toolbox.compilation.program import Program, program_of
+from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
-from toolbox.compilation.taylor import Taylor
+from toolbox.compilation.taylor import LACKING, Taylor
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
@@ -60,8 +60,9 @@ class Batch:
 class Lanes:
     """A checked run (`toolbox.simulation.request.Request`) compiled for lanes: it gives the closed system, the inputs, the duration and the accuracy.
 
-    measures: of `toolbox.measuring.measures`, as accurate as the run;  width: number of lanes, a power of two. The method is explicit, whatever the run says.
-    Raises SceneError for laws in Python and for measures of what is not there.
+    measures: of `toolbox.measuring.measures`, as accurate as the run;  width: number of lanes, a power of two. The steps are Taylor series where the run asks
+    for them and no law is sampled, else explicit ones; `why` says where a plant has no series. Raises SceneError for laws in Python and for measures
+    of what is not there.
     """
 
     def __init__(self, run: Run, measures: Sequence[Measure] = (), width: int | None = None):
@@ -80,6 +81,9 @@ class Lanes:
         stepped = dataclasses.replace(run, method=method, output_times=None)
         formulas = formulas_of(stepped)
         self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
+        if isinstance(self.program.pair, Taylor) and solved_in_calls(self.program.form):
+            self.program = program_of(system, run.kinds, DOP853)
+        self.why = f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)
@@ -177,6 +181,14 @@ def run_lanes(
 ) -> Batch:
     """Run n scenarios of a checked run in lanes: see `Lanes` and `Lanes.run`."""
     return Lanes(run, measures, width).run(parameters, starts, most_events=most_events, threads=threads)
+
+
+def has_series(run: Run) -> bool:
+    """Whether the runs of a checked run like this one can step by Taylor series in lanes."""
+    if run.system.updates:
+        return False
+    program = program_of(run.system, run.kinds, TaylorSeries().formulas(run.accuracy, False))
+    return isinstance(program.pair, Taylor) and not solved_in_calls(program.form)
 
 
 def host_width(program: Program) -> int:

@@ -171,10 +171,10 @@ def _piece_by_piece(c: list[Value], looks: Truth, first: Value, found: Slot, whe
 def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> None:
     """Write Newton's method in a shrinking bracket for the zero of a polynomial that is positive at its low end and not at its high one."""
     low, high, place = where
-    tries = Slot(constant(falls.body, 0.0))
+    left = Slot(falls.choose(60.0, 0.0))  # moves, none where the zero is found: what others still do must change nothing there
 
     def improve() -> Truth:
-        s = place.get()
+        s, on = place.get(), left.get() > 0.0
         value, slope = value_and_slope(c, s)
         above = value > 0.0
         low.set(above.choose(s, low.get()))
@@ -182,10 +182,9 @@ def _improved(c: list[Value], falls: Truth, where: tuple[Slot, Slot, Slot]) -> N
         following = s - value / slope
         inside = (following >= low.get()) & (following <= high.get())
         following = inside.choose(following, 0.5 * (low.get() + high.get()))
-        goes_on = falls & (abs(following - s) > CLOSE * high.get()) & (tries.get() < 60.0)
-        tries.set(tries.get() + 1.0)
-        place.set(following)
-        return goes_on
+        left.set((on & (abs(following - s) > CLOSE * high.get())).choose(left.get() - 1.0, 0.0))
+        place.set(on.choose(following, s))
+        return left.get() > 0.0
 
     repeat_while_any(falls.body, improve)
 

@@ -14,7 +14,7 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
-from toolbox.compilation.taylor import Taylor
+from toolbox.compilation.taylor import LACKING, Taylor
 from toolbox.errors import SimulationError
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.laws import External, fresh
@@ -100,7 +100,7 @@ def carry_out(run: Run) -> Trajectory:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
                 if _with_series(run) and not isinstance(program.pair, Taylor):
-                    done.why = f"{program.pair.name}: an operation of the plant has no Taylor series, or they would be too long"
+                    done.why = f"{program.pair.name}: {LACKING}"
                 return _sound(done, program) if isinstance(done, Stepped) else done
             if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)

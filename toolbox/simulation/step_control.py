@@ -17,6 +17,7 @@ from toolbox.compilation.loop_layout import (
     NG,
     ORDER,
     RTOL,
+    SERIES,
     STEP,
     STEP_OLD,
     STEP_SIZE,
@@ -84,20 +85,33 @@ def spread_round_off(w, h):
 
 @called
 def _spread(w, h):
-    """Add the noise for `spread_round_off`: what two steps differ by, one of which starts from slopes with their noise.
+    """Add the noise for `spread_round_off`: what two steps differ by, one of which starts from slopes with their noise; of Taylor series, what the slopes at
+    two points differ by that noise puts apart within the step.
 
     A step carries the noise from state to state as far as it carries everything else, and damps it in modes that die within it.
     """
     w = lent(w)
     n = w.ints[N]
+    if w.ints[SERIES] != 0:  # whose steps begin with a table, not with slopes
+        for i in range(n):
+            w.x_other[i] = w.x[i] + h * w.noise[i]
+        call(w.ints[FIELD], w.reals[TIME], 0.0, w.x_other, w.k, w.p, w.m, w.z)
+        for i in range(n):
+            _take_over(w, i, abs(w.z[n + i] - w.k[i]))
+        return
     for i in range(n):
         w.x_other[i] = w.k[i] + STAGES * w.noise[i]
     call(w.ints[STEP], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.y)
     call(w.ints[STEP], w.reals[TIME], h, w.x, w.x_other, w.p, w.m, w.z)
     for i in range(n):
-        spread = abs(w.z[i] - w.y[i]) / h
-        if w.scale[i] <= REACH * spread * w.reals[TIME] < math.inf:
-            w.noise[i] += spread
+        _take_over(w, i, abs(w.z[i] - w.y[i]) / h)
+
+
+@inlined
+def _take_over(w, i, spread):
+    """Add what other slopes pass on to the noise of slope i, unless its state is of a size that round-off does not reach."""
+    if w.scale[i] <= REACH * spread * w.reals[TIME] < math.inf:
+        w.noise[i] += spread
 
 
 @inlined

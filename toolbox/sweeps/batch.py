@@ -10,7 +10,7 @@ import copy
 import dataclasses
 import threading
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,11 +20,12 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.kernel import UNROLLED
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
+from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
 from toolbox.measuring.measures import Measure, RunningMeasures
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
-from toolbox.simulation.methods import Automatic, Explicit, Smoothing, TimeStepping
+from toolbox.simulation.methods import Automatic, Explicit, Smoothing, TaylorSeries, TimeStepping
 from toolbox.simulation.run import UNHURRIED, Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.simulation.work_arrays import limited, work_arrays
@@ -102,7 +103,7 @@ def finished(task: Task) -> Outcome:
     run, steps = task.run, 0
     alone = isinstance(run.method, (TimeStepping, Smoothing, Automatic))  # the solver prepares each of their runs
     if run.laws or alone or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
-        _one_by_one(task, values, errors)
+        _one_by_one(task, values, errors, range(len(task.numbers)))
     elif task.lanes:
         _side_by_side(task, values, errors)
     else:
@@ -129,11 +130,11 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
 
     This is decided from counts, not from timing, so that results do not depend on the machine.
 
-    Lanes take explicit methods and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor with friction that loses its
-    load; and while the step is a straight line of instructions.
+    Lanes take explicit methods, Taylor series among them, and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor
+    with friction that loses its load; and while the step is a straight line of instructions.
     """
     run = task.run
-    if run.method != Explicit() or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if not isinstance(run.method, (Explicit, TaylorSeries)) or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
     if not all(isinstance(measure, Measure) for measure in task.measures):
         return False
@@ -197,6 +198,9 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             if status == loop_layout.PAUSED or switches.sum() + work.ints[loop_layout.EVENTS] > run.budget.events:
                 errors[task.first + i] = str(exhausted(run, program, work, clock.perf_counter(), [], switches))
                 break
+            if isinstance(program.pair, Taylor) and status in (loop_layout.NO_SERIES, loop_layout.UNDERFLOW):
+                _one_by_one(task, values, errors, range(i, i + 1))  # by other formulas
+                break
             if status not in (loop_layout.DONE, loop_layout.RECORDS_FULL, loop_layout.EVENTS_FULL):
                 errors[task.first + i] = str(failure(status, run, program, work, clock.perf_counter(), []))
                 break
@@ -239,8 +243,8 @@ def single(task: Task, i: int) -> Run:
     return dataclasses.replace(base, system=system, inputs=inputs, start=start, resume=resume)
 
 
-def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str]) -> None:
-    for i in range(len(task.numbers)):
+def _one_by_one(task: Task, values: np.ndarray, errors: dict[int, str], rows: Iterable[int]) -> None:
+    for i in rows:
         try:
             run = carry_out(single(task, i))
             values[i] = [measure.of_run(run) if isinstance(measure, Measure) else float(measure(run)) for measure in task.measures]

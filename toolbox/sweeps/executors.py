@@ -30,7 +30,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.interrupts import GATE, undivided
 from toolbox.messages import progress_bar
 from toolbox.simulation.carry_out import carry_out
-from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method
+from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method, TaylorSeries
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
@@ -249,7 +249,10 @@ def bound() -> None:
 
 
 def _probed(task: Task) -> Manner:
-    """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone."""
+    """The method that the middle run asks for, whether runs like it pay in lanes, and the seconds that it takes alone.
+
+    Where the method is to be chosen, runs in lanes step by Taylor series where the plant has them.
+    """
     middle = len(task.numbers) // 2
     method = task.run.method
     if isinstance(method, EventExact):
@@ -264,4 +267,9 @@ def _probed(task: Task) -> Manner:
                 method = Implicit()
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
-    return Manner(method.text, pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds)
+    lanes, seconds = pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds
+    if lanes and isinstance(task.run.method, EventExact):
+        from toolbox.lanes.lanes import has_series
+
+        method = TaylorSeries() if has_series(alone.run) else method
+    return Manner(method.text, lanes, seconds)

@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
-from toolbox import Component, Equations, SceneError, UnilateralContact, compose, quantity, simulate, sine, state
-from toolbox.compilation.loop_layout import INCONSISTENT, UNDERFLOW
-from toolbox.lanes.lanes import run_lanes
+from toolbox import (
+    Component,
+    Equations,
+    Hysteresis,
+    Sampled,
+    SceneError,
+    TaylorSeries,
+    UnilateralContact,
+    compose,
+    quantity,
+    simulate,
+    sine,
+    state,
+)  # fmt: skip
+from toolbox.compilation.loop_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
+from toolbox.lanes.lanes import Lanes, run_lanes
 from toolbox.measuring import measures
 from toolbox.measuring.measure import extent
 from toolbox.modelling.start import place_start
+from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
+from toolbox.sweeps.batch import Task, finished
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -120,7 +137,10 @@ PLANTS = {
 }
 
 
-@pytest.mark.parametrize("method", ["explicit", "taylor"])
+METHODS = pytest.mark.parametrize("method", ["explicit", "taylor"])
+
+
+@METHODS
 @pytest.mark.parametrize("name", PLANTS)
 def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method):
     plant, duration, ranges, arguments = PLANTS[name]
@@ -164,25 +184,30 @@ def test_a_guard_that_only_comes_near_zero_needs_no_step_of_the_scalar_loop_wher
 
 
 @pytest.mark.parametrize("width", [4, 8, 16])
-def test_oscillators_of_very_different_speeds_share_a_block_and_follow_their_cosines(width):
+@METHODS
+def test_oscillators_of_very_different_speeds_share_a_block_and_follow_their_cosines(width, method):
     frequency = 10.0 ** np.linspace(-1, 2, 19)
-    found = batch(compose(Oscillator()), 10.0, {"mass.frequency": frequency}, 19, {"mass.position": 1.0}, width=width, accuracy=1e-8)
+    start = {"mass.position": 1.0}
+    found = batch(compose(Oscillator()), 10.0, {"mass.frequency": frequency}, 19, start, width=width, accuracy=1e-8, method=method)
     np.testing.assert_allclose(found.states[:, 0], np.cos(frequency * 10.0), atol=1e-7)
     assert found.steps.max() > 30 * found.steps.min()
 
 
+@METHODS
 @pytest.mark.parametrize("count", [1, 3, 16, 17])
-def test_any_number_of_scenarios_gives_each_the_same_answer(count):
+def test_any_number_of_scenarios_gives_each_the_same_answer(count, method):
     plant, duration, _, arguments = PLANTS["drill string with a drive"]
     weights = np.linspace(5e4, 1.5e5, 17)
-    whole = batch(plant, duration, {"bit.weight": weights}, 17, **arguments)
-    part = batch(plant, duration, {"bit.weight": weights[:count]}, count, **arguments)
+    whole = batch(plant, duration, {"bit.weight": weights}, 17, method=method, **arguments)
+    part = batch(plant, duration, {"bit.weight": weights[:count]}, count, method=method, **arguments)
     np.testing.assert_array_equal(part.states, whole.states[:count])
     np.testing.assert_array_equal(part.switches, whole.switches[:count])
 
 
-def test_threads_and_widths_change_nothing_that_counts():
+@METHODS
+def test_threads_and_widths_change_nothing_that_counts(method):
     plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    arguments = {**arguments, "method": method}
     parameters = {"bit.weight": np.linspace(5e4, 1.5e5, 1100)}
     one = batch(plant, duration, parameters, 1100, **arguments)
     two = batch(plant, duration, parameters, 1100, threads=2, **arguments)
@@ -200,24 +225,27 @@ def test_no_scenarios_and_no_duration_are_answered_at_once():
     assert (found.statuses == 0).all() and (found.steps == 0).all()
 
 
-def test_a_scenario_without_an_answer_leaves_its_neighbours_alone():
+@METHODS
+def test_a_scenario_without_an_answer_leaves_its_neighbours_alone(method):
     plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    arguments = {**arguments, "method": method}
     weights = np.linspace(5e4, 1.5e5, 20)
     sound = batch(plant, duration, {"bit.weight": weights}, 20, **arguments)
     weights[[3, 11]] = math.nan
     found = batch(plant, duration, {"bit.weight": weights}, 20, **arguments)
-    assert set(found.statuses[[3, 11]].tolist()) <= {INCONSISTENT, UNDERFLOW}
+    assert set(found.statuses[[3, 11]].tolist()) <= {INCONSISTENT, UNDERFLOW, NO_SERIES}
     others = np.delete(np.arange(20), [3, 11])
     assert (found.statuses[others] == 0).all()
     np.testing.assert_array_equal(found.states[others], sound.states[others])
 
 
-def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_only_what_it_releases_alone():
+@METHODS
+def test_a_force_at_the_bound_exactly_where_its_table_turns_releases_in_lanes_only_what_it_releases_alone(method):
     plant = compose(BlockOnBelt(stiffness=0.0, belt_speed=0.0, friction=Coulomb(0.5, 0.5), load=10.0))
     loads = np.tile([10.0, 10.1, 9.9], 6)
     for last, released in ((5.0, 9.9), (0.0, 9.9), (5.01, 10.0)):
         table = ([0.0, 2.0, 4.0], [0.0, 5.0, last])
-        found = batch(plant, 5.0, {"block.load": loads}, len(loads), inputs={"block.force": table}, most_events=4)
+        found = batch(plant, 5.0, {"block.load": loads}, len(loads), inputs={"block.force": table}, most_events=4, method=method)
         assert np.array_equal(np.isfinite(found.event_times[:, 0]), loads <= released)
         for load, first in zip(loads, found.event_times[:, 0], strict=True):
             assert load > released or first == pytest.approx(load / 5.0, rel=1e-12)
@@ -245,14 +273,15 @@ MEASURED = {
 }
 
 
+@METHODS
 @pytest.mark.parametrize("name", MEASURED)
-def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name):
+def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name, method):
     plant, duration, ranges, arguments = PLANTS[name]
     parameters = {key: np.linspace(*bounds, 5) for key, bounds in ranges.items() if key != "pi.reference"}
     after = 0.37 * duration
     words = (measures.minimum, measures.maximum, measures.mean)
     asked = [word(signal, after) for signal in MEASURED[name] for word in words]
-    found = batch(plant, duration, parameters, 5, measures=asked, **arguments)
+    found = batch(plant, duration, parameters, 5, measures=asked, method=method, **arguments)
     for s in range(5):
         run = simulate(plant, duration, parameters={key: column[s] for key, column in parameters.items()}, method="explicit", **arguments)
         for q, signal in enumerate(MEASURED[name]):
@@ -262,17 +291,21 @@ def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name)
                 assert found.values[s, 3 * q + i] == pytest.approx(value, abs=size)
 
 
-def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches():
+@METHODS
+def test_a_slip_shorter_than_a_step_is_not_lost_before_another_contact_switches(method):
     # ten contacts that hold each other: pairs of switches 0.02 s apart, inside steps that end on the event of a neighbour
     case = cases()["all"]
     load = np.random.default_rng(1).uniform(0.8, 1.2, (400, 10)) * case.plant.parameter("chain.friction_load")
     parameters = {f"chain.friction_load.{i}": load[:, i] for i in range(10)}
-    usual, tight = (batch(case.plant, case.duration, parameters, 400, accuracy=accuracy, **case.arguments) for accuracy in (1e-6, 1e-8))
+    usual, tight = (
+        batch(case.plant, case.duration, parameters, 400, accuracy=accuracy, method=method, **case.arguments) for accuracy in (1e-6, 1e-8)
+    )
     np.testing.assert_array_equal(usual.switches, tight.switches)
     assert usual.switches.mean() > 150
 
 
-def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples():
+@METHODS
+def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples(method):
     # x = cos w t from the time 1: the mean is (sin 10 w - sin w) / 9 w, the extrema are 1 and -1
     frequency = np.linspace(2.0, 9.0, 17)
     found = batch(
@@ -283,6 +316,7 @@ def test_an_oscillator_is_measured_exactly_on_steps_much_longer_than_its_samples
         {"mass.position": 1.0},
         measures=[word("mass.position", 1.0) for word in (measures.minimum, measures.maximum, measures.mean)],
         accuracy=1e-8,
+        method=method,
     )
     np.testing.assert_allclose(found.values[:, 1], 1.0, atol=1e-7)
     np.testing.assert_allclose(found.values[:, 0], -1.0, atol=1e-7)
@@ -299,3 +333,101 @@ def test_what_lanes_do_not_carry_is_refused_by_name():
         batch(RIG, 1.0, measures=[measures.mean("chain.speed")])
     with pytest.raises(SceneError, match="`parameters`"):
         run_lanes(run, run.system.values[None, :-1], np.zeros((1, 3)))
+
+
+# ------------------------------------------------------------------------------------------------------------------------------------ Taylor series
+@dataclass(frozen=True)
+class Swing(Component):
+    """x'' = -x with a switch that is on above a height."""
+
+    high: float = quantity(0.9999, "1", "height above which the switch is on")
+
+    def equations(self, signal):
+        x, v = state("swing.x", "1"), state("swing.v", "1/s")
+        return Equations(flow={x: v, v: -x}, elements=[Hysteresis("switch", x, self.high, self.high)])
+
+
+@dataclass(frozen=True)
+class Hertz(Component):
+    """A mass between a force and a Hertz contact, whose force grows as depth^1.5 and has no series where the contact closes."""
+
+    stiffness: float = quantity(50.0, "1", "stiffness")
+
+    def equations(self, signal):
+        x, v = state("ball.depth", "m"), state("ball.speed", "m/s")
+        return Equations(flow={x: v, v: 1.0 - self.stiffness * ca.fmax(x, 0.0) ** 1.5})
+
+
+@dataclass(frozen=True)
+class Stairs(Component):
+    """A mass on a spring with a force that has steps, far too low to be seen, and so no series."""
+
+    pull: float = quantity(1.0, "1", "pull")
+
+    def equations(self, signal):
+        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
+        return Equations(flow={x: v, v: -self.pull * x + 1e-300 * ca.floor(x)})
+
+
+def test_guards_that_dip_within_long_steps_of_series_are_found_in_every_lane_as_far_as_they_dip():
+    # x = sin t is above a height h for pi - 2 arcsin h of every period: at 1 - 1e-7 for 9e-4 of a step of about one
+    high = np.array([0.99, 0.9999, 1.0 - 1e-7, 1.0 + 1e-6] * 5)
+    start = {"swing.x": 0.0, "swing.v": 1.0}
+    found = batch(
+        compose(Swing()), 20 * math.pi + 1.0, {"swing.high": high}, 20, start, most_events=40, method=TaylorSeries(24), accuracy=1e-9
+    )
+    assert found.steps.max() < 200
+    assert (found.switches == np.where(high < 1.0, 20, 0)).all()
+    for h, times in zip(high, found.event_times, strict=True):
+        if h < 1.0:
+            expected = np.sort(np.add.outer(2 * math.pi * np.arange(10), [math.asin(h), math.pi - math.asin(h)]).ravel())
+            np.testing.assert_allclose(times[:20], expected, atol=1e-8 / math.sqrt(1.0 - h))
+
+
+@pytest.mark.parametrize("order", [8, 16])
+def test_the_error_of_series_in_lanes_falls_with_the_accuracy(order):
+    frequency = np.linspace(0.5, 8.0, 12)
+    errors = []
+    for accuracy in (1e-4, 1e-6, 1e-8, 1e-10):
+        found = batch(
+            compose(Oscillator()), 20.0, {"mass.frequency": frequency}, 12, {"mass.position": 1.0}, accuracy=accuracy, method=TaylorSeries(order)
+        )
+        errors.append(np.abs(found.states[:, 0] - np.cos(frequency * 20.0)).max())
+        assert errors[-1] < 10 * accuracy
+    assert errors[3] < 1e-4 * errors[0]
+
+
+def test_series_in_lanes_agree_with_explicit_lanes_far_below_the_accuracy_of_either():
+    plant, duration, _, arguments = PLANTS["drill string with a drive"]
+    weights = {"bit.weight": np.linspace(5e4, 1.5e5, 40)}
+    series, pairs = (batch(plant, duration, weights, 40, most_events=60, method=m, accuracy=1e-9, **arguments) for m in ("taylor", "explicit"))
+    np.testing.assert_array_equal(series.switches, pairs.switches)
+    np.testing.assert_array_equal(series.event_modes, pairs.event_modes)
+    np.testing.assert_allclose(series.event_times, pairs.event_times, atol=1e-7)
+    assert 1.5 * series.steps.sum() < pairs.steps.sum()
+    assert series.alone.sum() == 0
+
+
+def test_a_scenario_whose_series_ends_stops_there_and_a_sweep_runs_it_by_other_formulas():
+    stiffness, start = np.linspace(50.0, 80.0, 3), {"ball.depth": -0.5}
+    assert (batch(compose(Hertz()), 5.0, {"ball.stiffness": stiffness}, 3, start, method="taylor").statuses == NO_SERIES).all()
+    run = Request(compose(Hertz()), 5.0, start=start, method="taylor").checked()
+    asked = (measures.final("ball.depth"), measures.maximum("ball.speed"))
+    task = Task(run, np.column_stack([stiffness]), asked, lanes=True)
+    together = finished(task)
+    exact = simulate(compose(Hertz()), 5.0, start=start, method="explicit", accuracy=1e-9)
+    assert not together.errors
+    assert together.values[0, 0] == pytest.approx(exact["ball.depth"][-1], abs=1e-5)
+    assert together.values[0, 1] == pytest.approx(extent(exact, "ball.speed").maximum, abs=1e-5)
+
+
+def test_a_plant_without_series_and_sampled_laws_step_explicitly_in_lanes_and_the_former_says_so():
+    run = Request(compose(Stairs()), 3.0, start={"mass.position": 0.5}, method="taylor").checked()
+    lanes = Lanes(run)
+    assert "no Taylor series" in lanes.why
+    found = lanes.run(run.system.values[None], np.array([[0.5, 0.0]]))
+    np.testing.assert_allclose(found.states, [[0.5 * math.cos(3.0), -0.5 * math.sin(3.0)]], atol=1e-6)
+    sampled = Request(RIG, 1.0, controller=Sampled(PI(), 0.01), method="taylor").checked()
+    assert Lanes(sampled).program.pair.name == Lanes(dataclasses.replace(sampled, method=Explicit())).program.pair.name
+    assert not Lanes(sampled).why
+    assert Lanes(Request(RIG, 1.0, method="taylor").checked()).program.pair.name == "taylor16"

@@ -1,4 +1,4 @@
-"""Signals measured as lanes step: extrema and integrals in windows, on the dense output of every step.
+"""Signals measured as lanes step: extrema and integrals in windows, on the dense output of every step or on its series.
 
 A signal is read at both ends of a step and at Gauss points: at five, which integrate a polynomial of degree nine exactly, on the steps of DOP853, and
 at eight on those of Taylor series, which are about twice as long. Where a rule on all of these places but the middle one is far from it, the step may be too

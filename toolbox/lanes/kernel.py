@@ -1,7 +1,8 @@
 """One pass of a block of lanes as machine code: one call advances all lanes by one trial step; each lane has its own step size and its own error test.
 
-A lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands, so that lanes that
-search and lanes that step on share the same instructions. The pass does what `toolbox.simulation.event_loop` does between events, in the same order: error,
+With an explicit pair a lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands,
+so that lanes that search and lanes that step on share the same instructions. With Taylor series it ends on the event at once
+(`toolbox.lanes.series_pass`). The pass does what `toolbox.simulation.event_loop` does between events, in the same order: error,
 guards, acceptance, step size. It flags what it leaves to the loop.
 """
 
@@ -48,10 +49,10 @@ class Block:
 
 
 def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: int = 0, late: tuple[bool, ...] = ()) -> Block:
-    """The pass of a program whose pair is explicit, for blocks of `width` lanes; kept with the program.
+    """The pass of a program of explicit steps or Taylor series, for blocks of `width` lanes; kept with the program.
 
-    signals: measured in so many windows, and with them the bounds of friction that vary in time, which takes the dense output of DOP853 unless laws are
-    sampled;  late: which of these have a delay.
+    signals: measured in so many windows, and with them the bounds of friction that vary in time, which takes the dense output of DOP853 or series unless
+    laws are sampled;  late: which of these have a delay.
     """
     key = ("lanes", width, signals, windows, late)
     found = program.outputs.get(key)

@@ -1,8 +1,8 @@
 """Polynomials in lanes: their values, their signs on [0, 1], and where they first fall through zero there.
 
-A polynomial lies between its control points, its coefficients in Bernstein's basis, and has no more zeros than these have changes of sign (G. Farin, Curves and
-Surfaces for CAGD, 5th ed. 2002, chapter 5). So where the control points are positive nothing happens, and where they fall through zero once, the polynomial does
-so once, near to where their polygon does. Only where they change sign more often is it looked at piece by piece, as
+A polynomial lies between its control points, its coefficients in Bernstein's basis, and has no more zeros than these have changes of sign (G. Farin,
+Curves and Surfaces for CAGD, 5th ed. 2002, chapter 5). So where the control points are positive nothing happens, and where they fall through zero once,
+the polynomial does so once, near to where their polygon does. Only where they change sign more often is it looked at piece by piece, as
 `toolbox.simulation.series_steps` does.
 
 Of a series of high order the control points of the first terms are enough: with |c_k| s^k <= |c_k| s^m for k > m, the others move only the last point of

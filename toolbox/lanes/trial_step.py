@@ -26,7 +26,8 @@ guard, the minimum expected, and value and slope at the end of the step.
 class Pass:
     """A pass under construction: the functions of its program, the rows of a block, and the body that is written.
 
-    signals, windows: as in `block`;  x: symbols of the states;  count: of the rows measured;  never: false in every lane;  probes: whether a step may be tried to the minimum of a guard.
+    signals, windows: as in `block`;  x: symbols of the states;  count: of the rows measured;  never: false in every lane;  probes: whether a step may be
+    tried to the minimum of a guard.
     """
 
     def __init__(self, program: Program, width: int, signals: tuple[str, ...], windows: int):

@@ -204,10 +204,16 @@ def begin(scalar, w, rest, parameters, start, memory, held, steps):
 
 @inlined
 def _alone(scalar, w, steps):
-    """Let the scalar loop do what is due and take at most so many steps; returns its status."""
+    """Let the scalar loop do what is due and take at most so many steps; returns its status.
+
+    A refused step of series is tried again at once: the next would begin with a table of its own, and be as long.
+    """
     w.ints[BUDGET], w.ints[RECORDS], w.ints[OPENED] = steps, 0, 0
-    if w.ints[SERIES] != 0:
-        return _call_scalar(scalar, owned(w), True)
+    taken = w.ints[ACCEPTED]
+    while w.ints[SERIES] != 0:
+        status = _call_scalar(scalar, owned(w), True)
+        if steps == 0 or status != PAUSED or w.ints[ACCEPTED] > taken:
+            return status
     return _call_scalar(scalar, owned(w), None)
 
 

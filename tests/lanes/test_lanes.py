@@ -27,6 +27,7 @@ from toolbox import (
     sine,
     state,
 )  # fmt: skip
+from toolbox.compilation import taylor
 from toolbox.compilation.loop_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.lanes.lanes import Lanes, run_lanes
 from toolbox.measuring import measures
@@ -358,17 +359,6 @@ class Hertz(Component):
         return Equations(flow={x: v, v: 1.0 - self.stiffness * ca.fmax(x, 0.0) ** 1.5})
 
 
-@dataclass(frozen=True)
-class Stairs(Component):
-    """A mass on a spring with a force that has steps, far too low to be seen, and so no series."""
-
-    pull: float = quantity(1.0, "1", "pull")
-
-    def equations(self, signal):
-        x, v = state("mass.position", "m"), state("mass.speed", "m/s")
-        return Equations(flow={x: v, v: -self.pull * x + 1e-300 * ca.floor(x)})
-
-
 def test_guards_that_dip_within_long_steps_of_series_are_found_in_every_lane_as_far_as_they_dip():
     # x = sin t is above a height h for pi - 2 arcsin h of every period: at 1 - 1e-7 for 9e-4 of a step of about one
     high = np.array([0.99, 0.9999, 1.0 - 1e-7, 1.0 + 1e-6] * 5)
@@ -421,12 +411,14 @@ def test_a_scenario_whose_series_ends_stops_there_and_a_sweep_runs_it_by_other_f
     assert together.values[0, 1] == pytest.approx(extent(exact, "ball.speed").maximum, abs=1e-5)
 
 
-def test_a_plant_without_series_and_sampled_laws_step_explicitly_in_lanes_and_the_former_says_so():
-    run = Request(compose(Stairs()), 3.0, start={"mass.position": 0.5}, method="taylor").checked()
+def test_where_series_would_be_too_long_and_between_samples_lanes_step_explicitly_and_say_so_of_the_former(monkeypatch):
+    monkeypatch.setattr(taylor, "MOST", 10)
+    run = Request(compose(Oscillator()), 3.0, start={"mass.position": 0.5}, method=TaylorSeries(11)).checked()
     lanes = Lanes(run)
-    assert "no Taylor series" in lanes.why
+    assert "no Taylor series, or they would be too long" in lanes.why
     found = lanes.run(run.system.values[None], np.array([[0.5, 0.0]]))
     np.testing.assert_allclose(found.states, [[0.5 * math.cos(3.0), -0.5 * math.sin(3.0)]], atol=1e-6)
+    monkeypatch.undo()
     sampled = Request(RIG, 1.0, controller=Sampled(PI(), 0.01), method="taylor").checked()
     assert Lanes(sampled).program.pair.name == Lanes(dataclasses.replace(sampled, method=Explicit())).program.pair.name
     assert not Lanes(sampled).why

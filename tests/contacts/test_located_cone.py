@@ -10,7 +10,19 @@ import numpy as np
 import pytest
 
 from models import Coulomb
-from toolbox import Component, ContactProblem, DryFriction, Equations, UnilateralContact, compose, energy_audit, simulate, sine, state, step_contacts
+from toolbox import (
+    Component,
+    ContactProblem,
+    DryFriction,
+    Equations,
+    UnilateralContact,
+    compose,
+    energy_audit,
+    simulate,
+    sine,
+    state,
+    step_contacts,
+)
 
 MASS, LATERAL, LINING, DRAG, MU = 1.0, 40.0, 1000.0, 8.0, 0.4
 """Mass [kg], spring along the belt [N/m], stiffness of the contact [N/m], damping of all motions [N s/m], coefficient of friction."""
@@ -99,7 +111,7 @@ def test_a_string_that_slides_and_turns_in_one_cone_and_parts_is_the_limit_of_ti
     inputs = PUSH | {"body.hook": 12.0, "body.drive": sine(20.0, 8.0, 0.7)}
     start = {"body.turning": 1e-9}  # at rest the direction is that of the pull
     plant = compose(TurnedString())
-    exact, errors = errors_of_steps(plant, start, stepped_problem(2), inputs, 2.0, (4e-3, 2e-3, 1e-3))
+    _, errors = errors_of_steps(plant, start, stepped_problem(2), inputs, 2.0, (4e-3, 2e-3, 1e-3))
     assert np.diff(np.log2(errors[:-1]), axis=0) == pytest.approx(-1.0, abs=0.25)
     assert (errors[-1] < errors[-2] / 3).all()
 

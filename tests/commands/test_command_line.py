@@ -163,6 +163,7 @@ SHIPPED = {
     "slider_on_incline": {"no controller": "free"},
     "bristle_contact": {"no controller": "stick-slip"},
     "elastic_slider": {"held": "sticks once", "shaken at 200 Hz": "stick-slip"},
+    "elastic_pad": {"held": "free", "push dithered at 2 kHz": "stick-slip"},
     "whirl": {
         "stiff PI": "stick-slip",
         "sliding mode, gain 0.2 1/s": "free",
@@ -170,7 +171,7 @@ SHIPPED = {
         "sliding mode, gain 1.3 1/s": "stick-slip",
     },
 }
-LONG = {"whirl", "predictive", "elastic_slider"}
+LONG = {"whirl", "predictive", "elastic_slider", "elastic_pad"}
 CHAOTIC = {"whirl"}  # collars strike the wall
 
 

@@ -13,8 +13,10 @@ SCENES = [
     for path in sorted((Path(__file__).parents[2] / "studies/scenes").glob("*.toml"))
 ]
 
-# motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut
-SENSITIVE = {("popp_rudolph", 1e-6), ("alternating_load", 1e-3), ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}
+# motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut; squeal that
+# grows from beside steady sliding
+SENSITIVE = {("popp_rudolph", 1e-6), ("elastic_pad", 1e-3), ("alternating_load", 1e-3),
+             ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}
 
 
 @functools.cache
@@ -58,9 +60,7 @@ def test_every_case_of_a_scene_does_so_over_its_whole_length(root, name, accurac
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["time-stepping", "smoothed"])
 @pytest.mark.parametrize("name", SCENES)
-def test_the_other_methods_keep_a_loose_accuracy_or_say_that_they_cannot(root, name, method, request):
-    if (name, method) == ("elastic_slider", "smoothed"):  # rows at rest slip at 1e-8 m/s: two widths far above agree with each other, and are 18 % off
-        request.node.add_marker(pytest.mark.xfail(strict=True, reason="what smoothing makes of rows at rest is not seen by a second, wider width"))
+def test_the_other_methods_keep_a_loose_accuracy_or_say_that_they_cannot(root, name, method):
     duration = Scene.load(root / f"studies/scenes/{name}.toml").duration / (50 if name in ("whirl", "disk_stack") else 8)
     plant, arguments, exact = truth(root, name, "", duration)
     try:

@@ -1,6 +1,7 @@
 """The linearly implicit method: its order, its damping, and the same machines as the explicit one steps through."""
 
 import ctypes
+import dataclasses
 import pickle
 from dataclasses import dataclass
 
@@ -16,17 +17,22 @@ from toolbox import (
     DryFriction,
     Equations,
     EventExact,
+    Scene,
     compose,
     energy_audit,
     equilibrium,
     linearise,
     quantity,
+    ramp,
     simulate,
     sine,
     state,
 )
+from toolbox.compilation import loop_layout
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
+from toolbox.simulation.growth import longest_followed
 from toolbox.simulation.stiffness import stiff_size
+from toolbox.simulation.work_arrays import work_arrays
 
 # --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
 
@@ -422,3 +428,44 @@ def test_linear_analysis_does_not_depend_on_the_method():
     simulate(plant, 1.0, inputs=inputs, method="stiff")
     after = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
     np.testing.assert_array_equal(before.A, after.A)
+
+
+# --- inertias that are coupled
+
+
+@pytest.fixture
+def cube(root):
+    """Eleven rows of an elastic cube on a plate: forces that hold each other through a full mass matrix."""
+    return Scene.load(root / "studies/scenes/elastic_slider.toml")
+
+
+def test_coupled_inertias_take_long_steps_where_nothing_grows_and_more_of_them_for_a_higher_accuracy(cube):
+    steps = []
+    for accuracy in (1e-3, 1e-5, 1e-7):
+        run = simulate(cube.plant(), cube.duration, inputs={"plate.speed": ramp(0.0, 0.01, 0.0, 4.0)}, method="stiff", accuracy=accuracy)
+        assert len(run.events) == 11  # one for each row, and none again
+        steps.append(sum(run.steps))
+    assert steps == sorted(steps)
+    assert steps[0] < 500  # their pivots alone would allow 1e-5 s, 3e4 steps
+
+
+def test_a_row_that_breaks_away_through_coupled_inertias_is_followed(cube):
+    # slip grows at 7e7/s from nothing, and the row sticks again within a microsecond; its pivots see none of that
+    part = dataclasses.replace(cube.parts[0], friction=Exponential(static=0.35, kinetic=0.25, decay=1e5))
+    drive = {"inputs": {"plate.speed": ramp(0.0, 0.01, 0.0, 4.0)}, "method": "stiff"}
+    exact = simulate(compose(part), 0.06, accuracy=1e-9, **drive)
+    run = simulate(compose(part), 0.06, accuracy=1e-4, **drive)
+    assert [event.after for event in exact.events] == ["slip-", "stick"] * 2
+    assert exact.events[1].time - exact.events[0].time < 1e-6
+    assert [(event.element, event.after) for event in run.events] == [(event.element, event.after) for event in exact.events]
+    assert max(abs(one.time - other.time) for one, other in zip(run.events, exact.events, strict=True)) < 1e-4 * 1e-3
+    times = np.linspace(0.0, 0.06, 301)  # outside the microseconds of slip, within which so small a shift in time is an error of percents
+    largest = np.abs(exact.states).max(axis=0)
+    assert (np.abs(run.at(times).states - exact.at(times).states).max(axis=0) < 1e-4 * largest).all()
+
+
+def test_a_lone_contact_asks_no_eigenvalues_and_coupled_ones_that_do_not_grow_have_no_longest_step(cube):
+    lone = simulate(compose(BlockOnBelt()), 1.0, method="stiff")
+    assert longest_followed(lone.program, work_arrays(lone.run, lone.program)) == loop_layout.UNTOLD
+    rows = simulate(cube.plant(), 0.01, method="stiff")
+    assert longest_followed(rows.program, work_arrays(rows.run, rows.program)) > 1e6

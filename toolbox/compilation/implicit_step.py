@@ -20,6 +20,10 @@ MOST = 3_000
 """Operations of an elimination and a solution beyond which they are in loops, where the equations are those of a chain."""
 
 
+MOST_EIGENVALUES = 120
+"""States beyond which eigenvalues would cost more than the steps."""
+
+
 class LinearAlgebra(NamedTuple):
     """Functions of a step: `prepare` writes [df/dt | what a solution needs, `size` numbers | > 0 where the step may stand], `solve` replaces a right side y
     by the solution with that as x; the text of what they call; the operations of (factors, one solution)."""
@@ -37,7 +41,7 @@ def linear_algebra(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, f
     Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
     """
     h = ca.SX.sym("h")
-    jacobian = ca.jacobian(*_linearised(x, force, form))
+    jacobian = ca.jacobian(*linearised(x, force, form))
     drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
     diagonal, extra = 1 / (method.gamma * h), form.balance.numel()
     pace = (1 / method.gamma - FASTEST_GROWTH) / h
@@ -48,7 +52,13 @@ def linear_algebra(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, f
     if extra:
         jacobian = ca.substitute(jacobian, force, form.force)
     values, solve, least = factors(jacobian, diagonal, extra)
-    return _written_out(ca.Function("factor", given, [ca.vertcat(drift, values, least - pace)]), solve, x.numel())
+    sound = ca.SX(-1) if eigenvalues_tell(form, x.numel()) else least - pace
+    return _written_out(ca.Function("factor", given, [ca.vertcat(drift, values, sound)]), solve, x.numel())
+
+
+def eigenvalues_tell(form: Switching, n: int) -> bool:
+    """Whether the eigenvalues of df/dx, and not the pivots, tell how long a step may be: where forces hold each other, and of n states, not too many."""
+    return form.balance.numel() > 0 and n <= MOST_EIGENVALUES
 
 
 def _written_out(factor: ca.Function, solve: ca.Function, n: int) -> LinearAlgebra:
@@ -99,7 +109,7 @@ def _in_loops(made: Banded, given: list[ca.SX], drift: ca.SX, diagonal: ca.SX, p
     return LinearAlgebra(prepare, solve, size, text, (needed.n_instructions() + m * (2 * width * (width + 1) + 2), one))
 
 
-def _linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
+def linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
     """What the matrix of a step is the derivative of, and by what."""
     if form.balance.numel():
         return ca.vertcat(form.open_field, form.balance), ca.vertcat(x, force)
@@ -108,7 +118,7 @@ def _linearised(x: ca.SX, force: ca.SX, form: Switching) -> tuple[ca.SX, ca.SX]:
 
 def implicit_size(x: ca.SX, force: ca.SX, form: Switching) -> int:
     """Number of instructions that a step of a Rosenbrock method is written in beside the field, from the sparsity of the equations alone."""
-    pattern = ca.jacobian_sparsity(*_linearised(x, force, form))
+    pattern = ca.jacobian_sparsity(*linearised(x, force, form))
     size = sum(elimination(pattern))
     return MOST if size > MOST and not form.balance.numel() and split(pattern) else size
 
@@ -141,9 +151,8 @@ def implicit_step(
     body.lines.append(f"  call void @{ends}(double {end}, double %h, ptr {stage}, ptr %k, ptr %p, ptr %m, ptr %y)")
     loop_over(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
-    # where some mode grows too fast for the step, which the estimate would not show, there is none
-    sound = body.select(body.compare("ogt", body.load(matrix, n + size), literal(0.0)), literal(1.0), literal(float("nan")))
-    loop_over(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], sound)
+    loop_over(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], literal(1.0))
+    body.store(body.load(matrix, n + size), "%y", base + n)  # not above 0 where some mode may grow too fast for the step, which the estimate would not show
     inner |= last | {"prepare": prepare, "solve": back}
     text += internal_text(body, inner)
     body.count += sum(function.count for function in inner.values())

@@ -4,7 +4,8 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
 
     field    y = [ - | dx | guards | guard rates]                      at (t, x)
     step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t); of time stepping see
-    `toolbox.compilation.moreau_jean` project  y = [x with zero slip in sticking elements]
+    `toolbox.compilation.moreau_jean`; behind the error of an implicit step stands whether it may stand, > 0
+    project  y = [x with zero slip in sticking elements]
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
     series   y = [coefficients of the states and guards at (t, x)]     of Taylor steps, which is then k of step; h tells how long one is about
     burden   y = [size of what the forces of elements cancel]         of each slope

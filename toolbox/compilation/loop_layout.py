@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 # --- status codes of `advance`
-DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES = range(10)
+DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
 
 
 # --- indices into `Work.ints`: sizes, addresses, counters; the last name of each list is its length
@@ -23,8 +23,12 @@ FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICI
 FRICTION, RIGID, SWITCH = range(3)
 
 
-# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm
-TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, REALS = range(10)
+# --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known
+TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, REALS = range(11)
+
+
+UNTOLD = 1e-300
+"""FOLLOWED where the elimination tells step by step whether a mode outgrows it [s]."""
 
 
 # --- columns of `Work.samplers`, one row per sampled controller

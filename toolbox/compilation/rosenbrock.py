@@ -9,7 +9,8 @@ within a step (L-stability), so that the step follows what happens, not the fast
 
 The same damping would hide a mode that grows: its factor per step is right to 2 % where h times its rate is 2, has the wrong sign at 3, and falls to zero from
 1/gamma on, with no error to see where the state still is at rest. Friction that falls steeply with speed has such modes. A pivot of the elimination is
-1/(gamma h) less the rate at which its state grows: where one is below 1/(gamma h) - 2/h, the step is refused.
+1/(gamma h) less the rate at which its state grows: where one is below 1/(gamma h) - 2/h, the step is refused. Where contacts hold each other through coupled
+inertias pivots do not tell, and the eigenvalues of df/dx are asked (`toolbox.simulation.growth`).
 
 Why linearly implicit: within a mode the equations are smooth and their derivatives are known as formulas, so that one sparse factorisation per step, unrolled
 into machine code without search for pivots, replaces the Newton iterations of implicit methods; and the result is a smooth function of h, which is

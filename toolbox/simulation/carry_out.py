@@ -21,6 +21,7 @@ from toolbox.modelling.laws import External, fresh
 from toolbox.modelling.regularisation import SmoothSystem, smoothed
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
+from toolbox.simulation.growth import attended
 from toolbox.simulation.method_choice import cheapest_method
 from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
 from toolbox.simulation.refinement import refined, tolerance
@@ -51,7 +52,7 @@ def compiled_loop(run: Run, program: Program) -> Any:
         _LOADED.append(key)
         announced(name, advance)
         run_on(work_arrays(dataclasses.replace(run, duration=0.0, output_times=None), program))
-    return run_on
+    return attended(run_on, program)
 
 
 def _with_series(run: Run) -> bool:

@@ -30,7 +30,9 @@ from toolbox.compilation.loop_layout import (
     EVENTS_FULL,
     FIELD,
     FIRST_HELD,
+    FOLLOWED,
     FRICTION,
+    GROWTH,
     INCONSISTENT,
     JUMP,
     LOCATED,
@@ -55,6 +57,7 @@ from toolbox.compilation.loop_layout import (
     STEP_SIZE,
     TIME,
     UNDERFLOW,
+    UNTOLD,
     N,
 )
 from toolbox.compilation.numba_cache import cached, inlined
@@ -64,7 +67,7 @@ from toolbox.simulation.events import after_event, project_event
 from toolbox.simulation.guards import accept_guard, guard_size, project
 from toolbox.simulation.modes import begin
 from toolbox.simulation.series_steps import checked_end, held_quietly, open_series, watch_series
-from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, scaled_error, spread_round_off
+from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
 
 GO_ON = -1
 """What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""
@@ -85,6 +88,9 @@ def _due(w, t, every_node):
             continue
         if not (sampling and held_quietly(w)) and not inputs_changed(w, t, not sampling):
             return INCONSISTENT
+        for i in range(w.ints[NE]):
+            if w.m[i] != w.before[i]:
+                w.reals[FOLLOWED] = 0.0
         if not sampling:
             first_step(w)
         if every_node:
@@ -310,6 +316,8 @@ def advance(w, series):
                 return NO_SERIES
         stop = next_stop(w)
         h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
+        if w.reals[FOLLOWED] > UNTOLD:
+            h_wanted = min(h_wanted, w.reals[FOLLOWED])
         h, t_new = h_wanted, t + h_wanted
         if t_new >= stop or stop - t_new < 1e-3 * h:
             h, t_new = stop - t, stop
@@ -321,6 +329,8 @@ def advance(w, series):
         call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
         error = 0.0
         if series is None:
+            if w.reals[FOLLOWED] == 0.0 and outgrown(w, h):
+                return GROWTH
             error = scaled_error(w, h)
 
         # --- its guards
@@ -351,6 +361,8 @@ def advance(w, series):
                 _next_size(w, h, h_wanted, error, rejected)
         rejected = False
         refresh = w.ints[ACCEPTED] % 32 == 0
+        if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
+            w.reals[FOLLOWED] = 0.0
         if h > 0.0:
             _accept(w)
         w.reals[TIME] = t_new

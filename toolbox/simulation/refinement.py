@@ -6,6 +6,10 @@ The error of such a method is about c k^q with its setting k, q = 1 for a step, 
 
 scaled as `run.error` is. The setting is divided by four, twice at least, until e <= accuracy. Once e falls with k, it tells what the accuracy will cost, and a
 price beyond the budget ends in an AccuracyError at once, with the best run.
+
+Two widths may agree and both be wrong: contacts that should stick creep at a speed w, and as long as that is far above what the bodies between them do, all
+widths share the load in the same way, which is not that of contacts at rest. So a width is also compared with the set-valued law, by time stepping with two
+steps: what they differ by beyond the error of the stepping is an error of the width.
 """
 
 from __future__ import annotations
@@ -42,7 +46,8 @@ def refined(run: Run) -> Trajectory:
         setting = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
         sizes = {}
     else:
-        setting, sizes = 0.03, slips(run)
+        stepped = _stepped(run)
+        setting, sizes, doubt = 0.03, slips(run, stepped), stepped.difference(_stepped(run, 4))
 
     left = run.budget.seconds
 
@@ -79,6 +84,8 @@ def refined(run: Run) -> Trajectory:
             coarse.__dict__["error"] = error
             raise AccuracyError(f"{_dear(run, coarse, error, setting, math.inf)} A finer run failed: {failed}", coarse) from None
         found = coarse.difference(fine) / (ratio**order - 1.0)
+        if not stepping:
+            found = max(found, fine.difference(stepped) - doubt)
         if error < math.inf:
             found = max(found, min(error, 1.0) / ratio ** (1.5 * order))  # two runs may agree by chance
         falls = math.log(error / found, ratio) if found > 0.0 and 0.0 < error < math.inf else 1.0
@@ -105,12 +112,17 @@ def tolerance(run: Run) -> float:
     return max(min([run.accuracy, *(SHARE * width / sizes[name] for name, width in widths.items())]), 1e-13)
 
 
-def slips(run: Run) -> dict[str, float]:
-    """Largest slip of every friction and relay over a coarse run, 1 for those that never slip."""
-    coarse = run.again(method=TimeStepping(max(run.duration, 1e-9) / (16 * FIRST_STEPS)), output_times=None)
+def _stepped(run: Run, longer: int = 1) -> Trajectory:
+    """The run with set-valued friction by time stepping, in steps so many times longer than the finest."""
+    return run.again(method=TimeStepping(max(run.duration, 1e-9) * longer / (16 * FIRST_STEPS)), output_times=None)
+
+
+def slips(run: Run, stepped: Trajectory | None = None) -> dict[str, float]:
+    """Largest slip of every friction and relay over a stepped run, 1 for those that never slip."""
+    stepped = _stepped(run) if stepped is None else stepped
     names = [element.name for element in run.system.elements if element.holds]
     slips = ca.vertcat(*[element.slip for element in run.system.elements if element.holds])
-    values = np.abs(np.atleast_2d(coarse.computed("slips of all", slips).T)).max(axis=1)
+    values = np.abs(np.atleast_2d(stepped.computed("slips of all", slips).T)).max(axis=1)
     largest = values.max(initial=0.0)
     return {name: float(value) if value > 1e-9 * largest else 1.0 for name, value in zip(names, values, strict=True)}
 

@@ -13,6 +13,7 @@ from toolbox.compilation.loop_layout import (
     END,
     EPS,
     FIELD,
+    FOLLOWED,
     IMPLICIT,
     NG,
     ORDER,
@@ -142,6 +143,12 @@ def first_step(w):
 
 
 @inlined
+def outgrown(w, h):
+    """Whether the implicit step h in `y` is longer than modes that may grow allow."""
+    return w.ints[IMPLICIT] == 1 and h > w.reals[FOLLOWED] and not w.y[3 * w.ints[N] + 2 * w.ints[NG]] > 0.0
+
+
+@inlined
 def scaled_error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
 
@@ -149,6 +156,8 @@ def scaled_error(w, h):
     implicit method, which is much shorter only where fast modes die after an event, may add the share of the mean step so far. Hidden forces
     count only as far as guards are interpolated: by the estimate of lowest order, against a fraction of the bound.
     """
+    if outgrown(w, h):
+        return math.nan
     hidden = w.excited.size
     n = w.ints[N] - hidden
     base = 2 * w.ints[N] + 2 * w.ints[NG]

@@ -22,6 +22,7 @@ import numpy as np
 from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.rosenbrock import RODAS5P
+from toolbox.simulation.growth import attended
 
 FIRST_LOOK = 1_000
 """Steps after which a run is looked at first."""
@@ -90,7 +91,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     trial.ints[loop_layout.OUTPUT] = trial.out_t.size
     trial.ints[loop_layout.BUDGET] = TRIAL
     begin = progress(trial)
-    if run_on(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
+    if attended(run_on, other)(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
         return False
     t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(trial), begin, strict=True))
     explicit = program.kernel.cost * (steps + SEARCH * events) / t

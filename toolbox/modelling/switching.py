@@ -19,7 +19,7 @@ and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a numbe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,8 +29,7 @@ from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
 
 
-@dataclass(frozen=True)
-class Switching:
+class Switching(NamedTuple):
     """Expressions of a system with modes as numeric input; every field is a casadi SX column.
 
     field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the

@@ -54,8 +54,20 @@ class Input(NamedTuple):
 class SampledUpdate(NamedTuple):
     """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
 
-    names: of its outputs, behind which `outputs` repeats the memory;  places: {state of the memory: (first row, size or None)};  noise,
-    channels: symbols of the noise of a sample and the measured signals they belong to.
+    Attributes
+    ----------
+    memory, following
+        Symbols of its states, and their values after the sample.
+    outputs, names
+        Expressions of its outputs, behind which the memory is repeated, and the names of the outputs alone.
+    places
+        {state of the memory: (first row, size or None)}.
+    first_held
+        Row of the vector `held` at which its outputs begin.
+    external
+        Whether a Python callable computes the outputs.
+    noise, channels
+        Symbols of the noise of a sample, and the measured signals that they belong to.
     """
 
     memory: ca.SX

@@ -184,7 +184,7 @@ class _Daqp:
         self.model: Any = None
 
     def matrices(self, H: np.ndarray, A: np.ndarray) -> None:
-        self.model = None
+        self.forget()
 
     def forget(self) -> None:
         self.model = None

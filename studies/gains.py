@@ -50,6 +50,11 @@ class Family:
     bounds: Mapping[str, tuple[float, float]]
     lifts: bool = False
 
+    @property
+    def ladder(self) -> tuple[float, ...]:
+        """Set-points [rad/s] that its laws are tuned at, the easiest first."""
+        return LIFTED if self.lifts else LADDER
+
 
 FAMILIES: dict[str, Family] = {
     "impedance": Family(
@@ -83,12 +88,12 @@ def label_of(family: str) -> str:
     return f"{name}, tuned, {lifting}" if lifting else f"{name}, tuned"
 
 
-def failures(family: Family, numbers: Mapping[str, float], way: str, ladder: tuple[float, ...]) -> int:
+def failures(family: Family, numbers: Mapping[str, float], ladder: tuple[float, ...]) -> int:
     """How many of the runs of a ladder of set-points fail; the rest of the ladder counts as failed below one at which more than half do."""
     total = 0
     for i, speed in enumerate(ladder):
         try:
-            here = sum(len(failed) for failed, _ in attempts(Law("tuned", lambda at: family.of(at, numbers)), TUNING, speed, way))
+            here = sum(len(failed) for failed, _ in attempts(Law("tuned", lambda at: family.of(at, numbers)), TUNING, speed, "direct"))
         except (SceneError, SimulationError):  # numbers for which there is no law
             here = TUNING.runs
         total += here
@@ -107,22 +112,22 @@ class Found:
     seconds: float
 
 
-def searched(label: str, points: int, way: str = "direct", seed: int = 1, ladder: tuple[float, ...] | None = None) -> Found:
+def searched(label: str, points: int, seed: int = 1) -> Found:
     """The numbers of a family with the fewest failures among so many points; the same arguments give the same numbers."""
     from scipy.optimize import differential_evolution
 
     family, began, tried = FAMILIES[label], time.process_time(), [0]
-    ladder = ladder or (LIFTED if family.lifts else LADDER)
+    most = TUNING.runs * len(family.ladder) + 1
     names, low, high = list(family.bounds), *(np.log([pair[side] for pair in family.bounds.values()]) for side in (0, 1))
-    best: tuple[float, dict[str, float]] = (TUNING.runs * len(ladder) + 1, {})
+    best: tuple[float, dict[str, float]] = (most, {})
 
     def value(q: np.ndarray) -> float:
         nonlocal best
         if tried[0] >= points:  # the budget is spent, the search only ends
-            return TUNING.runs * len(ladder) + 1
+            return most
         tried[0] += 1
         numbers = {name: float(f"{each:.4g}") for name, each in zip(names, np.exp(q), strict=True)}
-        found: float = failures(family, numbers, way, ladder)
+        found: float = failures(family, numbers, family.ladder)
         if family.lifts and found < best[0] + 1:
             found += 0.5 * (1.0 - margin(family, numbers))
         best = min(best, (found, numbers), key=lambda pair: pair[0])
@@ -146,7 +151,7 @@ def store(label: str, found: Found, path: Path = STORE) -> None:
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     rows[label] = {
         "numbers": found.numbers, "command": f"python -m studies drives --tune {label!r} --runs {found.points}", "failures": found.failures,
-        "of": TUNING.runs * len(LIFTED if FAMILIES[label].lifts else LADDER), "points": found.points, "processor seconds": round(found.seconds),
+        "of": TUNING.runs * len(FAMILIES[label].ladder), "points": found.points, "processor seconds": round(found.seconds),
     }  # fmt: skip
     path.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 
@@ -154,3 +159,8 @@ def store(label: str, found: Found, path: Path = STORE) -> None:
 def stored(label: str, path: Path = STORE) -> dict[str, float]:
     """The numbers of a family as they were found. Raises KeyError where none are stored."""
     return dict(json.loads(path.read_text(encoding="utf-8"))[label]["numbers"])
+
+
+def tuned(label: str) -> Callable[[float], Any]:
+    """What makes a law of a family with its stored gains for a set-point [rad/s]."""
+    return lambda reference: FAMILIES[label].of(reference, stored(label))

@@ -24,7 +24,6 @@ import ctypes
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -75,13 +74,12 @@ from studies.protocol import (
 )
 from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate
 from toolbox.files import tables
+from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
 
 COMMON = 8.0
 """Set-point [rad/s] of settling, overshoot, ripple and time per sample."""
-LOW = 4.0
-"""Set-point of the disk margins [rad/s]: where drilling is unstable without a law."""
 EXAMPLE = 4.2
 """Set-point of the picture [rad/s]."""
 SHOWN = ("soft torque", "LQG, tuned", "Z-torque, tuned, lifting")
@@ -99,29 +97,26 @@ def laws() -> dict[str, Law]:
     def on_estimates(kind: Callable[..., Any]) -> Callable[[float], Any]:
         return lambda reference: OnEstimates(kind(reference=reference, **LIMITS), Kalman(speed_noise=NOISE), late=LATE)
 
-    def tuned(family: str) -> Callable[[float], Any]:
-        return lambda reference: gains.FAMILIES[family].of(reference, gains.stored(family))
-
     rows = {
         "stiff PI": plain(StiffPI),
         "PI": plain(PI),
         "active damping": plain(ActiveDamping),
         "soft torque": plain(SoftTorque),
-        "impedance, tuned": tuned("impedance"),
+        "impedance, tuned": gains.tuned("impedance"),
         "Z-torque": plain(ZTorque, filter_time=0.02),
-        "Z-torque, tuned": tuned("Z-torque"),
+        "Z-torque, tuned": gains.tuned("Z-torque"),
         "sliding mode": on_estimates(SlidingMode),
         "implicit sliding mode": on_estimates(ImplicitSlidingMode),
         "super-twisting": on_estimates(SuperTwisting),
         "impedance super-twisting": on_estimates(ImpedanceSuperTwisting),
         "LQR on a Kalman filter": on_estimates(LQR),
         "H-infinity": plain(HInfinity),
-        "H-infinity, tuned": tuned("H-infinity"),
+        "H-infinity, tuned": gains.tuned("H-infinity"),
         "LQG": plain(LQG, late=LATE, speed_noise=NOISE),
-        "LQG, tuned": tuned("LQG"),
-        "impedance, tuned, lifting": tuned("impedance, lifting"),
-        "Z-torque, tuned, lifting": tuned("Z-torque, lifting"),
-        "LQG, tuned, lifting": tuned("LQG, lifting"),
+        "LQG, tuned": gains.tuned("LQG"),
+        "impedance, tuned, lifting": gains.tuned("impedance, lifting"),
+        "Z-torque, tuned, lifting": gains.tuned("Z-torque, lifting"),
+        "LQG, tuned, lifting": gains.tuned("LQG, lifting"),
     }
     found = {label: Law(label, of) for label, of in rows.items()}
     for label, kind in zip(PREDICTIVE, (LinearMPC, NonlinearMPC), strict=True):
@@ -173,14 +168,14 @@ def row(law: Law, names: Sequence[str] = tuple(GROUPS), cells: Cells | None = No
     noisy = run_of(law, COMMON, Rig("declared"))
     torque = noisy.at(np.arange(noisy.end - 60.0, noisy.end, law.period) + law.period / 2)["top.torque"]
     ripple = float(torque.std() / torque.mean())
-    declared, worst, _ = disk_margins(law.of, LOW, law.period)
+    declared, worst, _ = disk_margins(law.of, gains.LOW, law.period)
     return Row(law.label, found, settling, float(speed.max() / COMMON - 1.0), ripple, step_time(law, COMMON), (declared, worst))  # type: ignore[arg-type]
 
 
 def judged_rows(labels: Sequence[str], names: Sequence[str], path: Path | None, jobs: int) -> list[Row]:
     """The lines of some laws, judged in so many processes, those that take longest first; each writes its cells to one file as it knows them."""
     ordered = sorted(labels, key=lambda label: label not in PREDICTIVE)
-    with ProcessPoolExecutor(jobs) as workers:
+    with Workers(jobs) as workers:
         found = dict(zip(ordered, workers.map(_row_of, ordered, [names] * len(labels), [path] * len(labels)), strict=True))
     return [found[label] for label in labels]
 
@@ -295,7 +290,10 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    marks = {"declared": ("o", "white"), "robust": ("o", "black"), "corners": ("s", "tab:red")}
+    marks = {
+        "declared": {"marker": "o", "markerfacecolor": "white", "markeredgecolor": "black"}, "robust": {"marker": "o", "color": "black"},
+        "corners": {"marker": "s", "color": "tab:red"},
+    }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
         figure, (left, right) = pyplot.subplots(1, 2, figsize=(10.0, 0.19 * len(rows) + 1.1), layout="constrained", width_ratios=(1.25, 1.0))
         for k, each in enumerate(rows):
@@ -304,13 +302,12 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
             none = len(known) < len(speeds)
             left.plot([min(known, default=HIGHEST), HIGHEST + 0.6 if none else max(known)], [k, k], color="0.75", linewidth=1.0, zorder=1)
             for name, value in speeds.items():
-                shape, fill = marks[name]
                 if value == value:
-                    left.plot(value, k, shape, markersize=5.0, markerfacecolor=fill, markeredgecolor="black" if name != "corners" else fill, zorder=2)
+                    left.plot(value, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
             if none:
                 left.text(HIGHEST + 0.7, k, "none: " + ", ".join(name for name, value in speeds.items() if value != value), va="center", fontsize=7.0)
-        for name, (shape, fill) in marks.items():
-            left.plot([], [], shape, markersize=5.0, markerfacecolor=fill, markeredgecolor="black" if name != "corners" else fill, label=name)
+        for name, style in marks.items():
+            left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
         left.set(xlim=(2.0, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rad/s]", xticks=range(2, round(HIGHEST) + 1, 2))
         left.set_yticks(range(len(rows)), [each.label for each in rows])
         left.invert_yaxis()

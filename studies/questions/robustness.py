@@ -52,11 +52,6 @@ def on_estimates(law: Callable[..., Any]) -> Callable[[float], Any]:
     return lambda speed: Observed(law(reference=speed), Kalman(speed_noise=0.01), late=LATE)
 
 
-def tuned(family: str) -> Callable[[float], Any]:
-    """A law with the gains of the drive study."""
-    return lambda speed: gains.FAMILIES[family].of(speed, gains.stored(family))
-
-
 LAWS: dict[str, Callable[[float], Any]] = {
     "stiff PI": lambda speed: StiffPI(reference=speed),
     "PI": lambda speed: PI(reference=speed),
@@ -65,7 +60,7 @@ LAWS: dict[str, Callable[[float], Any]] = {
     "Z-torque": lambda speed: ZTorque(reference=speed, filter_time=0.02),
     "H-infinity": lambda speed: HInfinity(reference=speed),
     "LQG": lambda speed: LQG(reference=speed, late=LATE, speed_noise=0.01),
-    **{gains.label_of(family): tuned(family) for family in gains.FAMILIES},
+    **{gains.label_of(family): gains.tuned(family) for family in gains.FAMILIES},
     "sliding mode, filter": on_estimates(SlidingMode),
     "implicit sliding mode, filter": on_estimates(ImplicitSlidingMode),
     "super-twisting, filter": on_estimates(SuperTwisting),

@@ -195,5 +195,5 @@ def test_gains_are_stored_with_the_command_that_found_them(tmp_path):
     assert gains.stored("LQG", path) == {"top_size": 2.0}
     impedance = gains.FAMILIES["impedance"]
     stiff = {"proportional": 4000.0, "integral": 300.0}
-    good, bad = (gains.failures(impedance, numbers, "direct", (6.5,)) for numbers in (gains.stored("impedance"), stiff))
+    good, bad = (gains.failures(impedance, numbers, (6.5,)) for numbers in (gains.stored("impedance"), stiff))
     assert good < bad

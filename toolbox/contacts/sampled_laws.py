@@ -14,9 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array, mapping
+from toolbox.arguments import mapping
 from toolbox.contacts.problem import ContactProblem
-from toolbox.errors import SceneError, SimulationError
+from toolbox.errors import SceneError
 from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import closed_loop
 from toolbox.modelling.components import Component, Equations, Signal
@@ -144,14 +144,7 @@ class _Law:
             self.memory = following
             return outputs
         measured = np.array(self.function(t, x, u, self.numbers, held), float).ravel()
-        by_name = dict(zip(self.update.channels, noise, strict=True))
-        y = np.array([self.part.sensors.reading(name, value, by_name.get(name, 0.0)) for name, value in zip(self.part.asked, measured, strict=True)])
-        answer = self.law(t, y)
-        found = finite_array(answer)
-        if found is None or found.size != len(self.part.drives):
-            wanted = f"{len(self.part.drives)} finite value(s) for {', '.join(self.part.drives)}"
-            raise SimulationError(f"The controller must return {wanted}, but at t = {t:g} s it returned {answer!r}.")
-        return found.ravel()
+        return self.part.answer(self.law, t, measured, dict(zip(self.update.channels, noise, strict=True)))
 
 
 def constants(problem: ContactProblem, inputs: Mapping[str, Any] | None) -> Acting:

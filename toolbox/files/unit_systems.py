@@ -106,16 +106,13 @@ def asked_in(given: Any, unit: str) -> str:
 
 def _typed(given: Any) -> Iterator[TypedNumber]:
     """The numbers that were typed, in arguments, and in the fields of parts and laws."""
-    if given is None or type(given) in (float, str, int, bool):
-        return
     if isinstance(given, TypedNumber):
         yield given
     elif isinstance(given, Mapping):
         yield from _typed(tuple(given.values()))
     elif isinstance(given, (tuple, list)):
         for each in given:
-            if type(each) is not float:
-                yield from _typed(each)
+            yield from _typed(each)
     elif dataclasses.is_dataclass(given) and not isinstance(given, type):
         for field in dataclasses.fields(given):
             yield from _typed(getattr(given, field.name, None))

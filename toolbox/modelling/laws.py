@@ -21,8 +21,8 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import is_finite_number
-from toolbox.errors import SceneError, suggest
+from toolbox.arguments import finite_array, is_finite_number
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, Equations, Signal, Update, check_fields
 from toolbox.modelling.elements import OptionalQuantities, Quantity, quantity, time
@@ -248,6 +248,19 @@ class External(Component):
                 signal(name, unit, default=value)
         outputs = {name: (ca.SX(0), unit) for name, unit in zip(self.drives, self.units, strict=True)}
         return Equations(update=Update({}, outputs, external=True, noise={name: ca.SX.sym(name) for name in self.sensors.noisy}))
+
+    def answer(self, law: Any, time: float, values: Iterable[float], noise: Mapping[str, float]) -> np.ndarray:
+        """What the callable drives at a sample, given the values of `measures` and standard normal noise by channel.
+
+        Raises SimulationError where it returns something else than one finite number for each of `drives`.
+        """
+        y = np.array([self.sensors.reading(name, value, noise.get(name, 0.0)) for name, value in zip(self.asked, values, strict=True)])
+        answer = law(time, y)
+        found = finite_array(answer)
+        if found is None or found.size != len(self.drives):
+            wanted = f"{len(self.drives)} finite value(s) for {', '.join(self.drives)}"
+            raise SimulationError(f"The controller must return {wanted}, but at t = {time:g} s it returned {answer!r}.")
+        return found.ravel()
 
 
 def as_held_part(sampled: Sampled, law: Controller) -> Held:

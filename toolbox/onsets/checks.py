@@ -22,6 +22,7 @@ from toolbox.onsets.onset import onset
 from toolbox.onsets.report import Onset
 from toolbox.robustness.margins import Margins, margins
 from toolbox.robustness.worst_case import WorstCase, worst_case
+from toolbox.scenes.judged import judged_contact
 from toolbox.simulation.trajectory import Trajectory
 
 
@@ -52,9 +53,9 @@ class Checks:
     name: str = "check"
 
     def no_stick_slip(self, run: Trajectory, after: float, element: str | None = None) -> None:
-        """No stick phase, however short, touches the time after `after` [s]. element: the contact; the first one without."""
+        """No stick phase, however short, touches the time after `after` [s]. element: the contact; the only one without."""
         __tracebackhide__ = True
-        contact = _contact(run, element)
+        contact = judged_contact(run.program.system, element)
         sticks = measure.stick_intervals(run, contact, after)
         if sticks:
             lengths = [last - first for first, last in sticks]
@@ -214,7 +215,7 @@ class Checks:
     ) -> float:
         """A run sticks no longer than another and its severity is below that of the other, divided by `by`; returns the ratio of severities."""
         __tracebackhide__ = True
-        contact = _contact(run, element)
+        contact = judged_contact(run.program.system, element)
         mine, theirs = (measure.severity(each, signal, after) for each in (run, other))
         stuck, stuck_other = (each.time_in(contact, "stick", after=after) for each in (run, other))
         if not (stuck <= stuck_other and mine < theirs / by):
@@ -254,10 +255,3 @@ class Checks:
         except Exception as error:
             return f"(There is no figure: {error})"
         return f"Figure: {path}"
-
-
-def _contact(run: Trajectory, element: str | None) -> str:
-    contacts = [each.name for each in run.program.system.elements if each.law is not None]
-    if element is None and not contacts:
-        raise SceneError("The run must have a contact with dry friction to be judged, but it has none.")
-    return element or contacts[0]

@@ -91,7 +91,7 @@ def onset(
     guess
         Values {state: value} near the steady state at the working point. It is needed where none is found without it, as under a drive with limits.
     element, signal
-        The contact and the speed to judge; by default those of the scene, or the first contact and its speed.
+        The contact and the speed to judge; by default those of the scene, or the only contact and its speed.
     values
         Number of values at which both branches are simulated.
     tolerance

@@ -22,6 +22,7 @@ from toolbox.modelling.components import Equations, Signal, Update
 from toolbox.modelling.elements import Quantity, quantity
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import Controller, Sampled, designed
+from toolbox.scenes.judged import judged_signal
 from toolbox.simulation.run import Budget
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -116,8 +117,8 @@ def measured_margins(
 ) -> MeasuredMargins:
     """Gain, delay and inertia at which a closed loop that starts from smooth running fails.
 
-    A run fails where it cannot be finished, or where in its second half a contact sticks, the severity of the speed of the first one is above `severity`,
-    or a command swings by more than RIPPLE.
+    A run fails where it cannot be finished, or where in its second half a contact sticks, the severity of its speed is above `severity`, or a
+    command swings by more than RIPPLE.
 
     - laws: designed, from `law_list`;  start: {state: value} of smooth running, of the plant and of the memory of laws;
     - duration [s] of a run;  inertia: name of a parameter that is one number.
@@ -133,8 +134,7 @@ def measured_margins(
         raise SceneError(
             f"Argument `inertia` must name one number of the plant, but it is {inertia!r}: {suggest(str(inertia), plant.parameters)}"
         )
-    speed = f"{contacts[0]}.speed" if plant.has_signal(f"{contacts[0]}.speed") else f"{contacts[0]}.slip"
-
+    speeds = [judged_signal(plant, name) for name in contacts]
     after = duration / 2
 
     def run(gain: float, delay: float, factor: float) -> Trajectory:
@@ -154,7 +154,9 @@ def measured_margins(
             done = run(gain, delay, factor)
         except SimulationError:
             return True
-        if any(done.time_in(name, "stick", after=after) > 0.0 for name in contacts) or not measure.severity(done, speed, after) < severity:
+        if any(done.time_in(name, "stick", after=after) > 0.0 for name in contacts):
+            return True
+        if not all(measure.severity(done, speed, after) < severity for speed in speeds):
             return True
         swings.append(ripples(done))
         return bool((swings[-1] > np.maximum(RIPPLE, 2.0 * swings[0])).any())

@@ -141,7 +141,7 @@ def cycle_phases(run: Trajectory, count: int = 8, element: str | None = None) ->
     count
         Number of phases, the first of which is the release.
     element
-        The contact; by default the first one.
+        The contact; by default the only one.
 
     Returns
     -------
@@ -181,6 +181,7 @@ def worst_case(
     sample_time: NumberOrText | None = None,
     inputs: Mapping[str, NumberOrText] | None = None,
     after: NumberOrText | None = None,
+    element: str | None = None,
     target: NumberOrText | None = None,
     mean_within: float = 0.02,
     ripple_within: float = 0.05,
@@ -206,6 +207,8 @@ def worst_case(
         Seeds of the noise of `Sampled`, used where it has any.
     after
         Time from which on a run is judged [s]; by default its last 30 %.
+    element
+        The contact that is judged; by default the only one.
     target
         Target of the mean speed of the judged contact; by default the set-point of the law.
     mean_within, ripple_within
@@ -229,7 +232,7 @@ def worst_case(
     laws = law_list(plant, controller, sample_time)
     noisy = any(isinstance(law, Sampled) and law.noise for law in laws)
     system = Request(plant, 0.0, inputs=inputs, controller=laws).checked().system
-    contact = judged_contact(system, None)
+    contact = judged_contact(system, element)
     speed = judged_speed(system, contact)
     drives = [name for name in plant.inputs if name not in system.inputs]
     wanted = _set_point(system, inputs or {}) if target is None else float(in_si(target, system.signal_unit(speed), "target"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from toolbox.errors import SceneError, suggest
@@ -18,14 +20,25 @@ def judged_effort(plant: HybridSystem, signal: str) -> str:
     return "top.torque" if "top.torque" in plant.inputs else next(iter(plant.inputs), signal)
 
 
-def judged_contact(closed: HybridSystem, element: str | None) -> str:
-    """The contact whose sticking is judged: the one named, else the first. Raises SceneError where there is none."""
-    contacts = [each.name for each in closed.elements if each.law is not None]
-    if not contacts:
+def judged_element(names: Sequence[str], element: str | None, argument: str = "element") -> str | None:
+    """The contact that is named, or the only one there is, None where there is none. `argument` is where the user says it.
+
+    Raises SceneError for another name, and where there are several and none is named: a string may hang in its hole while the bit turns, and the reverse.
+    """
+    if element is not None and element not in names:
+        raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, names)}")
+    if element is None and len(names) > 1:
+        known = f"{len(names)} contacts, among them " if len(names) > 4 else "contacts "
+        raise SceneError(f"Argument `{argument}` must name the contact to be judged, because there are {known}{', '.join(f'`{name}`' for name in names[-4:])}.")
+    return element or next(iter(names), None)
+
+
+def judged_contact(closed: HybridSystem, element: str | None, argument: str = "element") -> str:
+    """The contact with dry friction whose sticking is judged: the one named, or the only one. Raises SceneError for any other case."""
+    found = judged_element([each.name for each in closed.elements if each.law is not None], element, argument)
+    if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
-    if element is not None and element not in contacts:
-        raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, contacts)}")
-    return element or contacts[0]
+    return found
 
 
 def judged_speed(closed: HybridSystem, contact: str) -> str:

@@ -19,7 +19,7 @@ from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
 from toolbox.scenes import scene_file
 from toolbox.scenes.cases import Case, Number, Waveform, _reference
-from toolbox.scenes.judged import judged_effort, judged_signal
+from toolbox.scenes.judged import judged_effort, judged_element, judged_signal
 from toolbox.simulation.request import Request
 from toolbox.simulation.simulate import simulate
 from toolbox.simulation.trajectory import Trajectory
@@ -113,7 +113,7 @@ class Scene:
         controllers
             {label: law}; None for the plant alone.
         element
-            The contact to judge; by default the first one, if any.
+            The contact to judge; by default the only one, if there is one.
         signal
             The speed to judge; by default `<element>.speed` where the plant has it, else its slip. It must be given where there is no contact.
         effort
@@ -138,9 +138,7 @@ class Scene:
         contacts = [each.name for each in plant.elements]
         if not contacts and signal is None:
             raise SceneError("Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none.")
-        if element is not None and element not in contacts:
-            raise SceneError(f"There is no element `{element}` to be judged: {suggest(element, contacts)}")
-        element = element or next(iter(contacts), None)
+        element = judged_element(contacts, element)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
         signal = signal or judged_signal(plant, element or "")
         wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}

@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import finite_array
 from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.notices import announced
@@ -183,19 +182,11 @@ def _sample(
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     part = [part for part in run.system.parts if isinstance(part, External)][index]
     point = Trajectory.point(run, program, work.reals[loop_layout.TIME], work.x, work.m, work.p)
-    sensors, update = part.sensors, program.system.updates[c]
     first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
-    noise = {name: normal(work.keys[first + i], row[loop_layout.TAKEN]) for i, name in enumerate(update.channels)}
-    y = np.array([sensors.reading(name, point[place], noise.get(name, 0.0)) for name, place in zip(part.asked, part.measures, strict=True)])
+    channels = program.system.updates[c].channels
+    noise = {name: normal(work.keys[first + i], row[loop_layout.TAKEN]) for i, name in enumerate(channels)}
     with until(began + run.budget.seconds):
-        answer = laws[index](float(work.reals[loop_layout.TIME]), y)
-    u = finite_array(answer)
-    if u is None or u.size != row[loop_layout.OUTPUTS]:
-        raise SimulationError(
-            f"The controller must return {row[loop_layout.OUTPUTS]} finite value(s) for {', '.join(part.drives)}, but at "
-            f"t = {work.reals[loop_layout.TIME]:g} s it returned {answer!r}.",
-            trajectory_so_far(run, program, work, began, answers),
-        )
-    work.queue[c, row[loop_layout.TAKEN] % work.queue.shape[1], : u.size] = u.ravel()
-    answers[index].append(u.ravel())
+        u = part.answer(laws[index], float(work.reals[loop_layout.TIME]), (point[place] for place in part.measures), noise)
+    work.queue[c, row[loop_layout.TAKEN] % work.queue.shape[1], : u.size] = u
+    answers[index].append(u)
     row[loop_layout.TAKEN] += 1

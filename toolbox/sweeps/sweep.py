@@ -58,7 +58,7 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = judged_contact(closed, scene.element if scene else None)
+            element = judged_contact(closed, scene.element if scene else None, "measures")
             value = STANDARD[value](
                 scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
             )
@@ -107,7 +107,7 @@ def sweep(
         As in `simulate`, or a function {name: value of what varies} -> {state: value}.
     measures
         Names of `toolbox.measuring.measures.STANDARD`, or {name: a measure of that module, or any function of the trajectory}. By default severity and
-        stuck ratio of the first contact in the second half of the run, or what the scene judges.
+        stuck ratio of the only contact in the second half of the run, or what the scene judges.
     budget
         What one run may spend, as in `simulate`.
     executor

@@ -73,6 +73,8 @@ class WorstCase:
     ----------
     title
         The laws and how they run.
+    way
+        From where the runs begin, which contact is judged, and when.
     outcomes
         One `Outcome` per run.
     seconds
@@ -80,6 +82,7 @@ class WorstCase:
     """
 
     title: str
+    way: str
     outcomes: tuple[Outcome, ...]
     seconds: float = field(default=0.0, compare=False)
 
@@ -117,7 +120,7 @@ class WorstCase:
         failed = sum(outcome.excess > 1.0 for outcome in self.outcomes)
         verdict = "every run succeeds" if not failed else f"{failed} of {len(self.outcomes)} runs fail, the worst with {self.worst.error}"
         widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
-        lines = [f"Worst case of {self.title}: {verdict}"]
+        lines = [f"Worst case of {self.title}: {verdict}", f"  {self.way}"]
         for row in self.rows:
             cells = [cell.ljust(width) if i == 0 else cell.rjust(width) for i, (cell, width) in enumerate(zip(row, widths, strict=True))]
             lines.append("  " + "  ".join(cells).rstrip())
@@ -269,7 +272,9 @@ def worst_case(
                     found.append(_outcome(label, k, seed, numbers, done.errors.get(i, ""), drives, wanted, (mean_within, ripple_within)))
     order = {label: i for i, label in enumerate(cases)}
     found.sort(key=lambda outcome: (order[outcome.error], outcome.start, outcome.seed))
-    return WorstCase(titled(laws, controller), tuple(found), seconds)
+    begun = "smooth running (a stick-slip that exists: `starts=cycle_phases(...)`)" if starts is None else f"{len(begins)} given start(s)"
+    way = f"runs of {duration:g} s from {begun}; `{contact}` judged from {window:g} s on"
+    return WorstCase(titled(laws, controller), way, tuple(found), seconds)
 
 
 def _cases(errors: Any, corners: Any) -> dict[str, dict[str, float]]:

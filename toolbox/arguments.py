@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toolbox.errors import SceneError
 
-FloatArray = NDArray[np.float64]
-"""What results hold: an array of floats, as a type checker sees it."""
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
-BoolArray = NDArray[np.bool_]
+    FloatArray = NDArray[np.float64]
+    BoolArray = NDArray[np.bool_]
+else:
+    FloatArray = BoolArray = np.ndarray
+    """What results hold: arrays of floats and of truths, as a type checker sees them."""
 
 
 def mapping(word: str, given: Any) -> dict[str, Any]:

@@ -1,9 +1,9 @@
 """What does an answer cost before and beyond the event loop?
 
-Measured in fresh processes: `import toolbox`, the first answer with warm caches, the first answer of a machine with empty caches (numba compiles the
-event loop once), the overhead of a `simulate` call beyond its loop, the memory of 10 000 s of a drill string with an output
-every 0.1 s, and for chains of 10, 100 and 1000 elements with friction at the bit the time to compose and compile them anew, the same with their
-machine code in the cache, and the memory of the process.
+Measured in fresh processes: `from toolbox import compose, simulate` beside `import casadi, numpy`, `import toolbox`, the first answer with warm caches,
+the first answer of a machine with empty caches (numba compiles the event loop once), the overhead of a `simulate` call beyond its loop, the memory of
+10 000 s of a drill string with an output every 0.1 s, and for chains of 10, 100 and 1000 elements with friction at the bit the time to compose and compile
+them anew, the same with their machine code in the cache, and the memory of the process.
 
     python -m studies start_up
 """
@@ -11,6 +11,7 @@ machine code in the cache, and the memory of the process.
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -72,8 +73,26 @@ def fresh(program: str, *arguments: str, **environment: str) -> list[list[float]
     return [[float(word) for word in line.split()] for line in result.stdout.splitlines()]
 
 
+def import_times(repetitions: int = 25) -> tuple[float, float]:
+    """Processor time [s] of a process that imports casadi and numpy, and of one that imports `compose` and `simulate`: the least of alternating ones."""
+    programs = ("import casadi, numpy", "from toolbox import compose, simulate")
+    # with byte code on disk for both, as after every installation: Python would compile the toolbox anew each time, and casadi, which is installed, not
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    least = dict.fromkeys(programs, float("inf"))
+    for _ in range(1 + repetitions):
+        for program in programs:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            least[program] = min(least[program], after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return least[programs[0]], least[programs[1]]
+
+
 def main() -> None:
     """Print the figures."""
+    below, own = import_times()
+    print(f"import casadi, numpy                 {below:8.3f} s")
+    print(f"  compose and simulate with them     {own:8.3f} s, {own / below:.2f} x")
     fresh(FIRST_ANSWER)
     warm = [fresh(FIRST_ANSWER)[0] for _ in range(5)]
     with tempfile.TemporaryDirectory() as empty:

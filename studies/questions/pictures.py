@@ -9,25 +9,28 @@ plane of the twist above the bit and its speed, with the segment on which it sti
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
 
 from controllers import SoftTorque
 from models import BitRock, wells
-from toolbox import compose, measure, plot, simulate
+from toolbox import compose, measure, plot, simulate, units
+from toolbox.simulation.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
 DURATION, SETTLED = 120.0, 80.0  # [s]
+RPM = math.pi / 30.0
 PATH = Path(__file__).parents[1] / "figures" / "stick_slip.png"
 
 
 def runs() -> dict[str, Trajectory]:
     """The two runs of the figure by title."""
-    rig = compose(wells.NAVARRO_LOPEZ_4, BitRock(weight=97_347.0))
+    rig = compose(wells.NAVARRO_LOPEZ_4, BitRock(weight="97.347 kN"))
     return {
-        "constant torque, 10 kN m": simulate(rig, DURATION, inputs={"top.torque": 10_000.0}),
-        "soft torque at 100 Hz, set-point 4.7 rad/s": simulate(rig, DURATION, controller=SoftTorque(reference=4.7), sample_time=0.01),
+        "constant torque, 10 kN m": simulate(rig, DURATION, inputs={"top.torque": "10 kN m"}),
+        "soft torque at 100 Hz, set-point 45 rpm": simulate(rig, DURATION, controller=SoftTorque(reference="45 rpm"), sample_time="10 ms"),
     }
 
 
@@ -47,9 +50,10 @@ def draw(found: dict[str, Trajectory]) -> Any:
                 panel.axvspan(begin, end, facecolor=plot.BAND, edgecolor="0.6", linewidth=0.5, zorder=0)
             times = _times(run)
             samples = run.at(times)
-            panel.plot(times, samples["top.speed"], label="top drive", **plot.LINES[1])
-            panel.plot(times, samples["bit.speed"], label="bit", **plot.LINES[0])
-            panel.set(xlim=(0.0, DURATION), ylim=(-0.4, 10.0), ylabel="speed [rad/s]")
+            panel.plot(times, samples["top.speed"], label="top drive", **plot.LINES[0])
+            panel.plot(times, samples["bit.speed"], label="bit", **plot.LINES[1])
+            panel.set(xlim=(0.0, DURATION), ylim=(-4.0 * RPM, 100.0 * RPM))
+            name_axis(panel.yaxis, "speed", "rad/s")
             panel.set_title(title, loc="left", fontsize=9.0, pad=4.0)
     panels[0].tick_params(labelbottom=False)
     panels[1].set_xlabel("time [s]", fontsize=9.0)
@@ -57,7 +61,7 @@ def draw(found: dict[str, Trajectory]) -> Any:
     panels[1].legend(handles=[*curves, Patch(facecolor=plot.BAND, edgecolor="0.6", linewidth=0.5, label="bit sticks")],
                      loc="upper right", ncols=3, frameon=False, fontsize=8.0)  # fmt: skip
     plot.phase_plane(next(iter(found.values())), "chain.twist.2", "bit.speed", "bit", ax=plane, after=SETTLED)
-    plane.set(xlabel="twist above the bit [rad]", ylabel="bit speed [rad/s]")
+    plane.set_xlabel("twist above the bit [rev]")
     plane.set_title(f"constant torque, after {SETTLED:g} s", loc="left", fontsize=9.0, pad=4.0)
     legend = plane.get_legend()
     if legend is not None:
@@ -80,7 +84,8 @@ def main() -> None:
     matplotlib.use("Agg")
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else PATH
     path.parent.mkdir(parents=True, exist_ok=True)
-    draw(runs()).savefig(path)
+    with units("metric"):  # what drillers read: rpm and turns
+        draw(runs()).savefig(path)
     print(path)
 
 

@@ -168,8 +168,8 @@ def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
             for begin, last in measure.stick_intervals(run, "bit"):
                 speed.axvspan(begin, last, facecolor=plot.BAND, edgecolor="0.6", linewidth=0.5, zorder=0)
             speed.axhline(collar.contact_speed(WEIGHT, SLIDING), **dashed)
-            speed.plot(times, samples["top.speed"], label="top drive", **plot.LINES[1])
-            speed.plot(times, samples["bit.speed"], label="bit", **plot.LINES[0])
+            speed.plot(times, samples["top.speed"], label="top drive", **plot.LINES[0])
+            speed.plot(times, samples["bit.speed"], label="bit", **plot.LINES[1])
             speed.set(xlim=(0.0, end), ylim=(-0.5, 27.0))
             speed.set_title(label, loc="left", fontsize=9.0)
             speed.tick_params(labelbottom=False)

@@ -50,5 +50,6 @@ def test_residuals_that_repeat_themselves_say_how_many_times_too_narrow_interval
         left[k] += 0.8 * left[k - 1]
     found = residual_of("bit.speed", "rad/s", left, 10.0 * white)
     assert found.stretch == pytest.approx(3.0, rel=0.05)  # sqrt(1.8 / 0.2)
+    assert f"rms {found.rms * 30 / np.pi:.4g} rpm" in found.lines({"rad/s": "rpm"})[0]
     assert "about 3 times as wide" in found.lines()[1] and "leave samples out" in found.lines()[1]
     assert residual_of("bit.speed", "rad/s", white, white).lines()[0].endswith(")")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 import re
 
@@ -20,10 +21,13 @@ from toolbox import (
     SeverityMap,
     Sweep,
     Trajectory,
+    absorber_limit,
     compare,
     compose,
     equilibrium,
     hopf_points,
+    margins,
+    performance_limit,
     plot,
     ramp,
     severity_map,
@@ -125,6 +129,36 @@ def test_steady_states_and_hopf_points_answer_alike():
     assert line(str(point), "top.torque").split()[1:] == ["20", "kN", "m"] and point["top.torque"] == 20_000.0
     (hopf,) = hopf_points(RIG, "top.reference", ("30 rpm", "140 rpm"), controller=StiffPI())
     assert f"top.reference = {hopf.value / RPM:.6g} rpm" in str(hopf)
+
+
+def test_margins_and_limits_answer_in_the_units_of_their_working_point():
+    for law in (SoftTorque(reference="95 rpm"), Sampled(SoftTorque(), "10 ms")):
+        asked = {"inputs": {"top.reference": "95 rpm"}} if law.__class__ is Sampled else {}
+        found = margins(RIG, law, **asked)
+        assert " at top.reference = 95 rpm, top.torque = " in str(found) and found.signals["top.reference"] == pytest.approx(95 * RPM)
+    with units("metric"):
+        assert f"top.torque = {found.signals['top.torque'] / 1e3:.4g} kN m" in str(found)
+    limit = performance_limit(RIG, {"top.speed": "40 rpm"}, parameters={"bit.weight": "90 kN"})
+    assert " at top.speed = 40 rpm, top.torque = " in str(limit) and limit.asked == {"rad/s": "rpm", "N": "kN"}
+    assert limit.signals["top.speed"] == pytest.approx(40 * RPM)
+
+
+@pytest.mark.slow
+def test_the_limit_of_absorbers_answers_in_the_unit_of_its_range():
+    found, plain = (absorber_limit(RIG, between) for between in (("5 rpm", "100 rpm"), (5 * RPM, 100 * RPM)))
+    assert found.speed == plain.speed and f"down to {found.speed / RPM:.4g} rpm: damping {found.damping:.4g} N m s/rad" in str(found)
+    assert f"down to {found.speed:.4g} rad/s" in str(plain)
+    with units("metric"):
+        assert f"damping {found.damping / 1e3:.4g} kN m s/rad" in str(plain)
+
+
+def test_scenes_differ_in_the_units_of_their_files():
+    scene = Scene.load(SCENE)
+    parts = tuple(dataclasses.replace(part, weight="90 kN") if isinstance(part, BitRock) else part for part in scene.parts)
+    found = compare(scene, dataclasses.replace(scene, parts=parts, reference=parse("80 rpm", "rad/s"), accuracy=1e-7))
+    rows = {row.split()[0]: row.split()[1:] for row in str(found).splitlines()[2:]}
+    assert rows["plant.BitRock.weight"] == ["97.347", "90", "-7.347", "kN"] and rows["reference"] == ["95", "80", "-15", "rpm"]
+    assert rows["accuracy"] == ["1e-06", "1e-07", "-9e-07"] and found["reference"].second == pytest.approx(80 * RPM)
 
 
 def test_the_table_of_a_plant_shows_what_was_typed():

@@ -349,7 +349,7 @@ def test_a_boundary_layer_has_a_slope_and_a_root_has_none(rig):
 def test_the_result_prints_its_table_and_draws_the_disk(rig):
     found = margins(rig, Sampled(SoftTorque(reference=5.0), 0.01, 0.03))
     text = str(found)
-    assert "SoftTorque, sampled every 10 ms with a delay of 30 ms at top.torque = 9998 N m" in text
+    assert "SoftTorque, sampled every 10 ms with a delay of 30 ms at top.reference = 5 rad/s, top.torque = 9998 N m" in text
     assert f"{found.disk_margin:.3g}" in text and f"{found.peak_sensitivity:.3g}" in text
     nyquist, bode = found.plot()
     assert nyquist.patches and "frequency" in bode.get_xlabel()

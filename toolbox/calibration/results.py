@@ -151,7 +151,7 @@ class Fit:
         """What the residuals say, and what to know about the estimates."""
         lines: list[str] = []
         for left in self.residuals:
-            lines += left.lines()
+            lines += left.lines(self.asked)
         if len(self.names) > 1:
             i, k = max(itertools.combinations(range(len(self.names)), 2), key=lambda pair: abs(self.correlation[pair]))
             lines.append(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.errors import SceneError, SimulationError
+from toolbox.files.unit_systems import reading
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,10 @@ class Residual:
         """About how many times wider the intervals would have to be: as where each residual repeats so much of the one before (AR(1))."""
         return math.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)) if 0.0 < self.correlation < 1.0 else 1.0
 
-    def lines(self) -> list[str]:
-        """What a report says of it."""
-        line = f"  residual of {self.signal}: rms {self.rms:.4g} {self.unit}, {100 * self.part:.2g} % of its range; "
+    def lines(self, asked: Mapping[str, str] | None = None) -> list[str]:
+        """What a report in the units of `asked` says of it."""
+        read = reading(self.unit, asked)
+        line = f"  residual of {self.signal}: rms {self.rms * read.factor:.4g}{read.tail}, {100 * self.part:.2g} % of its range; "
         if self.whiteness >= 0.05:
             return [line + f"white (p = {self.whiteness:.2g})"]
         found = [line + f"NOT white: neighbours correlate by {self.correlation:.2f}, so intervals are too narrow (p = {self.whiteness:.2g})"]

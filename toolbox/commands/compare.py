@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
         "compare",
         help="two saved runs by their measures, or two scenes by their keys",
         description="Compare two runs that were saved (.npz, as simulate and study write them): how long and how often they stick, and the extrema, mean and "
-        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ, in SI. With --out, the folder gets the report and, for runs, "
+        "severity of their signals. Or compare two scenes (.toml): the keys whose values differ. With --out, the folder gets the report and, for runs, "
         "a figure with both over one another.",
         epilog="example: stickslip compare out/01_stiff_pi.npz out/02_soft_torque.npz --after '40 s'",
     )

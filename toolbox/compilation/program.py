@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -214,7 +213,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     if impulse is not None:
         impulse = (*impulse[:2], ca.vertcat(impulse[2][:n], hidden, impulse[2][n:]))
     longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
-    wider = dataclasses.replace(form, projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
+    wider = form._replace(projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
 
 

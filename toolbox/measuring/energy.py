@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Samples, check_run, output_function, window
@@ -59,14 +60,15 @@ class EnergyAudit:
         return abs(self.residual) / self.turnover if self.turnover > 0 else 0.0
 
     def __str__(self) -> str:
-        rows = [(f"stored in {name}", end - start, f"{start:.6g} -> {end:.6g}") for name, (start, end) in self.stored.items()]
+        factor, unit = reading("J")
+        rows = [(f"stored in {name}", end - start, f"{start * factor:.6g} -> {end * factor:.6g}") for name, (start, end) in self.stored.items()]
         rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
         rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
         rows += [("impacts", 0.0 - self.impacts, "")] if self.impacts else []
         width = max([len(name) for name, _, _ in rows] + [len("residual")])
-        lines = [f"Energy over {self.duration:g} s [J]"]
-        lines += [f"  {name:<{width}} {value:>15.8g}  {note}".rstrip() for name, value, note in rows]
-        lines.append(f"  {'residual':<{width}} {self.residual:>15.3g}  {self.relative:.1e} of {self.turnover:.6g} turned over")
+        lines = [f"Energy over {self.duration:g} s [{unit}]"]
+        lines += [f"  {name:<{width}} {value * factor:>15.8g}  {note}".rstrip() for name, value, note in rows]
+        lines.append(f"  {'residual':<{width}} {self.residual * factor:>15.3g}  {self.relative:.1e} of {self.turnover * factor:.6g} turned over")
         return "\n".join(lines)
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -108,8 +107,7 @@ class Component:
         return {}
 
 
-@dataclass(frozen=True)
-class _Field:
+class _Field(NamedTuple):
     """What a class declares about one of its fields."""
 
     name: str
@@ -309,8 +307,7 @@ def rebuilt(part: Any, values: np.ndarray, offset: int) -> Any:
     return rebuild(part)
 
 
-@dataclass
-class Slot:
+class Slot(NamedTuple):
     """A numeric field on its way into the parameter table."""
 
     owner: Any
@@ -347,6 +344,8 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
     try:
         equations = symbolic.equations(signal)
     except RecursionError as error:
+        import traceback
+
         if not any("casadi" in frame.filename for frame in traceback.extract_tb(error.__traceback__, -20)):
             raise
         raise SceneError(

@@ -33,7 +33,6 @@ from toolbox.modelling.components import (
 )
 from toolbox.modelling.elements import Element, UnilateralContact, time
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
-from toolbox.modelling.laws import designed
 from toolbox.modelling.switching import check_rates
 
 
@@ -65,6 +64,8 @@ def compose(*components: Component) -> HybridSystem:
             found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
             raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
+        from toolbox.modelling.laws import designed
+
         plant = [component for component in components if not hasattr(component, "design")]
         if not plant:
             raise SceneError("A controller needs a plant to act on, but `compose` got controllers only.")

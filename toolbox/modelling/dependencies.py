@@ -32,7 +32,12 @@ class Dependency:
 class Dependencies:
     """What every part of a plant is needed for; `print` it for the table.
 
-    parts: one `Dependency` each, in the order of the plant;  idle: share of the operations of the right-hand side and guards, 0 to 1, that no measure needs.
+    Attributes
+    ----------
+    parts
+        One `Dependency` for each part, in the order of the plant.
+    idle
+        Share of the operations of the right-hand side and the guards that no measure needs, from 0 to 1.
     """
 
     parts: tuple[Dependency, ...]

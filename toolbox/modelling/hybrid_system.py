@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, suggest
-from toolbox.files.html import table
 from toolbox.files.unit_systems import asked_units, reading
 from toolbox.files.units import in_si
 from toolbox.modelling.components import Component, bounds_broken, checked, numbers_of, rebuilt
@@ -22,8 +19,7 @@ from toolbox.modelling.elements import Element
 from toolbox.modelling.switching import Switching, switching
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(NamedTuple):
     """One entry of the parameter table: `size` is None for a scalar; `offset` points into the parameter vector."""
 
     name: str
@@ -46,8 +42,7 @@ class Parameter:
                 raise SceneError(f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
 
 
-@dataclass(frozen=True)
-class Input:
+class Input(NamedTuple):
     """A signal that nobody gives: its symbol, unit, and default as an expression of the parameters."""
 
     name: str
@@ -56,12 +51,23 @@ class Input:
     default: ca.SX
 
 
-@dataclass(frozen=True)
-class SampledUpdate:
+class SampledUpdate(NamedTuple):
     """A sampled law of a composed plant: its memory, the next memory, its outputs, and where they are held in the vector `held`.
 
-    names: of its outputs, behind which `outputs` repeats the memory;  places: {state of the memory: (first row, size or None)};  noise,
-    channels: symbols of the noise of a sample and the measured signals they belong to.
+    Attributes
+    ----------
+    memory, following
+        Symbols of its states, and their values after the sample.
+    outputs, names
+        Expressions of its outputs, behind which the memory is repeated, and the names of the outputs alone.
+    places
+        {state of the memory: (first row, size or None)}.
+    first_held
+        Row of the vector `held` at which its outputs begin.
+    external
+        Whether a Python callable computes the outputs.
+    noise, channels
+        Symbols of the noise of a sample, and the measured signals that they belong to.
     """
 
     memory: ca.SX
@@ -150,6 +156,8 @@ class HybridSystem:
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
     def _repr_html_(self) -> str:
+        from toolbox.files.html import table  # here, because only notebooks need it
+
         rows = []
         for name, entry in self.parameters.items():
             factor, unit = reading(entry.unit, self.asked)
@@ -266,7 +274,7 @@ class HybridSystem:
         if self.has_parameter(name):
             head, _, tail = name.rpartition(".")
             whole = self.parameters[head]
-            return dataclasses.replace(whole, name=name, size=None, offset=whole.offset + int(tail))
+            return whole._replace(name=name, size=None, offset=whole.offset + int(tail))
         raise SceneError(f"There is no parameter `{name}`: {suggest(name, self.parameters)}")
 
     def with_parameters(self, values: Mapping[str, Any]) -> HybridSystem:
@@ -332,9 +340,7 @@ class HybridSystem:
         twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
         twin.losses = {name: of_time(power) for name, power in self.losses.items()}
         twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
-        twin.updates = tuple(
-            dataclasses.replace(update, following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates
-        )
+        twin.updates = tuple(update._replace(following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates)
         inputs = {entry.name: Input(entry.name, s, entry.unit, c) for entry, s, c in zip(entries, symbols, constants, strict=True)}
         twin.inputs = {**self.inputs, **inputs}
         twin.u = ca.vertcat(self.u, *symbols)

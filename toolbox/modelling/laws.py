@@ -84,7 +84,12 @@ class Sensors(Component):
 
         y = step round((signal + noise n_k) / step),   n_k standard normal, independent of one another
 
-    noisy, coarse: names of the signals;  noise, resolution: a standard deviation and a step for each, in the unit of the signal.
+    Attributes
+    ----------
+    noisy, noise
+        Names of the signals that are measured with noise, and the standard deviation of each, in its unit.
+    coarse, resolution
+        Names of the signals that pass an encoder, and the step of each, in its unit.
     """
 
     noisy: tuple[str, ...] = ()
@@ -215,8 +220,18 @@ class Held(Component):
 class External(Component):
     """The signals that a Python callable drives, as held signals without an update.
 
-    asked: what it measures by its own names, which its sensors know;  measures: what these are in the plant, those with a default last;  defaults:
-    their values, and wanted: their units.
+    Attributes
+    ----------
+    asked
+        What the callable measures, by the names that it uses; its sensors know these.
+    measures
+        Names of the same signals in the plant; those with a default stand last.
+    drives, units
+        Signals that it drives, and their units.
+    wanted, defaults
+        Units and values of the signals with a default.
+    sensors
+        What stands between these signals and the callable.
     """
 
     asked: tuple[str, ...] = ()

@@ -15,7 +15,6 @@ only shown: no force depends on it.
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -151,7 +150,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
     for kind in ("stored", "losses", "supplies"):
         setattr(made, kind, {name: smooth(expression) for name, expression in getattr(plant, kind).items()})
     made.updates = tuple(
-        dataclasses.replace(update, following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
+        update._replace(following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
     )
     made.p = ca.vertcat(plant.p, *widths, *peaks)
     made.parameters = dict(plant.parameters)

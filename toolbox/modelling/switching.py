@@ -19,7 +19,7 @@ and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a numbe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,20 +29,36 @@ from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
 
 
-@dataclass(frozen=True)
-class Switching:
+class Switching(NamedTuple):
     """Expressions of a system with modes as numeric input; every field is a casadi SX column.
 
-    field: dx/dt;  force, static, slip, slip_rate: one per element;  guards: two per element, then one per kink, all positive while the
-    modes (and the sides of the kinks) hold, then the bounds that must not become negative;  guard_rates: their total time derivatives;  projected:
-    the state with the slip of sticking
-    elements set to exactly zero by an impulse along df/dF;  gain: the matrix A;  burden: sum of |df/dF_i| times the terms that make F_i,
-    the size of what forces cancel;
-    sticks: one per element, 1 where it holds its slip;  impulse: (held, elastic, [state, impulses, slips before, after, bounds of impulses]) where
-    a rigid contact can strike: held marks the elements that do not slide through the impact, elastic is 1, or 0 for an impact without restitution;
-    attached: for every element the rigid contact whose force bounds it, or -1;  loader: for every element the unilateral contact without which it has no
-    load, or -1. The bound of a rigid contact is the size of the forces that its own has to balance, a scale for what is zero.
-    open_field, balance: where forces hold each other, dx/dt with forces as symbols, and what these forces make zero; else empty.
+    Attributes
+    ----------
+    field
+        dx/dt.
+    force, static, slip, slip_rate
+        Force, bound, slip and its time derivative, one per element. The bound of a rigid contact is the size of the forces that its own has to balance: a
+        scale for what counts as zero.
+    guards, guard_rates
+        Two guards per element, then one per kink, all positive while the modes and the sides of the kinks hold, then the bounds that must not become
+        negative; and their total time derivatives.
+    projected
+        The state with the slip of sticking elements set to exactly zero by an impulse along df/dF.
+    gain
+        The matrix A.
+    burden
+        Sum of |df/dF_i| times the terms that make F_i: the size of what the forces cancel.
+    sticks
+        1 for an element that holds its slip, else 0.
+    impulse
+        (held, elastic, [state, impulses, slips before, slips after, bounds of the impulses]) where a rigid contact can strike, else None. `held` marks the
+        elements that do not slide through the impact; `elastic` is 1, or 0 for an impact without restitution.
+    attached
+        For every element the number of the rigid contact whose force bounds it, or -1.
+    loader
+        For every element the number of the unilateral contact without which it has no load, or -1.
+    open_field, balance
+        Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
     """
 
     field: ca.SX
@@ -70,7 +86,7 @@ NEIGHBOURS = 4
 def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = ()) -> Switching:
     """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
 
-    bounded: numbers of the elements whose bounds are watched, so that none becomes negative.
+    `bounded` holds the numbers of the elements whose bounds are watched, so that none becomes negative.
     Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
     """
     force, mode, slip, load, sliding, static = (

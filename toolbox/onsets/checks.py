@@ -41,7 +41,12 @@ class Perturbation:
 class Checks:
     """Assertions on runs; each raises AssertionError with its numbers, or returns what it measured.
 
-    folder, name: where the figure of a failed check goes, and what its file name begins with.
+    Parameters
+    ----------
+    folder
+        Folder of the figure that a failed check draws.
+    name
+        What the name of that file begins with.
     """
 
     folder: Path
@@ -128,7 +133,7 @@ class Checks:
     def onset_below(self, machine: Any, parameter: str, limit: float, between: tuple[float, float], **arguments: Any) -> Onset:
         """From `limit` to the end of the range the machine is free: the borders of smooth running, of existing stick-slip and of standstill lie below.
 
-        machine, parameter, between, arguments: as in `toolbox.onset`. The borders count with their tolerance. Returns the onset.
+        All other arguments are those of `toolbox.onset`. The borders count with their tolerance. Returns the onset.
         """
         __tracebackhide__ = True
         if not is_finite_number(limit) or not between[0] < limit <= between[1]:
@@ -197,7 +202,7 @@ class Checks:
     def survives(self, plant: HybridSystem, controller: Any, duration: float, **arguments: Any) -> WorstCase:
         """With every model error, from every start and with every seed the law ends free, at its speed and calm; returns the worst case.
 
-        plant, controller, duration, arguments: as in `toolbox.worst_case`.
+        The arguments are those of `toolbox.worst_case`.
         """
         __tracebackhide__ = True
         found = worst_case(plant, controller, duration, **arguments)

@@ -29,7 +29,7 @@ NEAR = 0.01
 def exact(border: Border, inside: Inside, width: float) -> Border:
     """A border of stick-slip with the value at which its cycle, followed, stops being stable; as it was where no cycle can be followed to there.
 
-    width: of the range, the scale of the steps in which the cycle is followed.
+    `width` is that of the range: the scale of the steps in which the cycle is followed.
     """
     sign = 1.0 if border.safe == "above" else -1.0
     reach = NEAR * abs(border.value)

@@ -55,7 +55,7 @@ class Point:
 
 @dataclass
 class Front:
-    """The alive points of a map with the state of their cycle; runs: how many it took;  bar: of progress, which moves with each."""
+    """The alive points of a map with the state of their cycle; `runs` counts the runs that it took, and `bar` shows their progress."""
 
     loop: MapLoop
     points: np.ndarray
@@ -154,7 +154,7 @@ class Front:
     def spread(self, verdict: np.ndarray) -> dict[int, Point]:
         """Points whose verdict changes: alive ones next to dead ones are looked at for longer, and what stays alive is led to the dead.
 
-        verdict: of all points on the inside branch, changed in place.
+        `verdict` holds that of all points on the inside branch and is changed in place.
         """
         task, _, _ = self.loop.task(self.points, np.ones(len(self.points), bool))
         self._entered(verdict)

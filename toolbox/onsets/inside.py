@@ -32,8 +32,18 @@ FINEST = 1 / 64
 class Inside:
     """Stick-slip and standstill of one search.
 
-    cycling, standing: {value: where a run ended in stick-slip, in standstill};  found: {value: the verdict};  became: {value: what stick-slip that was led
-    there turned into};  rest: the steady states with the judged contact stuck;  outer: values outside of the range with stick-slip.
+    Attributes
+    ----------
+    rest
+        Steady states with the judged contact stuck.
+    cycling, standing
+        {value: where a run ended} in stick-slip, and in standstill.
+    found
+        {value: the verdict}.
+    became
+        {value: what stick-slip that was led there turned into}.
+    outer
+        Values outside of the range with stick-slip.
     """
 
     search: OnsetSearch

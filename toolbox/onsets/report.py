@@ -27,9 +27,17 @@ PERIODS = 100
 class Judged:
     """What a run came to.
 
-    verdict: "smooth" (the disturbance dies), "swing" (it grows or lasts, without stick), "stick-slip" (stick phases that come back until the end),
-    "stuck" (rest for good), "failed", or "none" (there is no steady state to start from);  severity: half-range of the judged
-    signal by its mean;  sticks: resolved stick phases in the second half;  longest: the longest of them [s].
+    Attributes
+    ----------
+    verdict
+        "smooth" (the disturbance dies), "swing" (it grows or lasts, without stick), "stick-slip" (stick phases come back until the end), "stuck" (rest for
+        good), "failed", or "none" (there is no steady state to start from).
+    severity
+        Half of the range of the judged signal, in parts of its mean.
+    sticks
+        Number of resolved stick phases in the second half.
+    longest
+        Length of the longest of them [s].
     """
 
     verdict: str
@@ -40,12 +48,21 @@ class Judged:
 
 @dataclass(frozen=True)
 class Border:
-    """A border between two verdicts: `value` +- `tolerance`; safe: "above" or "below", the side with stable running, without stick-slip, or without standstill.
+    """A border between two verdicts.
 
-    tolerance: of a border by runs one and a half of the last interval, because each step of the parameter shakes the machine by as much again.
-    confirmed: whether the followed cycle, or runs of five times the duration and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
-    beyond: of a border of stick-slip, the verdict of the run that left it.  followed: how the cycle or steady state that was followed ends there ("fold",
-    "period doubling", ..., "break-away"); empty for a border by runs alone.
+    Attributes
+    ----------
+    value, tolerance
+        The border lies at `value` +- `tolerance`. For a border by runs the tolerance is one and a half of the last interval, because each step of the
+        parameter shakes the machine by as much again.
+    safe
+        "above" or "below": the side with stable running, without stick-slip, or without standstill.
+    confirmed
+        Whether the followed cycle, or runs of five times the duration and runs at a hundredth of the accuracy, gave the same verdicts on both sides.
+    beyond
+        Verdict of the run that left a border of stick-slip; empty for other borders.
+    followed
+        How the cycle or steady state that was followed ends there ("fold", "period doubling", ..., "break-away"); empty for a border by runs alone.
     """
 
     value: float

@@ -41,8 +41,8 @@ class End:
 class OnsetSearch:
     """Runs of one closed loop with one free parameter, judged and counted.
 
-    silence: {parameter: zeros} that turn measurement noise off, without which no motion is smooth and nothing shows whether a disturbance grows;  led: {value:
-    (verdict, end)} of smooth running that was lost into stick-slip or standstill.
+    `silence` holds {parameter: zeros} that turn measurement noise off: with noise no motion is smooth, and nothing shows whether a disturbance grows. `led`
+    holds {value: (verdict, end)} of smooth running that was lost into stick-slip or standstill.
     """
 
     base: Run

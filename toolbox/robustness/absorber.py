@@ -11,17 +11,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from toolbox.arguments import checked_range
 from toolbox.errors import SceneError
-from toolbox.files.unit_systems import reading
-from toolbox.modelling.hybrid_system import HybridSystem
+from toolbox.files.unit_systems import asked_in, reading
+from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.steady_states.linear import linearise
 from toolbox.steady_states.running import running
+
+UNITS = {"rad/s": ("N m s/rad", "N m/rad", "kg m2"), "m/s": ("N s/m", "N/m", "kg")}
+"""{unit of a speed: units of the damping, stiffness and inertia of an absorber on it}."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Absorber:
         Lowest stable set-point; nan where there is none in the range, the low end where all of it is stable.
     damping, stiffness, inertia
         Of the absorber at that set-point; the inertia of the drive is included.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     signal: str
@@ -44,22 +50,27 @@ class Absorber:
     damping: float
     stiffness: float
     inertia: float
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return (
-            f"An ideal absorber keeps `{self.signal}` smooth down to {self.speed * reading(self.unit).factor:.4g} {reading(self.unit).unit}: "
-            f"damping {self.damping:.4g}, stiffness {self.stiffness:.4g}, inertia {self.inertia:.4g} in SI"
-        )
+        units = UNITS.get(self.unit, ("1", "1", "1"))
+
+        def shown(value: float, unit: str) -> str:
+            factor, _ = read = reading(unit, self.asked)
+            return f"{value * factor:.4g}{read.tail}"
+
+        taken = ", ".join(f"{word} {shown(getattr(self, word), unit)}" for word, unit in zip(("damping", "stiffness", "inertia"), units, strict=True))
+        return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 
 def absorber_limit(
     plant: HybridSystem,
-    between: tuple[float, float],
+    between: tuple[NumberOrText, NumberOrText],
     *,
     signal: str = "top.speed",
     drives: str = "top.torque",
     own_inertia: bool = False,
-    inputs: Mapping[str, float] | None = None,
+    inputs: Mapping[str, NumberOrText] | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> Absorber:
     """Find the lowest set-point of a speed at which the best spring, damper and inertia on it keep steady running stable, to a part in a thousand.
@@ -69,7 +80,8 @@ def absorber_limit(
     plant
         The plant.
     between
-        Range (low, high) in which the set-point is looked for; stability is taken to be lost once on the way down.
+        Range (low, high) in which the set-point is looked for, in SI or text such as ("10 rpm", "120 rpm"); stability is taken to be lost once on the way
+        down.
     signal, drives
         The speed, and the force that acts on it.
     own_inertia
@@ -87,28 +99,31 @@ def absorber_limit(
     SceneError
         If there is no steady running, or the force does not act on that speed.
     """
+    unit = checked_plant(plant).signal_unit(signal)
+    between = in_si(between, unit, "between")
     low, high = checked_range(between)
 
-    def best(speed: float) -> tuple[float, np.ndarray]:
+    def best(speed: float) -> tuple[float, np.ndarray, Mapping[str, str]]:
         point = running(plant, {signal: speed}, drives, inputs=inputs, parameters=parameters)
         linear = linearise(point.plant, point, inputs=drives, outputs=signal)
-        return tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia)
+        return *tuned(np.asarray(linear.A), np.asarray(linear.B)[:, 0], np.asarray(linear.C)[0], own_inertia), point.asked
 
-    unit = plant.signal_unit(signal)
-    growth, numbers = best(high)
+    growth, numbers, asked = best(high)
+    asked = {**asked, unit: asked_in(between, unit)}
     if growth >= 0.0:
-        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan)
-    growth, reached = best(low)
+        return Absorber(signal, unit, math.nan, math.nan, math.nan, math.nan, asked)
+    growth, reached, _ = best(low)
     if growth < 0.0:
         high, numbers = low, reached
     while high - low > 1e-3 * high:
         middle = 0.5 * (low + high)
-        growth, reached = best(middle)
+        growth, reached, _ = best(middle)
         if growth < 0.0:
             high, numbers = middle, reached
         else:
             low = middle
-    return Absorber(signal, unit, high, *numbers.tolist())
+    damping, stiffness, inertia = numbers.tolist()
+    return Absorber(signal, unit, high, damping, stiffness, inertia, asked)
 
 
 def tuned(A: np.ndarray, B: np.ndarray, C: np.ndarray, own_inertia: bool) -> tuple[float, np.ndarray]:

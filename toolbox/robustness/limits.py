@@ -28,6 +28,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
+from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
@@ -57,8 +58,10 @@ class PerformanceLimit:
         Number of samples by which a command reaches what is measured late: the multiplicity of the zero at infinity; 0 for continuous laws.
     period, delay
         Sample time and delay as given [s].
-    signals
-        The working point.
+    signals, units
+        {name: value} of the working point, and its units.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     disk_margin: float
@@ -69,9 +72,12 @@ class PerformanceLimit:
     period: float | None
     delay: float
     signals: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        at = ", ".join(f"{name} = {value:.4g}" for name, value in self.signals.items())
+        read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
+        at = ", ".join(f"{name} = {value * read[name].factor:.4g}{read[name].tail}" for name, value in self.signals.items())
         how = "continuous laws" if self.period is None else f"laws sampled every {self.period:g} s with a delay of {self.delay:g} s"
         rates = [", ".join(f"{rate:.3g}" for rate in row[row.imag >= 0]) or "none" for row in (self.poles, self.zeros)]
         return (
@@ -141,8 +147,9 @@ def performance_limit(
         A, B, C, D = sampled_plant(A, B, C, D, period, max(delay - late * period, 0.0))
     poles = unstable_poles(A, B, C, period)
     signals = {name: float(point[name]) for name in (*at, drives)}
+    working = signals, {name: plant.signal_unit(name) for name in signals}, point.asked
     if poles is None:
-        return PerformanceLimit(0.0, math.inf, np.empty(0), np.empty(0), 0, period, delay, signals)
+        return PerformanceLimit(0.0, math.inf, np.empty(0), np.empty(0), 0, period, delay, *working)
     zeros, degree = common_zeros(A, B, C, D, period)
     infinite = 0 if period is None else degree + late
     disk, sensitivity = (max(1.0, smallest_peak(poles, zeros, infinite, period, value)) for value in (-1.0, 0.0))
@@ -152,7 +159,7 @@ def performance_limit(
     def rates(values: np.ndarray) -> np.ndarray:
         return values if period is None else np.log(values.astype(complex)) / period
 
-    return PerformanceLimit(2.0 / disk, sensitivity, rates(poles), rates(zeros), infinite, period, float(delay), signals)
+    return PerformanceLimit(2.0 / disk, sensitivity, rates(poles), rates(zeros), infinite, period, float(delay), *working)
 
 
 def sampled_plant(

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
@@ -18,6 +20,7 @@ from toolbox.robustness.loop import LinearLoop, NoDerivative
 from toolbox.robustness.measured import MeasuredMargins, measured_margins
 from toolbox.robustness.steady_loop import input_defaults, law_list, smooth_start, steady_loop
 from toolbox.simulation.request import Request
+from toolbox.simulation.run import Run
 
 
 @dataclass(frozen=True)
@@ -35,13 +38,15 @@ class Margins:
     joint
         `JointMargins` of several commands together; None for one.
     signals, units
-        {name: value} of commands and scalar states at the working point, and their units.
+        {name: value} of set-points, commands and scalar states at the working point, and the units of the first two.
     reason
         Why there is no linear loop; empty where there is one.
     measured
         Margins found by simulation; None where they were not asked for.
     loop
         The linear loop, for other tools.
+    asked
+        {unit: unit that was typed}: the units in which `print` answers.
     """
 
     title: str
@@ -53,6 +58,7 @@ class Margins:
     reason: str = ""
     measured: MeasuredMargins | None = None
     loop: LinearLoop | None = field(default=None, repr=False)
+    asked: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, command: str) -> LoopMargins:
         """The margins of one command; raises SceneError for a name that is none."""
@@ -98,11 +104,8 @@ class Margins:
         return lines
 
     def __str__(self) -> str:
-        at = ", ".join(
-            f"{row.command} = {self.signals[row.command] * reading(self.units[row.command]).factor:.4g} {reading(self.units[row.command]).unit}"
-            for row in self.loops
-            if row.command in self.signals
-        )
+        read = {name: reading(unit, self.asked) for name, unit in self.units.items()}
+        at = ", ".join(f"{name} = {self.signals[name] * each.factor:.4g}{each.tail}" for name, each in read.items())
         lines = [f"Margins of {self.title}" + (f" at {at}" if at else "")]
         widths = [max(len(row[i]) for row in self.rows) for i in range(7)]
         for row in self.rows:
@@ -180,6 +183,7 @@ def margins(
         raise SceneError(f"Argument `duration` must be > 0 s, but it is {duration!r}.")
     laws = law_list(plant, controller, sample_time)
     title = titled(laws, controller)
+    run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked()
     reason, found = "", None
     try:
         found = steady_loop(plant, laws, inputs=inputs, parameters=parameters, start=start)
@@ -187,9 +191,8 @@ def margins(
     except NoDerivative as none:
         reason = str(none)
     if found is None:
-        system = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=laws).checked().system
-        drives = [name for name in plant.inputs if name not in system.inputs]
-        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason)
+        drives = [name for name in plant.inputs if name not in run.system.inputs]
+        result = Margins(title, False, tuple(LoopMargins(name) for name in drives), reason=reason, asked=run.asked)
     else:
         late = found.loop if loop.period is not None else None
         rows = tuple(
@@ -197,8 +200,8 @@ def margins(
             for i in range(len(loop.drives))
         )
         joint = joint_margins(loop) if len(rows) > 1 else None
-        units = {name: plant.signal_unit(name) for name in loop.drives}
-        result = Margins(title, loop.stable, rows, joint, found.signals, units, "", None, loop)
+        units = {name: run.system.signal_unit(name) for name in (*_set_points(run), *loop.drives)}
+        result = Margins(title, loop.stable, rows, joint, {**_set_points(run), **found.signals}, units, "", None, loop, run.asked)
     if measured is None:
         measured = found is None
     if not measured:
@@ -213,6 +216,12 @@ def margins(
     changed = {**held, **given[1]}
     bears = measured_margins(plant, laws, begin, inputs=given[0], parameters=changed, duration=float(duration), inertia=inertia)
     return Margins(**{**result.__dict__, "measured": bears})
+
+
+def _set_points(run: Run) -> dict[str, float]:
+    """{signal: value} of what laws are asked to keep, as it is given, or as the laws declare it."""
+    defaults = dict(zip(run.system.inputs, np.array(run.system.input_defaults(run.system.values)).ravel().tolist(), strict=True))
+    return {name: float(run.inputs.get(name, value)) for name, value in defaults.items() if name.endswith(".reference")}
 
 
 def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:

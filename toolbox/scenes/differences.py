@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from toolbox.errors import SceneError, suggest
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
-from toolbox.files.units import NumberOrText, in_si
+from toolbox.files.units import NumberOrText, TypedNumber, in_si
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.severity import severity_of
 from toolbox.scenes.scene import Scene
@@ -124,8 +124,9 @@ def compare(
     if isinstance(first, Scene) and isinstance(second, Scene):
         keys = [dict(each.keys()) for each in (first, second)]
         names = [*keys[0], *(name for name in keys[1] if name not in keys[0])]
-        pairs = [Difference(name, "1", keys[0].get(name), keys[1].get(name)) for name in names]
-        return Differences("Keys that differ, in SI", labels, tuple(row for row in pairs if row.first != row.second))
+        pairs = [(name, keys[0].get(name), keys[1].get(name)) for name in names]
+        differing = tuple(Difference(name, _typed_unit(one, other), one, other) for name, one, other in pairs if one != other)
+        return Differences("Keys that differ, in SI where no unit stands", labels, differing, {**second.asked, **first.asked})
     for word, run in (("first", first), ("second", second)):
         if not isinstance(run, Recorded):
             raise SceneError(f"Argument `{word}` must be a run or a scene, and both of the same kind, but it is {short(run)}.")
@@ -155,3 +156,8 @@ def compare(
     if not rows:
         raise SceneError("Argument `second` must have an element or a signal that `first` has, too, but it has none.")
     return Differences(f"Measures from {after:g} to {last:g} s", labels, tuple(rows), {**second.asked, **first.asked})
+
+
+def _typed_unit(*values: Any) -> str:
+    """The unit of the first value that was typed with one; that of a plain number where none was."""
+    return next((value.unit for value in values if isinstance(value, TypedNumber)), "1")

@@ -26,7 +26,7 @@ TRADE: Sequence[tuple[str, str, str, str]] = (
 
 
 def work_precision(trade: Any, ax: Any = None) -> Any:
-    """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; what lies left of the grey edge is not known."""
+    """Seconds against error of a `toolbox.work_precision.WorkPrecision` on logarithmic axes; errors in the grey band are below what is known."""
     with plt.rc_context(PAPER):
         if ax is None:
             _, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
@@ -46,5 +46,5 @@ def work_precision(trade: Any, ax: Any = None) -> Any:
         ax.axvspan(low, known, color=BAND, lw=0)
         ax.set_xlim(high, low)  # better to the right
         ax.legend(frameon=False)
-        ax.set_title(textwrap.fill(trade.title, 64), fontsize=9)
+        ax.set_title(textwrap.fill(trade.title, 80), fontsize=9)
     return ax

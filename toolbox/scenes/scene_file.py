@@ -20,7 +20,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
-from toolbox.files.units import parse
+from toolbox.files.units import TypedNumber, parse
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import TURNED, FrictionLaw
@@ -334,10 +334,10 @@ def _known(value: Any, names: Sequence[Any], name: str) -> None:
 def _resolved(scene: Mapping[str, Any]) -> dict[str, Any]:
     data: dict[str, Any] = {"title": scene["title"], "duration": float(scene["duration"]), "accuracy": float(scene["accuracy"])}
     if scene["reference"] is not None:
-        data["reference"] = float(scene["reference"])
+        data["reference"] = _plain(scene["reference"])
     data["verdict"] = {"element": scene["contact"], "signal": scene["signal"], "effort": scene["effort"], "after": float(scene["after"])}
     if scene["standstill"] is not None:
-        data["verdict"]["standstill"] = float(scene["standstill"])
+        data["verdict"]["standstill"] = _plain(scene["standstill"])
     for key in ("start", "inputs", "parameters"):
         if scene[key]:
             data[key] = {name: _plain(value) for name, value in scene[key].items()}
@@ -404,6 +404,6 @@ def _plain(value: Any) -> Any:
         return {value.shape: {key: _plain(number) for key, number in value.numbers.items()}}
     if isinstance(value, (tuple, list, np.ndarray)):
         return [_plain(entry) for entry in value]
-    if isinstance(value, (str, bool, int)):
+    if isinstance(value, (str, bool, int, TypedNumber)):
         return value
     return _fields(value) if dataclasses.is_dataclass(value) else float(value)

@@ -104,7 +104,7 @@ class WorkPrecision:
         return "\n".join(lines)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw time against error on logarithmic axes, one line per method and plant; what lies left of the grey edge is not known."""
+        """Draw time against error on logarithmic axes, one line per method and plant; errors in the grey band are below what is known."""
         from toolbox.scenes.figures import work_precision
 
         return work_precision(self, ax=ax)

@@ -21,7 +21,7 @@ SHARE = 0.2
 def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> str:
     """Why a run takes as many steps as it does: switches, samples, tables, waves of inputs, or the state whose error is the largest.
 
-    switches: of each element so far.
+    `switches` is the number of those of each element so far.
     """
     t, steps, _ = progress(work)
     steps = max(steps, 1)

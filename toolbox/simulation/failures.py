@@ -46,7 +46,7 @@ def exhausted(
 ) -> BudgetError:
     """The error of a run that has spent its budget: what it spent and what it spent it on.
 
-    switches: of each element, before those that `work` holds.
+    `switches` is the number of those of each element, before the ones that `work` holds.
     """
     so_far = trajectory_so_far(run, program, work, began, answers)
     t, steps, events = progress(work)

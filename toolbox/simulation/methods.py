@@ -58,7 +58,10 @@ class Method:
 class EventExact(Method):
     """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`).
 
-    series: whether the others are Taylor series, as with `TaylorSeries`, where no law is sampled: samples cut all steps short.
+    Parameters
+    ----------
+    series
+        Whether the other steps are Taylor series, as those of `TaylorSeries`. Where a law is sampled they are not: samples cut all steps short.
     """
 
     text: ClassVar[str] = "event"
@@ -85,9 +88,12 @@ class Explicit(Method):
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    order: of the series, from 6 to 30; None takes the one that the accuracy asks for. A plant with an operation that has no series, or so large that
-    they would be
-    too long, is stepped by explicit formulas, which `run.why` says.
+    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas; `run.why` says so.
+
+    Parameters
+    ----------
+    order
+        Order of the series, from 6 to 30; None takes the one that the accuracy asks for.
     """
 
     text: ClassVar[str] = "taylor"
@@ -143,8 +149,12 @@ class TimeStepping(Method):
 class Smoothing(Method):
     """Regularised friction, stepped by the linearly implicit method (see `toolbox.smoothed`).
 
-    width: slip speed, or {element: slip speed}, within which friction rises to its peak; None refines it until the accuracy is met.
-    tolerance: of the integrator; None takes what resolves the width.
+    Parameters
+    ----------
+    width
+        Slip speed, or {element: slip speed}, within which friction rises to its peak; None refines it until the accuracy is met.
+    tolerance
+        Tolerance of the integrator; None takes one that resolves the width.
     """
 
     text: ClassVar[str] = "smoothed"

@@ -231,7 +231,7 @@ def continuous_loop(
 ) -> HybridSystem:
     """The plant with its controllers as parts, each in its continuous form, also where it will run sampled.
 
-    controller, parameters: as in `simulate`; a law is designed on the declared plant. Raises SceneError for a law without a continuous form, such
+    `controller` and `parameters` are those of `simulate`; a law is designed on the declared plant. Raises SceneError for a law without a continuous form, such
     as a Python callable.
     """
     laws = []

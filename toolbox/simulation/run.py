@@ -57,13 +57,38 @@ UNHURRIED = Budget()
 class Run:
     """What is simulated, checked and resolved.
 
-    plant, system: the plant, and the closed system that it makes with its laws;  duration: s;  start: {state: value};
-    inputs, kinds: values of the inputs, and how each is given, which is structure;  clocks: (period, delay) of each sampled law, s;
-    laws: the Python callables among them;  accuracy: target for the global error;  output_times: where it records, None for every step;
-    longest_step: s;  seeds: of the noise of each sampled law;  method: how it steps, with its options;  budget: what it may spend;
-    solver: the function that carries it out and returns a Trajectory;
-    resume: (memory of the sampled laws, held signals) to begin with, as an earlier run left them; None begins at zero;
-    question: (plant, inputs, parameters, law) as they were asked for, which know the units in which they were typed.
+    Attributes
+    ----------
+    plant, system
+        The plant, and the closed system that it makes with its laws.
+    duration
+        Length of the run [s].
+    start
+        {state: value} at the beginning.
+    inputs, kinds
+        Values of the inputs, and how each of them is given, which is structure.
+    clocks
+        (period, delay) of each sampled law [s].
+    laws
+        Python callables among the laws.
+    accuracy
+        Target for the global error.
+    output_times
+        Times at which the run is recorded [s]; None for every step.
+    longest_step
+        Longest step that may be taken [s].
+    seeds
+        Seed of the noise of each sampled law.
+    method
+        How the run is stepped, with its options.
+    budget
+        What the run may spend.
+    solver
+        Function that carries the run out and returns a Trajectory.
+    resume
+        (memory of the sampled laws, held signals) with which the run begins, as an earlier run left them; None begins at zero.
+    question
+        (plant, inputs, parameters, law) as they were asked for; they know the units in which they were typed.
     """
 
     plant: HybridSystem

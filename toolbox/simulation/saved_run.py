@@ -197,7 +197,7 @@ def _completed(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 class SavedSteps:
     """The steps of a saved run: `time` and `mode` of the nodes that begin them, and a polynomial of each signal in each.
 
-    words: {element: {mode: its word}};  signals: {name: values at the points of all steps in order}.
+    `words` holds {element: {mode: its word}}, and `signals` {name: values at the points of all steps, in order}.
     """
 
     def __init__(self, time: np.ndarray, mode: np.ndarray, degree: np.ndarray, words: dict[str, dict[int, str]], signals: dict[str, np.ndarray]):

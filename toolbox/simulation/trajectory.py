@@ -42,8 +42,8 @@ ROUND_OFF = 1e-12
 class Records:
     """What the event loop recorded of a run.
 
-    time, states, mode, held: at every node;  parameters;  event_arrays: times, elements and modes of the events;  last_mode: modes at the end;  end, answers,
-    steps, merged, wall_time, memory: as in `Trajectory`.
+    `time`, `states`, `mode` and `held` have a row for every node. `event_arrays` are the times, elements and modes of the events, and `last_mode` the modes
+    at the end. All others are what they are in `Trajectory`.
     """
 
     time: np.ndarray
@@ -346,7 +346,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
 class Stepped(Trajectory):
     """Result of time stepping: between its nodes states are interpolated linearly, and an event bears the time of the node at the end of its step.
 
-    `run.step` [s] is the length of a step;  steps: (steps taken, 0).
+    `run.step` is the length of a step [s], and `run.steps` is (steps taken, 0).
     """
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
+from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
@@ -20,7 +22,7 @@ from toolbox.steady_states.linear import equilibrium, input_values
 
 def running(
     plant: HybridSystem,
-    at: Mapping[str, float],
+    at: Mapping[str, NumberOrText],
     drives: str | Sequence[str],
     *,
     inputs: Mapping[str, NumberOrText] | None = None,
@@ -33,7 +35,7 @@ def running(
     plant
         The plant.
     at
-        Values {signal: value}, such as {"top.speed": 5.0}.
+        Values {signal: value} in SI or text with a unit, such as {"top.speed": "95 rpm"}.
     drives
         The inputs that are sought, as many as there are signals, such as "top.torque".
     inputs
@@ -52,7 +54,7 @@ def running(
         If there is no such state, or a name is unknown.
     """
     checked_plant(plant)
-    plant = plant.with_parameters(parameters) if parameters else plant
+    declared, plant = plant, plant.with_parameters(parameters) if parameters else plant
     driven = names(drives)
     wanted = {name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()}
     for name in driven:
@@ -94,4 +96,6 @@ def running(
     reached = np.array([point[name] for name in wanted])
     if not (np.abs(reached - target) <= 1e-6 * np.maximum(np.abs(target), np.abs(reached))).all():
         raise SceneError(f"There is no steady running at {asked} that `{'`, `'.join(driven)}` can keep.")
-    return point
+    typed = [in_si(value, plant.inputs[name].unit, name) for name, value in (inputs or {}).items()]
+    typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
+    return dataclasses.replace(point, asked={**declared.asked, **asked_units(wanted, typed)})

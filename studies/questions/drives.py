@@ -308,7 +308,7 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
                 left.text(HIGHEST + 0.7, k, "none: " + ", ".join(name for name, value in speeds.items() if value != value), va="center", fontsize=7.0)
         for name, style in marks.items():
             left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
-        left.set(xlim=(2.0, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rad/s]", xticks=range(2, round(HIGHEST) + 1, 2))
+        left.set(xlim=(LOWEST, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rad/s]", xticks=range(2, round(HIGHEST) + 1, 2))
         left.set_yticks(range(len(rows)), [each.label for each in rows])
         left.invert_yaxis()
         left.legend(loc="lower right", frameon=False, fontsize=8.0)

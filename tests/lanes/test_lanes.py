@@ -139,9 +139,11 @@ PLANTS = {
 
 
 METHODS = pytest.mark.parametrize("method", ["explicit", "taylor"])
+MOSTLY_SERIES = pytest.mark.parametrize("method", [pytest.param("explicit", marks=pytest.mark.slow), "taylor"])
+"""Both methods, the one that sweeps seldom take only in the slow suite: each of many plants compiles for each."""
 
 
-@METHODS
+@MOSTLY_SERIES
 @pytest.mark.parametrize("name", PLANTS)
 def test_lanes_switch_as_the_scalar_loop_does_and_end_where_it_ends(name, method):
     plant, duration, ranges, arguments = PLANTS[name]
@@ -274,7 +276,7 @@ MEASURED = {
 }
 
 
-@METHODS
+@MOSTLY_SERIES
 @pytest.mark.parametrize("name", MEASURED)
 def test_extrema_and_means_have_the_accuracy_of_a_run_and_not_of_its_nodes(name, method):
     plant, duration, ranges, arguments = PLANTS[name]

@@ -92,7 +92,7 @@ def test_loops_do_not_grow_with_the_rows():
     assert plain.count > 20 * long.count
 
 
-@pytest.mark.parametrize("n", [10, 16, 17, 33])
+@pytest.mark.parametrize("n", [10, 16, 17, pytest.param(33, marks=pytest.mark.slow)])
 def test_dense_systems_are_solved_to_round_off(n):
     function, _ = coupled(n)
     random = np.random.default_rng(n)

@@ -58,6 +58,7 @@ def test_without_active_limits_the_linear_law_is_the_regulator_of_the_riccati_eq
     assert torque == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_cost_of_a_longer_iteration_is_never_above_that_of_a_single_one():
     values = []
     for iterations in (1, 3, 30):

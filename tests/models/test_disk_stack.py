@@ -184,6 +184,7 @@ def test_a_stack_of_sixty_four_interfaces_brakes():
     assert 0.0 < run.at(0.01)["stack.wheel_speed"] < 2.0
 
 
+@pytest.mark.slow
 def test_many_interfaces_that_let_go_at_one_instant_do_not_chatter():
     # the wave of a step of force has not reached them yet: all inner disks are alike to round-off, and so are the limits of their interfaces
     stack = DiskStack(rotors=32)

@@ -9,7 +9,7 @@ from toolbox.compilation import bodies
 from toolbox.modelling import elimination
 
 
-@pytest.mark.parametrize("n", [3, 12, 24])
+@pytest.mark.parametrize("n", [3, 12, pytest.param(24, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["explicit", "stiff", "taylor"])
 def test_blocks_let_go_one_after_the_other_at_the_times_of_the_closed_form(n, method):
     # all that still stick move as one body: block i lets go where m_i times its acceleration is the bound

@@ -23,6 +23,7 @@ def test_onset_in_every_range_and_the_map_agree_with_the_cycle_that_is_followed_
         assert [*found, mapped] == pytest.approx([measure] * (len(found) + 1), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_the_independent_simulation_has_the_cycle_of_the_toolbox():
     case = study.CASES[3]
     cycle = limit_cycle(simulate(case.plant, 400.0, controller=case.law, inputs={case.parameter: 6.0}, accuracy=1e-9))

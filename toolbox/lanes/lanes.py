@@ -81,7 +81,7 @@ class Lanes:
         stepped = dataclasses.replace(run, method=method, output_times=None)
         formulas = formulas_of(stepped)
         self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
-        if isinstance(self.program.pair, Taylor) and solved_in_calls(self.program.form):
+        if isinstance(self.program.pair, Taylor) and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
         self.why = f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
         self.layout = Layout(self.program, measures, run.duration)
@@ -187,7 +187,11 @@ def has_series(run: Run) -> bool:
     """Whether the runs of a checked run like this one can step by Taylor series in lanes."""
     if run.system.updates:
         return False
-    program = program_of(run.system, run.kinds, TaylorSeries().formulas(run.accuracy, False))
+    return _by_series(program_of(run.system, run.kinds, TaylorSeries().formulas(run.accuracy, False)))
+
+
+def _by_series(program: Program) -> bool:
+    """Whether lanes step a program by its series: not where forces are solved for in calls."""
     return isinstance(program.pair, Taylor) and not solved_in_calls(program.form)
 
 

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
@@ -21,6 +19,7 @@ from toolbox.robustness.measured import MeasuredMargins, measured_margins
 from toolbox.robustness.steady_loop import input_defaults, law_list, smooth_start, steady_loop
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
+from toolbox.steady_states.linear import input_values
 
 
 @dataclass(frozen=True)
@@ -200,8 +199,9 @@ def margins(
             for i in range(len(loop.drives))
         )
         joint = joint_margins(loop) if len(rows) > 1 else None
-        units = {name: run.system.signal_unit(name) for name in (*_set_points(run), *loop.drives)}
-        result = Margins(title, loop.stable, rows, joint, {**_set_points(run), **found.signals}, units, "", None, loop, run.asked)
+        asked = _set_points(run)
+        units = {name: run.system.signal_unit(name) for name in (*asked, *loop.drives)}
+        result = Margins(title, loop.stable, rows, joint, {**asked, **found.signals}, units, "", None, loop, run.asked)
     if measured is None:
         measured = found is None
     if not measured:
@@ -220,8 +220,8 @@ def margins(
 
 def _set_points(run: Run) -> dict[str, float]:
     """{signal: value} of what laws are asked to keep, as it is given, or as the laws declare it."""
-    defaults = dict(zip(run.system.inputs, np.array(run.system.input_defaults(run.system.values)).ravel().tolist(), strict=True))
-    return {name: float(run.inputs.get(name, value)) for name, value in defaults.items() if name.endswith(".reference")}
+    values = zip(run.system.inputs, input_values(run.system, run.inputs).tolist(), strict=True)
+    return {name: value for name, value in values if name.endswith(".reference")}
 
 
 def _one_later(loop: Any, i: int, delay: float) -> LinearLoop:

@@ -14,18 +14,20 @@ from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
+from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, switching
+from toolbox.modelling.two_directions import resolution
 
 
 @dataclass
 class Program:
     """A closed system compiled for one kind of inputs: everything about a run but its numbers.
 
-    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
-    signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
+    layout of the parameter vector: values of the system, then coefficients of inputs, then, with friction in two slip directions, what it is resolved by
+    (`toolbox.modelling.two_directions`), then what changes during a run (`first_held` on): held signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
     `varying` those whose bound is not constant, `bounded` those of them whose bound is a guard, since nothing else keeps it from becoming negative,
     and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
     next memory, outputs) of every sampled law in terms of t, x, p and the modes.
@@ -104,6 +106,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
             coefficients.append(symbol)
             inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
     u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    if any(isinstance(element, SecondDirection) for element in system.elements):
+        coefficients.append(resolution)
     first_held = base + sum(c.numel() for c in coefficients)
     held_size = system.held.numel()
     p = ca.vertcat(system.p, *coefficients, system.held, *tables)
@@ -143,10 +147,10 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series, _holds_expression(key)),
         excited=np.array(excited, np.int64),
-        kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
+        kind=np.array([_kind(element) for element in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
-        loader=np.array(form.loader, np.int64),
+        loader=np.array([loop_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
         varying=varying,
         bounded=bounded,
         forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
@@ -168,6 +172,15 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         for old in known[:-EXPRESSIONS]:
             system.kernels.pop(old, None)
     return program
+
+
+def _kind(element: Any) -> int:
+    """The kind of an element in the loops; the second direction of a friction holds and slides with the first, and its own mode is that of a switch."""
+    from toolbox.compilation import loop_layout
+
+    if isinstance(element, SecondDirection):
+        return loop_layout.SWITCH
+    return loop_layout.RIGID if element.unilateral else loop_layout.FRICTION if element.holds else loop_layout.SWITCH
 
 
 EXPRESSIONS = 16
@@ -208,6 +221,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
         rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
+    excited = [i - isinstance(elements[i], SecondDirection) for i in excited]  # both directions have the bound of the first
     hidden = ca.SX.sym("hidden", len(rates))
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -33,7 +33,7 @@ STICKING = 3.0
 class Creep(Hysteresis):
     """Whether a smoothed contact creeps ("stick") or slides ("slip")."""
 
-    legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip"}
+    legend: Mapping[int, str] = {0: "stick", 1: "slip"}
 
     def __init__(self, name: str, slip: ca.SX, width: ca.SX):
         super().__init__(name, (slip / (STICKING * width)) ** 2, 0.9**2, 1.1**2)

@@ -14,6 +14,8 @@ so that no mode is ever enumerated or compiled on its own. A rigid unilateral co
 and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
 
     held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
+
+A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
+from toolbox.modelling.elements import Element, Hysteresis, SecondDirection, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
+from toolbox.modelling.two_directions import Cones
 
 
 class Switching(NamedTuple):
@@ -59,6 +62,8 @@ class Switching(NamedTuple):
         For every element the number of the unilateral contact without which it has no load, or -1.
     open_field, balance
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
+    probed
+        What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
 
     field: ca.SX
@@ -77,6 +82,7 @@ class Switching(NamedTuple):
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+    probed: ca.SX
 
 
 NEIGHBOURS = 4
@@ -93,6 +99,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         ca.vertcat(*[getattr(e, name) for e in elements]) if elements else ca.SX(0, 1)
         for name in ("multiplier", "mode", "slip", "load", "sliding", "static")
     )
+    loader = _loaders(elements)
+    cones = Cones(elements, slip, loader)
+    load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
     holding = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
@@ -117,17 +126,24 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
 
-    sticks = holding * (1 - mode * mode)
+    def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX) -> Balance:
+        """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions."""
+        laws = cones.at_speed(free_sliding, speeds)
+        matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        right = -(sticks * free_rate + side * free_load * laws)
+        if matrix.sparsity().is_diag():
+            pivot = ca.diag(matrix)
+            return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
+        return Balance(matrix, right, masked_solve(matrix, right))
+
+    own_mode = cones.shared(mode)
+    sticks, side, speeds = holding * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
+    if cones.places:
+        side, speeds = cones.directed(balanced(*cones.trial(sticks, side)).force, side)
     slides = 1 - sticks
-    matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
-    open_field = balance = ca.SX(0, 1)
-    if matrix.sparsity().is_diag():
-        pivot = ca.diag(matrix)
-        solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
-        terms = ca.fabs(solved)
-    else:
-        right = -(sticks * free_rate + mode * free_load * free_sliding)
-        solved = masked_solve(matrix, right)
+    matrix, right, solved = balanced(sticks, side, speeds)
+    terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
+    if not matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
         own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
         others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements)))
@@ -142,10 +158,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
 
     limit = sticks * bound
     held = sticks * solved
+    cones.moving_at(slip_rate, bound, gain)
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
-        guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
+        of_cone = cones.guards(i, held, limit)
+        guards = ca.vertcat(guards, *(element.guards(held[i], limit[i]) if of_cone is None else of_cone))
+    guards = cones.at_speed(guards, speeds)
     watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
+    watched = [cones.at_speed(each, speeds) for each in watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
@@ -157,14 +177,25 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         strength = ca.jacobian(static, force)
         for i in range(len(elements)):
             attached[i] = next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1)
-        balanced = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
+        cones.check_loads(attached)
+        balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
-            bound[j] = balanced[j] / gain[j, j]
+            bound[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
-    loader = _loaders(elements)
+    pace = ca.diag(gain) * ca.vertcat(*[1 if e.unilateral else bound[i] for i, e in enumerate(elements)])  # of a rigid contact that of a force of 1
+    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
-        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance
-    )
+        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
+        probed,
+    )  # fmt: skip
+
+
+class Balance(NamedTuple):
+    """matrix * force = right, and the forces that solve it."""
+
+    matrix: ca.SX
+    right: ca.SX
+    force: ca.SX
 
 
 def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:

@@ -21,6 +21,7 @@ from toolbox.compilation.loop_layout import (
     NG,
     PROBE,
     RIGID,
+    SECOND,
     SWITCH,
     TIME,
     N,
@@ -177,6 +178,8 @@ def fire(w, t):
                 continue
             w.m[i] = 0.0  # its slip has been projected to zero already
             w.zero[i] = True
+            if i + 1 < ne and w.loader[i + 1] == SECOND:
+                w.m[i + 1] = 0.0
     for i in range(ne):
         if w.kind[i] == FRICTION and not strike:
             w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]

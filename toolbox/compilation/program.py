@@ -27,10 +27,10 @@ class Program:
     """A closed system compiled for one kind of inputs: everything about a run but its numbers.
 
     layout of the parameter vector: values of the system, then coefficients of inputs, then, with friction in two slip directions, what it is resolved by
-    (`toolbox.modelling.two_directions`), then what changes during a run (`first_held` on): held signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
-    `varying` those whose bound is not constant, `bounded` those of them whose bound is a guard, since nothing else keeps it from becoming negative,
-    and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
-    next memory, outputs) of every sampled law in terms of t, x, p and the modes.
+    (`toolbox.modelling.two_directions`), then what changes during a run (`first_held` on): held signals, then (value, slope, time) of every table.
+    `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`), `varying` those whose bound is not constant, `bounded` those of
+    them whose bound is a guard, since nothing else keeps it from becoming negative, and `forced` says that time enters nonlinearly, so that steps must not
+    outgrow what happens in it. `updates` holds (memory and noise, next memory, outputs) of every sampled law in terms of t, x, p and the modes.
     """
 
     system: HybridSystem

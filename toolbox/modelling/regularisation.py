@@ -23,7 +23,7 @@ import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, Hysteresis
+from toolbox.modelling.elements import Element, Hysteresis, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
 
 STICKING = 3.0
@@ -99,6 +99,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
 
 def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
     """{element: width} of the elements that are to be smoothed; raises SceneError as `smoothed` does."""
+    check_one_direction(plant.elements, "Smoothing", "simulate the plant with located events")
     holding = {element.name: element for element in plant.elements if element.holds}
     rigid = next((e.name for e in holding.values() if e.unilateral), None)
     given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)

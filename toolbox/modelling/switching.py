@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, Hysteresis, SecondDirection, UnilateralContact
+from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
 from toolbox.modelling.two_directions import Cones
 

@@ -9,8 +9,8 @@ can change it by, friction turns it towards that direction at once, at the rate 
     pull:   F = kinetic H / |H|,   H from the same balance of forces with this contact sticking
 
 which has neither the undefined direction nor the stiffness, and differs from the exact law by an angle of the order of (turning rate of H) |v| / (a kinetic).
-It ends where |v| exceeds p (2 stop + start exp(-(|v'| / (share p))^2)), p = a static being the pace of the contact: a contact that breaks away fast, because its
-pull jumped or its kinetic friction is lower, leaves at the first speed that can be told from rest, one that is released at its limit and gains speed slowly
+It ends where |v| exceeds p (2 stop + start exp(-(|v'| / (share p))^2)), p = a static being the pace of the contact: one that breaks away fast, as its pull
+jumped or its kinetic friction is lower, leaves at the first speed that can be told from rest, one that is released at its limit and gains speed slowly
 stays longer. Slip ends where friction alone would need no more than the time `stop` to end it, which is then done: p stop is left of the speed, and
 p stop^2 / 2 of the way. The times and the share follow from the accuracy and the duration of a run (`toolbox.simulation.work_arrays`).
 

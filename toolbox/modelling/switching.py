@@ -103,7 +103,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     cones = Cones(elements, slip, loader)
     load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
-    holding = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
+    holds = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
@@ -126,10 +126,15 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
 
-    def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX) -> Balance:
-        """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions."""
+    def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
+        """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
+
+        yielding: slip rate of every sticking row in parts of minus its force, none by default.
+        """
         laws = cones.at_speed(free_sliding, speeds)
         matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        if yielding is not None:
+            matrix = ca.sparsify(matrix + ca.diag(yielding))
         right = -(sticks * free_rate + side * free_load * laws)
         if matrix.sparsity().is_diag():
             pivot = ca.diag(matrix)
@@ -137,9 +142,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         return Balance(matrix, right, masked_solve(matrix, right))
 
     own_mode = cones.shared(mode)
-    sticks, side, speeds = holding * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
+    sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
     if cones.places:
-        side, speeds = cones.directed(balanced(*cones.trial(sticks, side)).force, side)
+        tried, yielding = cones.trial(sticks, side), None
+        holding = balanced(*tried).force
+        for _ in range(cones.sweeps(gain)):
+            yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
+            holding = balanced(*tried, yielding).force
+        side, speeds = cones.directed(holding, side)
     slides = 1 - sticks
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)

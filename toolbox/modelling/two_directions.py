@@ -26,9 +26,13 @@ import casadi as ca
 
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, SecondDirection, length
+from toolbox.modelling.elimination import coupled_groups
 
 resolution = ca.SX.sym("resolution", 3)
 """Symbols of the times `stop` and `start` [s], and of the share: numbers of a run, on which only guards depend."""
+
+SWEEPS = 2
+"""Repetitions of the trial for contacts that hold each other."""
 
 
 class Cones:
@@ -58,6 +62,10 @@ class Cones:
         """1 where the direction of the force is that of the slip, which then is not zero."""
         return self.elements[i].mode ** 2 * self.elements[i + 1].mode * self.loaded[i]
 
+    def _pulled(self, i: int) -> ca.SX:
+        """1 where the direction of the force is that of the pull."""
+        return self.elements[i].mode ** 2 * (1 - self.elements[i + 1].mode) * self.loaded[i]
+
     def _speed(self, i: int) -> ca.SX:
         """|v| where the direction of the force is that of the slip; elsewhere a number that is not zero and has a derivative at rest."""
         return length(self.slip[i : i + 2], 1 - self._slips(i))
@@ -71,6 +79,21 @@ class Cones:
             side[i : i + 2] = slips * self.slip[i : i + 2] / self._speed(i)
         return sticks, side, ca.vertcat(*[self._speed(i) for i in self.places])
 
+    def sweeps(self, gain: ca.SX) -> int:
+        """How often the trial is repeated: contacts that hold each other, and break away at one instant, find their directions together."""
+        groups = coupled_groups(gain.sparsity())
+        return SWEEPS if any(len(set(self.places) & set(group)) > 1 for group in groups) else 0
+
+    def yielding(self, holding: ca.SX, before: ca.SX | None, load: ca.SX, sliding: ca.SX, gain: ca.SX) -> ca.SX:
+        """The slip rates, in parts of minus the force, that lower the forces of a trial to kinetic friction where the force follows the pull."""
+        rows = ca.SX.zeros(self.slip.numel())
+        kinetic = load * self.at_speed(sliding, ca.SX.zeros(len(self.places)))
+        for i in self.places:
+            pulled = self._pulled(i)
+            own, now = (gain[i, i] + gain[i + 1, i + 1]) / 2, 0 if before is None else before[i]
+            rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + 1 - pulled) - own)
+        return rows
+
     def directed(self, holding: ca.SX, side: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Directions in which all rows slide, and the slip speeds in the laws, by the forces of the trial."""
         side = ca.SX(side)
@@ -78,9 +101,8 @@ class Cones:
         self.directions, self.along = {}, {}
         for i in self.places:
             follows = self.elements[i + 1].mode
-            pulled = self.elements[i].mode ** 2 * (1 - follows) * self.loaded[i]
             v, H = self.slip[i : i + 2], holding[i : i + 2]
-            pull = -H / length(H, 1 - pulled)
+            pull = -H / length(H, 1 - self._pulled(i))
             self.along[i] = ca.dot(v, pull)
             self.directions[i] = follows * v / self._speed(i) + (1 - follows) * pull
             side[i : i + 2] = self.elements[i].mode ** 2 * self.directions[i]

@@ -218,6 +218,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
         rates = [form.sticks[i] * slopes[k] for k, i in enumerate(excited)]
     else:
         excited, values = _nonlinear_alone(form, elements, along)
+        values = [_as_stuck(elements, i, value) for i, value in zip(excited, values, strict=True)]
         rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
@@ -229,6 +230,14 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
     wider = form._replace(projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
+
+
+def _as_stuck(elements: list[Any], i: int, value: ca.SX) -> ca.SX:
+    """What counts only while element i sticks, without what its other modes make of it where that is much: with friction in two slip directions."""
+    first = i - isinstance(elements[i], SecondDirection)
+    if elements[first].directions == 1:
+        return value
+    return ca.substitute(value, ca.vertcat(elements[first].mode, elements[first + 1].mode), ca.SX.zeros(2))
 
 
 def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:

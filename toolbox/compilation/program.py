@@ -126,7 +126,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     varying = [i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, changing)]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
     bounded = [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
-    form = switching(system.t, system.x, flow, elements, bounded)
+    form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)

@@ -29,7 +29,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
-from toolbox.modelling.two_directions import Cones
+from toolbox.modelling.two_directions import EXACT, Cones
 
 
 class Switching(NamedTuple):
@@ -89,10 +89,11 @@ NEIGHBOURS = 4
 """From how many contacts away, each of which holds the next, the round-off of a force is counted: with every one it falls by half or more."""
 
 
-def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = ()) -> Switching:
+def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = (), times: ca.SX = EXACT) -> Switching:
     """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
 
-    `bounded` holds the numbers of the elements whose bounds are watched, so that none becomes negative.
+    `bounded` holds the numbers of the elements whose bounds are watched, so that none becomes negative; `times` is what friction in two slip directions is
+    resolved by.
     Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
     """
     force, mode, slip, load, sliding, static = (
@@ -100,7 +101,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         for name in ("multiplier", "mode", "slip", "load", "sliding", "static")
     )
     loader = _loaders(elements)
-    cones = Cones(elements, slip, loader)
+    cones = Cones(elements, slip, loader, times)
     load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
     holds = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
@@ -149,7 +150,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         for _ in range(cones.sweeps(gain)):
             yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
             holding = balanced(*tried, yielding).force
-        side, speeds = cones.directed(holding, side)
+        side, speeds = cones.directed(holding, ca.substitute(static, force, holding), side, gain)
     slides = 1 - sticks
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
@@ -168,7 +169,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
 
     limit = sticks * bound
     held = sticks * solved
-    cones.moving_at(slip_rate, bound, gain)
+    cones.moving_at(slip_rate)
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
         of_cone = cones.guards(i, held, limit)

@@ -29,7 +29,10 @@ from toolbox.modelling.elements import Element, SecondDirection, length
 from toolbox.modelling.elimination import coupled_groups
 
 resolution = ca.SX.sym("resolution", 3)
-"""Symbols of the times `stop` and `start` [s], and of the share: numbers of a run, on which only guards depend."""
+"""Symbols of the times `stop` and `start` [s], and of the share: numbers of a run."""
+
+EXACT = ca.SX([0.0, 1e-150, 1.0])
+"""What they are outside of runs: the direction of the force is that of the slip wherever there is one."""
 
 SWEEPS = 2
 """Repetitions of the trial for contacts that hold each other."""
@@ -38,11 +41,11 @@ SWEEPS = 2
 class Cones:
     """The frictions with two slip directions among the elements of a plant; `places` holds the number of the first row of each, the second is the next one.
 
-    slip: of all rows;  loader: for every element the number of the unilateral contact without which it has no load, or -1.
+    slip: of all rows;  loader: for every element the number of the unilateral contact without which it has no load, or -1;  times: stop, start and share.
     """
 
-    def __init__(self, elements: Sequence[Element], slip: ca.SX, loader: Sequence[int]):
-        self.elements, self.slip = elements, slip
+    def __init__(self, elements: Sequence[Element], slip: ca.SX, loader: Sequence[int], times: ca.SX):
+        self.elements, self.slip, self.times = elements, slip, times
         self.places = [i for i, element in enumerate(elements) if element.directions > 1]
         self.symbols = ca.vertcat(ca.SX(0, 1), *[elements[i].speed for i in self.places])
         self.loaded = {i: 1 - elements[loader[i]].mode if loader[i] >= 0 else ca.SX(1) for i in self.places}
@@ -94,27 +97,29 @@ class Cones:
             rows[i] = rows[i + 1] = pulled * ((own + now) * length(holding[i : i + 2], 1 - pulled) / (kinetic[i] + 1 - pulled) - own)
         return rows
 
-    def directed(self, holding: ca.SX, side: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Directions in which all rows slide, and the slip speeds in the laws, by the forces of the trial."""
+    def directed(self, holding: ca.SX, bounds: ca.SX, side: ca.SX, gain: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Directions in which all rows slide, and the slip speeds in the laws, by the forces and bounds of the trial."""
         side = ca.SX(side)
         speeds = []
-        self.directions, self.along = {}, {}
+        self.pace, self.directions, self.along = {}, {}, {}
         for i in self.places:
             follows = self.elements[i + 1].mode
             v, H = self.slip[i : i + 2], holding[i : i + 2]
+            pace = self.pace[i] = bounds[i] * (gain[i, i] + gain[i + 1, i + 1]) / 2
             pull = -H / length(H, 1 - self._pulled(i))
+            ahead = v + pace * self.times[1] * pull
             self.along[i] = ca.dot(v, pull)
-            self.directions[i] = follows * v / self._speed(i) + (1 - follows) * pull
+            self.directions[i] = follows * v / self._speed(i) + (1 - follows) * ahead / length(ahead, 1 - self._pulled(i))
             side[i : i + 2] = self.elements[i].mode ** 2 * self.directions[i]
             speeds.append(follows * self._speed(i) + (1 - follows) * self.along[i])
         return side, ca.vertcat(*speeds)
 
-    def moving_at(self, rates: ca.SX, bounds: ca.SX, gain: ca.SX) -> None:
+    def moving_at(self, rates: ca.SX) -> None:
         """Set the speeds at which slip counts as ended, and from which on the force has the direction of the slip."""
-        stop, start, share = ca.vertsplit(resolution)
-        self.pace, self.least, self.most = {}, {}, {}
+        stop, start, share = ca.vertsplit(self.times)
+        self.least, self.most = {}, {}
         for i in self.places:
-            pace = self.pace[i] = bounds[i] * (gain[i, i] + gain[i + 1, i + 1]) / 2
+            pace = self.pace[i]
             speeding = ca.sumsqr(rates[i : i + 2]) / ((share * pace) ** 2 + 1e-300)
             self.least[i], self.most[i] = pace * stop, pace * (2 * stop + start * ca.exp(-speeding))
 

@@ -25,7 +25,6 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
 from toolbox.modelling.steady_point import Equilibrium, _code, closed_signal, function_of
-from toolbox.modelling.two_directions import resolution
 from toolbox.simulation.samples import Samples
 
 if TYPE_CHECKING:
@@ -307,7 +306,7 @@ def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.n
     """The first guard of every element, positive while its mode holds."""
     if not plant.elements:
         return np.empty(0)
-    function = function_of(plant, ("guards",), lambda: [ca.substitute(plant.switching.guards, resolution, ca.SX.zeros(3))])
+    function = function_of(plant, ("guards",), lambda: [plant.switching.guards])
     return np.array(function(t, x, u, plant.values, m)).ravel()[: 2 * len(plant.elements) : 2]
 
 

@@ -21,13 +21,12 @@ from toolbox.compilation.loop_layout import (
     NG,
     PROBE,
     RIGID,
-    SECOND,
     SWITCH,
     TIME,
     N,
 )
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh
+from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
 from toolbox.simulation.impacts import impact
 
 
@@ -159,7 +158,7 @@ def mark(w, again):
 def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
-    kink, strike = False, False
+    kink, strike, ended = False, False, False
     for j in range(2 * ne, ng - w.ints[BOUNDS]):
         if w.fired[j]:
             w.side[j] = -w.side[j]
@@ -176,10 +175,13 @@ def fire(w, t):
             if flies(w, i):
                 w.m[i] = -w.m[i]
                 continue
-            w.m[i] = 0.0  # its slip has been projected to zero already
+            w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now
             w.zero[i] = True
-            if i + 1 < ne and w.loader[i + 1] == SECOND:
+            if two_directions(w, i):
                 w.m[i + 1] = 0.0
+                ended = True
+    if ended:
+        project(w, t)
     for i in range(ne):
         if w.kind[i] == FRICTION and not strike:
             w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]

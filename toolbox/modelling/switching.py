@@ -108,19 +108,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
-    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
-        ca.jacobian(static, force), force
-    )):
-        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
-    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
-        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
-    for i, element in enumerate(elements):
-        if element.holds and not gain.has_nz(i, i):
-            raise SceneError(
-                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
-            )
+    _check_forces(elements, force, static, gain_of_force, coupling, gain)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
@@ -199,6 +189,21 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
         probed,
     )  # fmt: skip
+
+
+def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:
+    """Raise SceneError as `switching` does."""
+    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
+        ca.jacobian(static, force), force
+    )):
+        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
+    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
+        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
+    for i, element in enumerate(elements):
+        if element.holds and not gain.has_nz(i, i):
+            raise SceneError(
+                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
+            )
 
 
 class Balance(NamedTuple):

@@ -14,7 +14,9 @@ from toolbox import (
     Equations,
     FrictionLaw,
     Quantity,
+    Sampled,
     SceneError,
+    SimulationError,
     Trajectory,
     UnilateralContact,
     compose,
@@ -345,3 +347,25 @@ def test_a_saved_run_and_a_sweep_know_how_long_it_stuck(tmp_path):
     stuck = sweep(plant, {"puck.load": loads}, 3.0, inputs=ELLIPSE, measures={"stuck": time_in("table", "stick")})["stuck"]
     alone = simulate(plant, 3.0, inputs=ELLIPSE, parameters={"puck.load": loads[50]}).time_in("table", "stick")
     assert stuck[50] == pytest.approx(alone, rel=1e-6) and stuck[-1] > stuck[0]
+
+
+def test_kinetic_friction_above_the_static_one_has_no_modes_as_in_one_direction():
+    @dataclass(frozen=True)
+    class Reversed(FrictionLaw):
+        def sliding(self, speed):
+            return ca.SX(0.5)
+
+        def breakaway(self):
+            return ca.SX(0.3)
+
+    with pytest.raises(SimulationError, match="No modes of the elements table, table.direction are consistent"):
+        simulate(compose(Puck(friction=Reversed())), 3.0, start={"puck.v": 1.0}, inputs={"puck.side": 4.0})
+
+
+def test_a_sampled_law_moves_a_contact_that_sticks():
+    """A law steps its force every 0.1 s: the contact lets go at the sample at which the resultant passes the bound, and slides along it."""
+    law = Sampled(lambda t, y: (40.0 * t,), 0.1, measures="puck.v", drives="puck.side")
+    run = simulate(compose(Puck()), 0.5, inputs={"puck.pull": 2.4}, controller=law, accuracy=1e-9)
+    assert switches(run) == [(pytest.approx(0.1), "slip")]  # 4 N beside 2.4 N against 4 N
+    size = math.hypot(2.4, 4.0)
+    assert run.at(0.2)["puck.w"] == pytest.approx((size - 4.0) * 4.0 / size * 0.1, rel=1e-8)

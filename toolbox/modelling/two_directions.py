@@ -3,16 +3,19 @@
     stick:  v = 0 and |F| <= static                v = (v_1, v_2), F = (F_1, F_2)
     slip:   F = - kinetic d                        d = v / |v|
 
-Right after the break-away v has no direction yet. From rest it grows along the force that would hold it, H, and as long as it is small beside what friction
-can change it by, friction turns it towards that direction at once, at the rate a kinetic / |v| with a the gain of the force. Until then
+Right after the break-away v has no direction yet. From rest it grows against the force H that would hold it, and as long as it is small beside what friction
+can change it by, friction turns it there at once, at the rate a kinetic / |v| with a the gain of the force. Until it moves,
 
-    pull:   F = kinetic H / |H|,   H from the same balance of forces with this contact sticking
+    pull:   d along v - p start H / |H|            H from the same balance of forces with this contact sticking
 
-which has neither the undefined direction nor the stiffness, and differs from the exact law by an angle of the order of (turning rate of H) |v| / (a kinetic).
-It ends where |v| exceeds p (2 stop + start exp(-(|v'| / (share p))^2)), p = a static being the pace of the contact: one that breaks away fast, as its pull
-jumped or its kinetic friction is lower, leaves at the first speed that can be told from rest, one that is released at its limit and gains speed slowly
-stays longer. Slip ends where friction alone would need no more than the time `stop` to end it, which is then done: p stop is left of the speed, and
-p stop^2 / 2 of the way. The times and the share follow from the accuracy and the duration of a run (`toolbox.simulation.work_arrays`).
+with p = a static, the pace of the contact, and a short time `start`: a direction that exists at rest, and a rate that no step falls below. Along the pull
+this is the exact law, and slip across it dies within `start`, however slowly the contact creeps. Several contacts that hold each other and break away at one
+instant are held in turn by what lowers their H to kinetic friction, A F + y F = -b with y found by repeating the trial.
+
+It ends where |v| exceeds p (2 stop + start exp(-(|v'| / (share p))^2)): a contact that breaks away fast, as its pull jumped or its kinetic friction is lower,
+leaves at the first speed that can be told from rest, one that is released at its limit and gains speed slowly stays longer. Slip ends where friction alone
+would need no more than the time `stop` to end it, which is then done: p stop is left of the speed, and p stop^2 / 2 of the way. A contact that cannot be held
+there goes on along its pull. The times and the share follow from the accuracy and the duration of a run (`toolbox.simulation.work_arrays`).
 
 Sources: the cone is that of A. Klarbring, A mathematical programming approach to three-dimensional contact problems with friction, Comput. Methods Appl. Mech.
 Eng. 58 (1986) 175-200; the two ways to leave and enter rest are this toolbox's own.
@@ -31,7 +34,7 @@ from toolbox.modelling.elimination import coupled_groups
 resolution = ca.SX.sym("resolution", 3)
 """Symbols of the times `stop` and `start` [s], and of the share: numbers of a run."""
 
-EXACT = ca.SX([0.0, 1e-150, 1.0])
+EXACT = ca.SX([0.0, 1e-100, 1.0])
 """What they are outside of runs: the direction of the force is that of the slip wherever there is one."""
 
 SWEEPS = 2
@@ -128,26 +131,25 @@ class Cones:
         if i in self.places:
             mode, follows, loaded = self.elements[i].mode ** 2, self.elements[i + 1].mode, self.loaded[i]
             inside = (limit[i] ** 2 - ca.sumsqr(held[i : i + 2])) / length(held[i : i + 2], limit[i] ** 2)
-            moving = follows * (self._speed(i) - self.least[i])
-            # a slip that has jumped to another direction is none that comes to rest
-            square = ca.sumsqr(self.slip[i : i + 2])
-            moving += (1 - follows) * (self.along[i] + 2 * square / ca.sqrt(square + self.most[i] ** 2 + 1e-300))
+            moving = follows * (self._speed(i) - self.least[i]) + (1 - follows) * self.along[i]
             return limit[i] + mode * (loaded * moving + 1 - loaded), inside + mode
-        if isinstance(self.elements[i], SecondDirection):
-            follows, square, most = self.elements[i].mode, ca.sumsqr(self.slip[i - 1 : i + 1]), self.most[i - 1]
-            slow = (most**2 - square) / ca.sqrt(square + most**2 + 1e-300)
-            return follows + (1 - follows) * slow, ca.SX(1)
+        if isinstance(self.elements[i], SecondDirection):  # away from the pull it follows the slip, as the loops see to
+            follows = self.elements[i].mode
+            return follows + (1 - follows) * (self.most[i - 1] - self.along[i - 1]), ca.SX(1)
         return None
 
     def probed(self, slip: ca.SX, rate: ca.SX, force: ca.SX, bound: ca.SX, pace: ca.SX) -> tuple[ca.SX, ...]:
-        """What the loops decide modes by: of these contacts the slip speed, how fast it grows, and minus the size of the force, so that slip is mode 1."""
+        """What the loops decide modes by: of these contacts the slip speed, how fast it grows, and minus the size of the force, so that slip is mode 1.
+
+        In the place of the second direction stand both slips, with which no mode is decided.
+        """
         slip, rate, force, pace = (ca.SX(ca.densify(each)) for each in (slip, rate, force, pace))
         for i in self.places:
             slip[i] = ca.sqrt(ca.sumsqr(self.slip[i : i + 2]))
             rate[i] = ca.dot(self.directions[i], rate[i : i + 2])
             force[i] = -ca.sqrt(ca.sumsqr(force[i : i + 2]))
             pace[i] = self.pace[i]
-            slip[i + 1] = rate[i + 1] = force[i + 1] = pace[i + 1] = 0
+            slip[i + 1], rate[i + 1], force[i + 1], pace[i + 1] = self.slip[i], self.slip[i + 1], 0, 0
         return slip, rate, force, bound, pace
 
     def check_loads(self, attached: Sequence[int]) -> None:

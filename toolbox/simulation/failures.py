@@ -86,8 +86,9 @@ def failure(
     if status == loop_layout.ENDLESS:
         i = int(work.ints[loop_layout.CULPRIT])
         element = program.system.elements[i]
-        if element.holds and not element.unilateral and element.directions == 1:
-            sizes = output_function(program, f"friction of {names[i]}", ca.vertcat(element.kinetic, element.static))
+        if element.holds and not element.unilateral:
+            at_rest = element.kinetic if element.directions == 1 else ca.substitute(element.kinetic, element.speed, 0)
+            sizes = output_function(program, f"friction of {names[i]}", ca.vertcat(at_rest, element.static))
             kinetic, static = np.array(sizes(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
             if kinetic > (1.0 + 1e-9) * static:
                 return SimulationError(

@@ -115,6 +115,9 @@ def settle(w, t):
     for _ in range(2 * w.ints[NE] + 1):
         if not decide(w, t):
             return False
+        for i in range(w.ints[NE]):
+            if two_directions(w, i) and flies(w, i):
+                w.m[i + 1] = 1.0
         refresh(w)
         if not bounds_hold(w):
             return False
@@ -274,6 +277,8 @@ def begin(w):
             w.m[i] = 0.0 if w.zero[i] else 1.0
             continue
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+        if two_directions(w, i):
+            w.m[i + 1] = abs(w.m[i])
     for _ in range(2 * ne):  # a switch may turn another
         call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         turned = False

@@ -12,7 +12,6 @@ from toolbox.arguments import finite_array
 from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.program import Program
-from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.hybrid_system import HybridSystem
@@ -40,7 +39,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     p[:base] = system.values
     p[program.first_held :] = 0.0
     if any(isinstance(element, SecondDirection) for element in system.elements):
-        p[program.first_held - 3 : program.first_held] = _resolution(run, program.pair is RODAS5P)
+        p[program.first_held - 3 : program.first_held] = _resolution(run)
     jumps: list[tuple[float, int, float]] = []
     for name, value in run.inputs.items():
         if isinstance(value, Table):
@@ -113,15 +112,13 @@ _NO_ROWS, _NO_CLOCKS = np.empty((0, loop_layout.COLUMNS), np.int64), np.empty((0
 _NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
 
 
-def _resolution(run: Run, implicit: bool) -> tuple[float, float, float]:
+def _resolution(run: Run) -> tuple[float, float, float]:
     """What friction in two slip directions is resolved by (`toolbox.modelling.two_directions`).
 
-    The end of slip costs steps in proportion to the logarithm of its time, so that this is small; it is larger where an implicit step within the accuracy
-    could pass over the rest. Of the break-away, in parts of the time in which the pull has risen to the bound, the way is wrong by the fourth power of the
-    share, and explicit steps are as many as its inverse.
+    The end of slip costs steps in proportion to the logarithm of its time only. Of the break-away, in parts of the time in which the pull has risen to the
+    bound, the way is wrong by the fourth power of the share, and explicit steps are as many as its inverse.
     """
-    stop = max((1e-2 if implicit else 1e-4) * run.accuracy, 1e-12)
-    return stop * run.duration, max(1e-4 * run.accuracy**0.5, 2.0 * stop) * run.duration, run.accuracy**0.25
+    return 1e-12 * run.duration, 1e-4 * run.accuracy**0.5 * run.duration, run.accuracy**0.25
 
 
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:

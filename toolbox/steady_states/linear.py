@@ -317,6 +317,8 @@ def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndar
     size = float(np.abs(x).max(initial=0.0))
     guards = _guards(plant, t, x, u, m)
     for element, mode, slip, force, bound, guard in zip(plant.elements, m, slips, forces, bounds, guards, strict=True):
+        if isinstance(element, SecondDirection):
+            continue
         if element.unilateral or not element.holds:
             scale = bound if element.unilateral and mode == 0.0 else size
             if guard < -1e-9 * scale or (element.unilateral and mode == 0.0 and abs(slip) > 1e-9 * size):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from models.drag_bit import DragBit as DragBit
     from models.drill_string import TorsionalChain as TorsionalChain
     from models.elastic.body import ElasticBody as ElasticBody
+    from models.elastic.face import ElasticFace as ElasticFace
     from models.elastic.meshes import block_mesh as block_mesh
     from models.elastic.meshes import body_of_mesh as body_of_mesh
     from models.elastic.pad import ElasticPad as ElasticPad
@@ -89,6 +90,7 @@ __all__ = [
     "DrillString",
     "Drop",
     "ElasticBody",
+    "ElasticFace",
     "ElasticPad",
     "ElasticRock",
     "ElasticSlider",
@@ -154,6 +156,7 @@ _FILES = {
     "models.drag_bit": "DragBit",
     "models.drill_string": "TorsionalChain",
     "models.elastic.body": "ElasticBody",
+    "models.elastic.face": "ElasticFace",
     "models.elastic.meshes": "block_mesh, body_of_mesh",
     "models.elastic.pad": "ElasticPad",
     "models.elastic.reduced_body": "ReducedBody",

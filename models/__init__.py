@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from models.tabulated_string import DrillString as DrillString
     from models.top_drive import TopDrive as TopDrive
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
+    from models.wall_friction import StringOnWall as StringOnWall
     from models.wall_friction import sliding_resultant as sliding_resultant
     from models.wall_friction import string_on_wall as string_on_wall
 
@@ -115,6 +116,7 @@ __all__ = [
     "SmoothBitRock",
     "SmoothHystereticBitRock",
     "SquealingPad",
+    "StringOnWall",
     "Survey",
     "Tabulated",
     "TopDrive",
@@ -173,7 +175,7 @@ _FILES = {
     "models.sliders": "InclinedSlider, PlateContact, Slider",
     "models.smooth_bit_rock": "SmoothBitRock",
     "models.squeal": "SquealingPad",
-    "models.wall_friction": "sliding_resultant, string_on_wall",
+    "models.wall_friction": "StringOnWall, sliding_resultant, string_on_wall",
     "models.survey": "Survey, read_survey",
     "models.tabulated_string": "DrillString",
     "models.top_drive": "TopDrive",

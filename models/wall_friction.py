@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from models.axial import AxialChain
 from models.drill_string import TorsionalChain
-from toolbox import ContactProblem, FrictionLaw, SceneError
+from models.friction import Coulomb
+from toolbox import ContactBody, ContactProblem, FrictionLaw, Quantities, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields, finite_array, is_finite_number
 
 
@@ -116,6 +118,32 @@ def string_on_wall(
         outputs=outputs,
         units={"bit.torque": "N m"} | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"}) | dict.fromkeys([*outputs][n:], "rad"),
     )
+
+
+@dataclass(frozen=True)
+class StringOnWall(ContactBody):
+    """Drill string that slides along its hole and turns in it at once, with one cone of friction at every mass, as scenes name it.
+
+    `string_on_wall` says what its inputs, outputs and frame are: with `top_drive` control laws measure `top.speed` and drive `top.torque`.
+    """
+
+    mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)
+    axial_stiffness: Quantities = quantity(unit="N/m", meaning="stiffness of the hoisting lines, then between masses", at_least=0)
+    axial_damping: Quantities = quantity(unit="N s/m", meaning="damping beside every axial stiffness", at_least=0)
+    inertia: Quantities = quantity(unit="kg m2", meaning="that of the top drive, then one for every mass", above=0)
+    stiffness: Quantities = quantity(unit="N m/rad", meaning="stiffness between inertias", at_least=0)
+    damping: Quantities = quantity(unit="N m s/rad", meaning="damping between inertias", at_least=0)
+    radius: Quantity = quantity(unit="m", meaning="of the surface that touches the wall", above=0)
+    loads: Quantities = quantity(unit="N", meaning="side force on the wall at every mass", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, where it is an inertia", at_least=0)
+    top_drive: bool = False
+    friction: FrictionLaw = Coulomb(0.3, 0.3)
+
+    def problem(self) -> ContactProblem:
+        check_fields(self)
+        axial = AxialChain(mass=self.mass, stiffness=self.axial_stiffness, damping=self.axial_damping)
+        torsional = TorsionalChain(inertia=self.inertia, stiffness=self.stiffness, damping=self.damping, top_drag=self.top_drag)
+        return string_on_wall(axial, torsional, radius=self.radius, loads=self.loads, friction=self.friction, top_drive=self.top_drive)
 
 
 def _free_chain(springs: Sequence[float]) -> np.ndarray:

@@ -1,11 +1,14 @@
 """Scenes of a body with many contacts: read as other scenes are, run as in Python bit for bit, and refused where a plant must have equations."""
 
 import csv
+import dataclasses
+import math
 
 import numpy as np
 import pytest
 
-from models import Coulomb, Exponential, ReducedBody
+from controllers import PI
+from models import AxialChain, Coulomb, Exponential, ReducedBody, TorsionalChain, sliding_resultant, string_on_wall
 from studies.questions import elastic_sliders as study
 from toolbox import ContactScene, SceneError, press_contacts, ramp, step_contacts
 from toolbox.commands.command_line import main
@@ -102,6 +105,56 @@ def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared
     assert 0.2275 <= found["full friction from [s]"] <= 0.230 + 1e-12
 
 
+def test_a_string_under_a_sampled_law_runs_as_in_python_bit_for_bit_and_takes_the_drag_and_the_torque_of_the_closed_form(root, tmp_path):
+    scene = ContactScene.load(root / "studies" / "scenes" / "string_on_wall.toml")
+    axial = AxialChain(mass=(5000.0,) * 2, stiffness=(4e6,) * 2, damping=(2e5,) * 2)
+    torsional = TorsionalChain(inertia=(2000.0, 100.0, 100.0), stiffness=(2000.0,) * 2, damping=(80.0,) * 2)
+    problem = string_on_wall(axial, torsional, radius=0.1, loads=(2000.0, 5000.0), friction=Coulomb(0.3, 0.3), top_drive=True)
+    law = PI(proportional="3 kN m s/rad", integral="2.5 kN m/rad", reference="20 rpm")
+    for label, hook_speed in (("turned", 0.0), ("turned and lowered", 0.2)):
+        run, rest = scene.run(label), press_contacts(problem)
+        inputs = {"hook.speed": hook_speed} if hook_speed else {}
+        equal(run, step_contacts(problem, 30.0, step=0.02, inputs=inputs, controller=law, sample_time=0.02, start=rest))
+        drag, torque = sliding_resultant(0.3, 7000.0, hook_speed, 20 * math.pi / 30, 0.1)
+        assert run.inputs["top.torque"][-1] == pytest.approx(torque, rel=2e-3)
+        assert -4e6 * run["axial.0"][-1] == pytest.approx(drag, abs=1e-3 * 0.3 * 7000.0)
+    assert -4e6 * scene.run("lowered")["axial.0"][-1] == pytest.approx(0.3 * 7000.0, rel=1e-3)  # without turning all of the drag
+    run.to_csv(tmp_path / "run.csv")
+    headings = (tmp_path / "run.csv").read_text().partition("\n")[0].split(",")
+    assert {"axial.0 [m]", "bit [rad]", "bit.speed [rad/s]", "top.torque [N m]", "hook.speed [m/s]", "tangential 1 force [N]"} <= set(headings)
+
+
+def test_of_many_contacts_the_table_leaves_their_displacements_to_the_data(root, tmp_path):
+    scene = ContactScene.load(root / "studies" / "scenes" / "elastic_face.toml")
+    run = dataclasses.replace(scene, duration=4e-3).run("no controller")
+    headings = run.to_csv(tmp_path / "run.csv").read_text().partition("\n")[0].split(",")
+    assert {"back [m]", "top [m]", "top [N]"} <= set(headings) and not {"x.0 [m]", "z.0 [m]"} & set(headings)
+    with np.load(run.save(tmp_path / "run.npz")) as data:
+        assert np.array_equal(data["output.z.0"], run["z.0"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('sample_time = "20 ms"', "", "Controller `turned`: Argument `controller` must hold sampled laws: give `sample_time`"),
+        ('sample_time = "20 ms"', 'sample_time = "30 ms"', "Controller `turned`: Argument `sample_time` must be a whole number of steps of 0.02 s"),
+        ('sample_time = "20 ms"', 'sample_time = "20 ms"\ndelay = "5 ms"', "Controller `turned`: Argument `delay` must be a whole number of steps"),
+        ('sample_time = "20 ms"', 'sample_time = "20 ms"\nnoise = { "top.sped" = 0.1 }', "top.speed"),
+        ('law = "PI"', 'law = "P"', "There is no control law `P`"),
+        ("top_drive = true", "", "Controller `turned`: Argument `controller` must drive an input of the body, `bit.weight`"),
+        ('"hook.speed" = "0.2 m/s"', '"hook.speed" = "0.2 rpm"', "`hook.speed` must be in m/s"),
+        ('loads = ["2 kN", "5 kN"]', 'loads = ["2 kN"]', "`loads` must be 2 numbers"),
+    ],
+)
+def test_what_is_wrong_with_a_law_or_its_body_is_said_before_anything_runs(root, tmp_path, old, new, words):
+    text = (root / "studies" / "scenes" / "string_on_wall.toml").read_text()
+    assert old in text
+    (tmp_path / "string.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(SceneError) as caught:
+        ContactScene.load(tmp_path / "string.toml")
+    assert words in str(caught.value)
+
+
 @pytest.mark.slow
 def test_the_file_of_the_published_cube_is_the_body_of_the_study(root):
     made, kept = study.face_body(), ReducedBody.load(root / "studies" / "scenes" / "elastic_face.npz")
@@ -131,7 +184,7 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
     table = dict(zip(headings, np.array(rows, float).T, strict=True))
     assert np.array_equal(table["stick"], run.share()) and np.array_equal(table["taken by friction [J]"], run.rubbed.sum(axis=1))
     assert np.array_equal(table["top [N]"], run.inputs["top"]) and np.array_equal(table["top [m]"], run["top"])
-    assert np.array_equal(table["back.speed [m/s]"], run["back.speed"]) and "x.0 [m]" not in table
+    assert np.array_equal(table["back.speed [m/s]"], run["back.speed"]) and np.array_equal(table["x.0 [m]"], run["x.0"])
     assert main(["simulate", str(path), "--controller", "light", "--duration", "0.5 s", "--format", "svg", "--out", str(out)]) == 0
     assert {file.name for file in out.iterdir()} == {"simulate.txt", "01_light.npz", "01_light.csv", "01_light.svg"}
     assert "50 steps to 0.5 s" in capsys.readouterr().out

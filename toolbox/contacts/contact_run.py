@@ -193,19 +193,20 @@ class ContactRun:
     def to_csv(self, path: str | Path) -> Path:
         """Write what the face does as a whole as CSV in SI, units in the headings, one row per instant, whole or not at all; returns the path.
 
-        Columns: shares of the area that stick, slip and are open, sums of the contact forces, energies, inputs, and outputs that are no displacement of a
-        contact, with their speeds. What every contact does is in the file of `save`.
+        Columns: shares of the area that stick, slip and are open, sums of the contact forces, energies, inputs, and outputs with their speeds, of more
+        than 20 contacts without those outputs that are displacements of a contact. What every contact does is in the file of `save`.
         """
         problem, energy = self.problem, self.energy
         columns: dict[str, np.ndarray] = {"time [s]": self.time}
         columns |= {word: self.share(word) for word in ("stick", "slip", "open")}
         columns["normal force [N]"] = self.normal.sum(axis=1)
-        columns |= {f"tangential force {i} [N]": self.tangential[:, :, i].sum(axis=1) for i in range(problem.directions)}
+        columns |= {f"{word} force [N]": force for word, force in self._friction().items()}
         columns["taken by friction [J]"] = self.rubbed.sum(axis=1)
         columns |= {f"{word} energy [J]": getattr(energy, word) for word in ("kinetic", "elastic")}
         columns |= {f"taken by {word} [J]": getattr(energy, word) for word in ("damping", "impacts", "stepping")}
         columns |= {f"{name} [{problem.unit(name)}]": values for name, values in self.inputs.items()}
-        own = {row.tobytes() for row in problem.displacements()} | {row.tobytes() for row in 0.0 - problem.displacements()}
+        moves = problem.displacements() if problem.contacts > 20 else np.empty((0, problem.size))
+        own = {row.tobytes() for row in (*moves, *(0.0 - moves))}
         for name, row in problem.outputs.items():
             if row.tobytes() not in own:
                 unit = problem.output_unit(name)
@@ -213,7 +214,7 @@ class ContactRun:
         return write_table(path, list(columns), np.column_stack(list(columns.values())).tolist())
 
     def plot(self) -> Any:
-        """Draw the shares over time and, where places are known, the face at four instants, between which as many contacts change their mode.
+        """Draw shares and contact forces over time and, where places are known, the face at four instants, between which as many contacts change their mode.
 
         Pressure and traction are drawn at the last of these instants, the energy that friction has taken at the end. Returns the axes.
         """
@@ -226,6 +227,15 @@ class ContactRun:
         from toolbox.contacts.figures import draw_shares
 
         return draw_shares(self.time, {word: self.share(word) for word in ("stick", "slip", "open")}, ax)
+
+    def plot_forces(self, ax: Any = None) -> Any:
+        """Draw the sums of the contact forces over time, normal and along each direction; returns the axes."""
+        from toolbox.contacts.figures import draw_forces
+
+        return draw_forces(self.time, {"normal": self.normal.sum(axis=1)} | self._friction(), ax)
+
+    def _friction(self) -> dict[str, np.ndarray]:
+        return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
     def plot_map(self, time: float, values: str = "mode", ax: Any = None) -> Any:
         """Draw the face at an instant [s]: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""

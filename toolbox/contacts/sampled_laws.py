@@ -66,6 +66,9 @@ class Acting:
         self.values = {name: _at(name, value, times) for name, value in given.items()}
         own, updates = (*problem.forces, *problem.surface), self.system.updates
         self.driven = tuple(name for update in updates for name in update.names if name in own)
+        if updates and not self.driven:
+            names = ", ".join(f"`{name}`" for update in updates for name in update.names)
+            raise SceneError(f"Argument `controller` must drive an input of the body, {', '.join(f'`{name}`' for name in own)}, but it drives {names}.")
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(laws)

@@ -5,7 +5,10 @@ plants, and laws sampled at 100 Hz on the drill string. One by one is the scalar
 nothing recorded and no `Trajectory` made: what the run itself costs. In lanes is the whole of `toolbox.lanes.lanes.run_lanes`, by explicit steps and,
 where no law is sampled, by Taylor series. Swept is what a run of a sweep costs that asks for the extrema and the mean of one signal, one by one and in
 lanes. All are timed in turns, as processor time of one thread, and the least of five counts. Switches of the first scenarios are compared one by one;
-errors are those of the last states, in parts of their size among all scenarios, against explicit lanes at a thousandth of the accuracy.
+errors are those of the last states, in parts of the largest of the same unit among all scenarios, against explicit lanes at a thousandth of the accuracy.
+
+A second table compares explicit steps and Taylor series at an equal error: each at the loosest accuracy at which all scenarios but one in a hundred end
+within it.
 
     python -m studies lanes [scenarios] [words in the name of a plant]
 """
@@ -50,6 +53,10 @@ TURNS = 5
 """Turns of which the fastest counts."""
 ROOM = 2000
 """Switches of a scenario that are kept."""
+TARGET = 3e-7
+"""Error at which explicit steps and Taylor series are compared, of the worst but one in a hundred scenarios."""
+SETTINGS = tuple(mantissa * 10.0**-power for power in range(4, 10) for mantissa in (1.0, 0.8, 0.6, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15))
+"""Accuracies that are tried for it, the loosest first."""
 
 
 @njit(nogil=True, error_model="numpy")
@@ -107,6 +114,20 @@ def first_scenarios(run: Run, parameters: np.ndarray, starts: np.ndarray) -> tup
     return lambda: one_by_one(*fixed, parameters, starts, *results), results
 
 
+def error(run: Run, states: np.ndarray, exact: np.ndarray) -> float:
+    """Error of the last states of the worst but one in a hundred scenarios, in parts of the largest state of the same unit among all.
+
+    A state alone has no size where it has died out by then.
+    """
+    size, largest = np.abs(exact).max(axis=0), {}
+    for first, length, unit in run.system.states.values():
+        own = size[first : first + (length or 1)]
+        largest[unit] = max(largest.get(unit, 0.0), own.max())
+    for first, length, unit in run.system.states.values():
+        size[first : first + (length or 1)] = largest[unit]
+    return float(np.quantile((np.abs(states - exact) / size).max(axis=1), 0.99))
+
+
 def compared(run: Run, spread: dict[str, tuple[float, float]], count: int) -> Ways:
     """All ways, in turns."""
     parameters, starts = scenarios(run, spread, count)
@@ -143,7 +164,7 @@ def compared(run: Run, spread: dict[str, tuple[float, float]], count: int) -> Wa
         if method is None:
             continue
         found = run_lanes(method, parameters[:few], starts[:few], most_events=ROOM)
-        errors[name] = float(np.quantile((np.abs(found.states - exact) / np.abs(exact).max(axis=0)).max(axis=1), 0.99))
+        errors[name] = error(run, found.states, exact)
         same &= (found.switches == switches) & (found.statuses == statuses)
         for s in np.flatnonzero(same):
             late = max(late, float(np.abs(found.event_times[s, : switches[s]] - times[s, : switches[s]]).max(initial=0.0)))
@@ -161,6 +182,32 @@ def row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int
         f"{ways.errors['lanes']:10.1e}{ways.errors['series']:9.1e}"
         f"{1e6 * own['swept']:10.1f}{1e6 * own['measured']:9.1f}{1e6 * own['measured_series']:9.1f}{own['swept'] / read:8.2f}"
     )
+
+
+def equal_row(title: str, run: Run, spread: dict[str, tuple[float, float]], count: int) -> str:
+    """One line of the second table: both methods at the loosest accuracy whose error is at most `TARGET`, timed in turns."""
+    parameters, starts = scenarios(run, spread, count)
+    few = min(COMPARED, count)
+    first = parameters[:few], starts[:few]
+    exact = run_lanes(dataclasses.replace(run, method=Explicit(), accuracy=1e-10), *first).states
+    ways: list[tuple[Run, float]] = []
+    for method in (Explicit(), TaylorSeries()):
+        for accuracy in SETTINGS:
+            way = dataclasses.replace(run, method=method, accuracy=accuracy)
+            own = error(run, run_lanes(way, *first).states, exact)
+            if own <= TARGET:
+                ways.append((way, own))
+                break
+        else:
+            return f"{title:<30}  no accuracy of {method} has an error <= {TARGET:g}"
+    seconds = [math.inf, math.inf]
+    for _ in range(2 * TURNS):
+        for i, (way, _) in enumerate(ways):
+            began = time.thread_time()
+            run_lanes(way, parameters, starts)
+            seconds[i] = min(seconds[i], (time.thread_time() - began) / count)
+    cells = "".join(f"{way.accuracy:11.1e}{own:10.1e}{1e6 * spent:9.1f}" for (way, own), spent in zip(ways, seconds, strict=True))
+    return f"{title:<30}{cells}{seconds[0] / seconds[1]:8.2f}"
 
 
 def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
@@ -226,8 +273,15 @@ def main() -> None:
     for title, (run, spread, part) in plants().items():
         if not words or any(word in title for word in words):
             print(row(title, run, spread, count // part), flush=True)
+    chosen = {title: plant for title, plant in plants().items() if (not words or any(word in title for word in words)) and has_series(plant[0])}
+    if chosen:
+        print(f"\nat an error of {TARGET:g}:")
+        print(f"{'':<30}{'DOP853':^30}{'Taylor':^30}")
+        print(f"{'':<30}" + 2 * f"{'accuracy':>11}{'error':>10}{'[us]':>9}" + f"{'ratio':>8}")
+    for title, (run, spread, part) in chosen.items():
+        print(equal_row(title, run, spread, count // part), flush=True)
     if not words:
-        print(map_row())
+        print(f"\n{map_row()}")
 
 
 if __name__ == "__main__":

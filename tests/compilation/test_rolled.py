@@ -64,6 +64,21 @@ def coupled(n):
     return ca.Function("coupled", [t, x, ca.vec(p), m], [ca.vertcat(first, second, ca.jtimes(second, x, first))]), constant
 
 
+@pytest.mark.parametrize("n", [3, 37])
+@pytest.mark.parametrize("name", ["exp", "log", "tanh"])
+def test_functions_in_loops_are_those_of_numpy_and_the_same_in_every_row(name, n):
+    t, x, p, m = ca.SX.sym("t"), ca.SX.sym("x", n), ca.SX.sym("p", 1), ca.SX.sym("m", 1)
+    function = ca.Function("f", [t, x, p, m], [ca.vertcat(*[getattr(ca, name)(p * x[i]) for i in range(n)])])
+    (call,) = functions(("f", rolled_body("f", function, 0)))
+    arguments = np.concatenate([np.random.default_rng(0).normal(scale=10.0, size=60), [0.0, -0.0, 5e-324, 1e-310, 750.0, -750.0, np.inf, -np.inf, np.nan]])
+    with np.errstate(all="ignore"):
+        for value in arguments:
+            found = values(call, (0.0, np.full(n, value), [1.0], [0.0]), n)
+            assert len({row.hex() for row in found}) == 1  # done on several rows at once or alone
+            expected = getattr(np, name)(value)
+            assert found[0] == pytest.approx(expected, rel=4.5e-16, abs=5e-324, nan_ok=True)
+
+
 @pytest.mark.parametrize("n", [1, 2, 3, 5, 40])
 def test_rows_in_loops_give_what_casadi_gives(n):
     function, random = chain(n), np.random.default_rng(n)

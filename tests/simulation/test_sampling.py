@@ -635,3 +635,25 @@ def test_a_slip_that_a_sampled_law_would_make_jump_is_refused():
     controller = law(("treadmill.v",), ("treadmill.speed",))(lambda t, y: 1.0)
     with pytest.raises(SceneError, match="slip"):
         simulate(compose(Treadmill()), 1.0, controller=controller, sample_time=0.1)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Sampled(PI(4000.0, 1500.0, 8.0), 0.01),
+        Sampled(SoftTorque(reference=6.0), 0.01, delay=0.003, noise={"top.speed": 0.05}),
+        Sampled(SlidingMode(reference=12.0), 0.02),
+    ],
+    ids=["PI from stick", "delay and noise", "sliding mode"],
+)
+def test_the_short_path_from_sample_to_sample_gives_the_bits_of_the_whole_loop(law):
+    arguments = {"controller": law, "accuracy": 1e-5}
+    plant = compose(wells.JANSEN_2, BitRock(weight=97_000.0))
+    short = simulate(plant, 30.0, **arguments)
+    instants = law.period * np.arange(int(30.0 / law.period))
+    whole = simulate(plant, 30.0, output_times=instants, **arguments)  # outputs at every sample leave no step to the short path
+    assert short.events
+    rows = np.searchsorted(short.time, instants, side="right") - 1
+    assert np.array_equal(short.time[rows], instants)
+    assert np.array_equal(short.states[rows], whole.states)
+    assert [(event.time, event.element) for event in short.events] == [(event.time, event.element) for event in whole.events]

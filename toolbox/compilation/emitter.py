@@ -59,8 +59,10 @@ class Body:
 
     type = "double"
     truths = "i1"
+    integers = "i64"
     suffix = "f64"
     attributes = "nounwind"
+    pointer = "ptr"
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -80,11 +82,21 @@ class Body:
         """A constant of the body's type."""
         return literal(value)
 
+    def integer(self, value: int) -> str:
+        """A constant of 64 bits."""
+        return str(value)
+
     def add(self, a: str, b: str) -> str:
         return self.value(f"fadd {FLAGS} {self.type} {a}, {b}")
 
     def mul(self, a: str, b: str) -> str:
         return self.value(f"fmul {FLAGS} {self.type} {a}, {b}")
+
+    def sub(self, a: str, b: str) -> str:
+        return self.value(f"fsub {FLAGS} {self.type} {a}, {b}")
+
+    def div(self, a: str, b: str) -> str:
+        return self.value(f"fdiv {FLAGS} {self.type} {a}, {b}")
 
     def select(self, flag: str, a: str, b: str) -> str:
         return self.value(f"select {self.truths} {flag}, {self.type} {a}, {self.type} {b}")
@@ -128,6 +140,26 @@ class Body:
                 term = self.mul(self.products[key], value)
                 total = self.add(total, term) if total else term
         return total
+
+    def bits(self, a: str) -> str:
+        return self.value(f"bitcast {self.type} {a} to {self.integers}")
+
+    def double(self, a: str) -> str:
+        return self.value(f"bitcast {self.integers} {a} to {self.type}")
+
+    def whole(self, how: str, a: str, b: str | int) -> str:
+        """Integer arithmetic: add, sub, shl, ashr, lshr, and."""
+        return self.value(f"{how} {self.integers} {a}, {b if isinstance(b, str) else self.integer(b)}")
+
+    def polynomial(self, x: str, coefficients: Sequence[float]) -> str:
+        """sum c_i x^i by Estrin's scheme, whose terms do not wait for each other."""
+        terms = [self.number(c) for c in coefficients]
+        power = x
+        while len(terms) > 1:
+            pairs = [self.add(terms[i], self.mul(terms[i + 1], power)) for i in range(0, len(terms) - 1, 2)]
+            terms = pairs + terms[2 * len(pairs) :]
+            power = self.mul(power, power) if len(terms) > 1 else power
+        return terms[0]
 
     def called(self, function: ca.Function, values: Sequence[str]) -> list[str]:
         """The results of a function that casadi calls, from the nonzeros of its arguments one after the other: solutions of dense systems by loops."""
@@ -252,13 +284,14 @@ def operation(body: Body, op: int, v: list[str]) -> str:
     raise SceneError(f"The casadi operation {'/'.join(names) or op} has no machine code here; write the expression with other functions.")
 
 
-SIGNATURE = "double %t, double %h, ptr %x, ptr %k, ptr %p, ptr %m, ptr %y"
-"""Arguments of every compiled function: time, step, states, slopes, parameters, modes, output."""
+ARRAYS = ("%x", "%k", "%p", "%m", "%y")
+"""Arguments of every compiled function behind time and step: states, slopes, parameters, modes, output."""
 
 
 def function_text(name: str, body: Body) -> str:
     """One exported function with the common signature."""
-    return "\n".join([f"define void @{name}({SIGNATURE}) {body.attributes} {{", "entry:", *body.lines, "  ret void", "}"])
+    given = ", ".join(["double %t", "double %h", *(f"{body.pointer} {array}" for array in ARRAYS)])
+    return "\n".join([f"define void @{name}({given}) {body.attributes} {{", "entry:", *body.lines, "  ret void", "}"])
 
 
 _LOADED: WeakValueDictionary[str, Any] = WeakValueDictionary()

@@ -38,6 +38,10 @@ ADDRESS, TAKEN, APPLIED, FIRST_STATE, STATES, FIRST_OUTPUT, OUTPUTS, NOISES, COL
 EPS = 2.220446049250313e-16
 
 
+CUT_SHORT = 5.0
+"""How many times as long the step wanted is at least where one that a stop cuts short says nothing of the next one."""
+
+
 class Work(NamedTuple):
     """Arrays of one run. n states, ne elements, ng guards; arrays that machine code reads are float64.
 

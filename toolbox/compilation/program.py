@@ -17,7 +17,7 @@ from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
-from toolbox.modelling.switching import Switching, switching
+from toolbox.modelling.switching import Switching, depending, switching
 
 
 @dataclass
@@ -119,7 +119,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         elements.append(twin)
     flow = closed(system.flow)
     changing = ca.vertcat(system.t, system.x, system.held, *tables)
-    varying = [i for i, e in enumerate(elements) if not e.unilateral and ca.depends_on(e.static, changing)]
+    rubbing = [i for i, e in enumerate(elements) if not e.unilateral]
+    varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
     bounded = [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded)

@@ -21,6 +21,7 @@ import casadi as ca
 
 from toolbox.compilation.dense_systems import BLOCK, blocks, factor_size
 from toolbox.compilation.emitter import Body, operation
+from toolbox.compilation.vector_emitter import POLYNOMIALS
 from toolbox.modelling.elimination import calls, size_solved
 
 FEWEST = 4
@@ -263,12 +264,17 @@ class RolledBody(Body):
     """Text of one function whose instructions are those of a `Rolled`, in loops."""
 
     attributes = "nounwind noinline"  # so that a value is the same number wherever the function is called
+    pointer = "ptr noalias"  # arrays of their own, so that loops may be done on several cells at once
 
     def __init__(self, name: str) -> None:
         super().__init__()
         self.name = name
         self.tables = 0
         self.known: dict[tuple[str, int], str] = {}
+
+    def call(self, name: str, *args: str) -> str:
+        """Call a function, or write it out where a polynomial does for it: a loop that calls is not done on several cells at once."""
+        return POLYNOMIALS[name](self, *args) if name in POLYNOMIALS else super().call(name, *args)
 
     def write(self, rolled: Rolled, cells: str, target: str, offset: int, parts: tuple[bool, ...] = (True, False)) -> None:
         """Write the cells, those that are fixed or not as `parts` says, and the results from an offset in an array on."""

@@ -113,12 +113,6 @@ class VectorBody(Body):
         return self.value(f"fptosi {self.type} {a} to {self.integers}")
 
     # --- words for what casadi has no instruction for
-    def sub(self, a: str, b: str) -> str:
-        return self.value(f"fsub {FLAGS} {self.type} {a}, {b}")
-
-    def div(self, a: str, b: str) -> str:
-        return self.value(f"fdiv {FLAGS} {self.type} {a}, {b}")
-
     def fused(self, a: str, b: str, c: str) -> str:
         """a b + c with one rounding."""
         return self.intrinsic("fma", a, b, c)
@@ -128,16 +122,6 @@ class VectorBody(Body):
 
     def either(self, a: str, b: str) -> str:
         return self.value(f"or {self.truths} {a}, {b}")
-
-    def bits(self, a: str) -> str:
-        return self.value(f"bitcast {self.type} {a} to {self.integers}")
-
-    def double(self, a: str) -> str:
-        return self.value(f"bitcast {self.integers} {a} to {self.type}")
-
-    def whole(self, how: str, a: str, b: str | int) -> str:
-        """Integer arithmetic: add, sub, shl, ashr, lshr, and."""
-        return self.value(f"{how} {self.integers} {a}, {b if isinstance(b, str) else self.integer(b)}")
 
     def rough_log2(self, x: str) -> str:
         """Binary logarithm of a positive number to one part in a hundred, as `toolbox.simulation.event_loop` takes it for step sizes."""
@@ -154,16 +138,6 @@ class VectorBody(Body):
         f = self.sub(x, whole)
         power = _power_of_two(self, self.whole("sub", self.bits(self.add(whole, self.number(_SHIFT))), 0x4338000000000000))
         return self.mul(power, self.add(self.number(1.0), self.mul(f, self.add(self.number(0.6565), self.mul(self.number(0.3435), f)))))
-
-    def polynomial(self, x: str, coefficients: Sequence[float]) -> str:
-        """sum c_i x^i by Estrin's scheme, whose terms do not wait for each other."""
-        terms = [self.number(c) for c in coefficients]
-        power = x
-        while len(terms) > 1:
-            pairs = [self.add(terms[i], self.mul(terms[i + 1], power)) for i in range(0, len(terms) - 1, 2)]
-            terms = pairs + terms[2 * len(pairs) :]
-            power = self.mul(power, power) if len(terms) > 1 else power
-        return terms[0]
 
     def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
         """base + scale * sum(factor * value): factors stay constants, which vector instructions read from memory for nothing."""
@@ -195,13 +169,13 @@ def _function(name: str, width: int) -> tuple[dict[str, str], frozenset[str]]:
 _SHIFT = 1.5 * 2.0**52  # added to a number below 2^51 it leaves the nearest integer in the low bits
 
 
-def _nearest(body: VectorBody, x: str) -> tuple[str, str]:
+def _nearest(body: Body, x: str) -> tuple[str, str]:
     """The nearest integer of |x| < 2^51 as a double and as bits whose low part is that integer."""
     shifted = body.add(x, body.number(_SHIFT))
     return body.sub(shifted, body.number(_SHIFT)), body.bits(shifted)
 
 
-def _power_of_two(body: VectorBody, exponent: str) -> str:
+def _power_of_two(body: Body, exponent: str) -> str:
     """2 to an integer from -1022 to 1023."""
     return body.double(body.whole("shl", body.whole("add", exponent, 1023), 52))
 
@@ -224,7 +198,7 @@ def _exp_coefficients() -> tuple[float, ...]:
     return tuple(float(c) for c in powers)
 
 
-def _exp(body: VectorBody, x: str) -> str:
+def _exp(body: Body, x: str) -> str:
     for how, bound in (("ogt", 800.0), ("olt", -800.0)):  # NaN stays
         x = body.select(body.compare(how, x, body.number(bound)), body.number(bound), x)
     n, bits = _nearest(body, body.mul(x, body.number(1.4426950408889634)))
@@ -237,7 +211,7 @@ def _exp(body: VectorBody, x: str) -> str:
     return body.mul(scaled, _power_of_two(body, body.whole("sub", exponent, half)))
 
 
-def _log(body: VectorBody, x: str) -> str:
+def _log(body: Body, x: str) -> str:
     tiny = body.compare("olt", x, body.number(2.0**-1022))
     scaled = body.select(tiny, body.mul(x, body.number(2.0**54)), x)
     bits = body.bits(scaled)
@@ -258,7 +232,7 @@ def _log(body: VectorBody, x: str) -> str:
     return body.select(body.compare("olt", x, body.number(0.0)), body.number(np.nan), body.select(body.compare("uno", x, x), x, value))
 
 
-def _tanh(body: VectorBody, x: str) -> str:
+def _tanh(body: Body, x: str) -> str:
     z = body.mul(x, x)
     top = body.polynomial(z, (-1.61468768441708447952e3, -9.92877231001918586564e1, -9.64399179425052238628e-1))
     bottom = body.polynomial(z, (4.84406305325125486048e3, 2.23548839060100448583e3, 1.12811678491632931402e2, 1.0))
@@ -304,7 +278,8 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
     return write
 
 
-FUNCTIONS: dict[str, Callable[[VectorBody, str], str]] = {
-    "exp": _exp, "log": _log, "tanh": _tanh, "sin": _circular("sin"), "cos": _circular("cos"),
-}  # fmt: skip
+POLYNOMIALS: dict[str, Callable[[Body, str], str]] = {"exp": _exp, "log": _log, "tanh": _tanh}
+"""What arithmetic does, without a branch, for one number as for a vector of them."""
+
+FUNCTIONS: dict[str, Callable[[VectorBody, str], str]] = {**POLYNOMIALS, "sin": _circular("sin"), "cos": _circular("cos")}
 """What has a vector version."""

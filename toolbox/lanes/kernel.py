@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled
 from toolbox.compilation.emitter import function_text as scalar_text
+from toolbox.compilation.loop_layout import CUT_SHORT
 from toolbox.compilation.program import Program
 from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody, function_text
@@ -160,10 +161,12 @@ def _emit_step_size(
     rejected = was["rejected"].differs(0.0)
     grown = h * smallest(largest(0.85 * factor, 0.2), rejected.choose(1.0, 10.0))
     grown = (h < step.wanted).choose(largest(grown, step.wanted), grown)
+    cut = h * CUT_SHORT <= step.wanted
+    grown = cut.choose(was["wanted"], grown)
     shrunk = h * verdicts.too_long.choose(0.5, (error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1))
     new["wanted"] = accepted.choose(grown, refused.choose(shrunk, was["wanted"]))
     new["error_old"] = accepted.choose(largest(logarithm, -13.3), was["error_old"])
-    new["step_old"] = accepted.choose(h, was["step_old"])
+    new["step_old"] = accepted.choose(cut.choose(0.0, h), was["step_old"])
     new["rejected"] = refused.choose(1.0, moves.choose(0.0, was["rejected"]))
     new["searching"] = continues.choose(1.0, 0.0)
     new["located"] = verdicts.arrives.choose(guards.located, was["located"])

@@ -120,7 +120,7 @@ def _raise_to_peak(piece: tuple[Value, ...], sign: float, inside: list[Truth], p
             place = largest(smallest(place - slope / bend, high), low)
             here = value(place)
             top = (here > top).choose(here, top)
-        for within, highest, row in zip(inside, best, places, strict=True):
-            body.store((sign * (within & (top > highest)).choose(top, highest)).name, "%lanes", row)
+        for within, highest, row in zip(inside, best, places, strict=True):  # not of a lane that is here for its neighbours' sake
+            body.store((sign * (within & may & (top > highest)).choose(top, highest)).name, "%lanes", row)
 
     when_any(may, write)

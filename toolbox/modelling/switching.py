@@ -220,7 +220,14 @@ def _single(slip_of_state: ca.SX, x: ca.SX) -> list[tuple[int, int]]:
     columns: dict[int, list[int]] = {}
     for i, j in zip(*slip_of_state.sparsity().get_triplet(), strict=True):
         columns.setdefault(i, []).append(j)
-    return [(i, js[0]) for i, js in columns.items() if len(js) == 1 and not ca.depends_on(slip_of_state[i, js[0]], x)]
+    single = [(i, js[0]) for i, js in columns.items() if len(js) == 1]
+    changed = depending([slip_of_state[i, j] for i, j in single], x)
+    return [place for k, place in enumerate(single) if k not in changed]
+
+
+def depending(values: Sequence[ca.SX], symbols: ca.SX) -> set[int]:
+    """Which of many scalar expressions depend on any of the symbols."""
+    return set(ca.jacobian_sparsity(ca.vertcat(*values), symbols).row()) if values else set()
 
 
 def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:

@@ -110,6 +110,7 @@ def jumps(w, t):
 @inlined
 def samples(w, t):
     """Take all samples due at time t, then hold the outputs due. Returns (status, whether a held value was set)."""
+    depth = w.queue.shape[1]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
         if s[TAKEN] * w.clocks[c, 0] <= t and t < w.reals[END]:
@@ -123,7 +124,7 @@ def samples(w, t):
             call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
             for i in range(states):
                 memory[i] = w.z[i]
-            slot = s[TAKEN] % w.queue.shape[1]
+            slot = s[TAKEN] % depth if depth > 1 else 0
             for i in range(outputs):
                 w.queue[c, slot, i] = w.z[states + i]
             s[TAKEN] += 1
@@ -131,7 +132,7 @@ def samples(w, t):
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
         while s[APPLIED] < s[TAKEN] and s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1] <= t:
-            slot = s[APPLIED] % w.queue.shape[1]
+            slot = s[APPLIED] % depth if depth > 1 else 0
             for i in range(s[OUTPUTS]):
                 w.p[s[FIRST_OUTPUT] + i] = w.queue[c, slot, i]
             s[APPLIED] += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import EPS, LOCATED, NG, STEP, TIME, N
+from toolbox.compilation.loop_layout import BOUNDS, EPS, FRICTION, LOCATED, NE, NG, STEP, TIME, N
 from toolbox.compilation.numba_cache import inlined
 from toolbox.simulation.guards import close_to_zero, guard_size
 
@@ -188,3 +188,30 @@ def locate(w, h, low):
             for j in range(2 * ng):
                 w.g_low[j] = w.y[2 * n + j]
     return fraction * h
+
+
+@inlined
+def watch(w, h, error, node):
+    """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
+
+    node: whether the step ends where an input turns. A step too long to be trusted may still show where an event cuts it short.
+    """
+    ng, ne, end = w.ints[NG], w.ints[NE], 2 * w.ints[N]
+    hit, suspicious = False, False
+    for j in range(ng if error < 1e4 else 0):
+        a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
+        if w.armed[j]:
+            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
+            if node and bound and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
+                continue  # at its bound, or a bound at zero, where an input turns: what follows decides
+            if b <= 0.0:
+                hit = True
+            elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:
+                slope = w.side[j] * w.y[end + ng + j] * h
+                suspicious = suspicious or hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
+        elif b < -1e-12 * guard_size(w, j):
+            hit = True
+    if hit or suspicious:
+        for j in range(2 * ng):
+            w.g_high[j] = w.y[end + j]
+    return hit, suspicious

@@ -31,7 +31,6 @@ from toolbox.compilation.loop_layout import (
     FIELD,
     FIRST_HELD,
     FOLLOWED,
-    FRICTION,
     GROWTH,
     INCONSISTENT,
     JUMP,
@@ -62,11 +61,12 @@ from toolbox.compilation.loop_layout import (
 )
 from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.simulation.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
-from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, rising_fraction
+from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.simulation.events import after_event, project_event
-from toolbox.simulation.guards import accept_guard, guard_size, project
+from toolbox.simulation.guards import accept, guard_size, held_quietly, project
 from toolbox.simulation.modes import begin
-from toolbox.simulation.series_steps import checked_end, held_quietly, open_series, watch_series
+from toolbox.simulation.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
+from toolbox.simulation.series_steps import checked_end, open_series, watch_series
 from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
 
 GO_ON = -1
@@ -74,14 +74,18 @@ GO_ON = -1
 
 
 @inlined
-def _due(w, t, every_node):
-    """Everything due at this instant: events came first, then samples, then updates, then hold, then records. A status of `advance`, or GO_ON."""
+def _due(w, t, every_node, undecided):
+    """Everything due at this instant: events came first, then samples, then updates, then hold, then records. A status of `advance`, or GO_ON.
+
+    undecided: whether samples have been taken already, after which modes are still to be decided.
+    """
     recorded = False
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
             if status == SAMPLE_DUE:
                 return SAMPLE_DUE
+            changed = changed or undecided
         else:
             changed = jumps(w, t)
         if not changed:
@@ -113,33 +117,6 @@ def _due(w, t, every_node):
             record(w, t, w.x)
         return DONE
     return GO_ON
-
-
-@inlined
-def _watch(w, h, error, node):
-    """Whether a guard has crossed zero over the step in `y`, and whether one may have dipped below it; its end guards are then in `g_high`.
-
-    node: whether the step ends where an input turns. A step too long to be trusted may still show where an event cuts it short.
-    """
-    ng, ne, end = w.ints[NG], w.ints[NE], 2 * w.ints[N]
-    hit, suspicious = False, False
-    for j in range(ng if error < 1e4 else 0):
-        a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
-        if w.armed[j]:
-            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
-            if node and bound and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
-                continue  # at its bound, or a bound at zero, where an input turns: what follows decides
-            if b <= 0.0:
-                hit = True
-            elif w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.y[end + ng + j] > 0.0 and error <= 1.0:
-                slope = w.side[j] * w.y[end + ng + j] * h
-                suspicious = suspicious or hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b)
-        elif b < -1e-12 * guard_size(w, j):
-            hit = True
-    if hit or suspicious:
-        for j in range(2 * ng):
-            w.g_high[j] = w.y[end + j]
-    return hit, suspicious
 
 
 @inlined
@@ -208,7 +185,13 @@ def _from_zero(w, h):
 
 @inlined
 def _next_size(w, h, h_wanted, error, rejected):
-    """Choose the next step size after an accepted step h, of which h_wanted was wanted, by Gustafsson's prediction from the last two steps."""
+    """Choose the next step size after an accepted step h, of which h_wanted was wanted, by Gustafsson's prediction from the last two steps.
+
+    A step cut short leaves the size as it was.
+    """
+    if cut_short(h, h_wanted):
+        w.reals[STEP_OLD] = 0.0
+        return
     power = w.reals[POWER]
     size = log2(max(error, 1e-10))
     growth = -power * size
@@ -218,25 +201,6 @@ def _next_size(w, h, h_wanted, error, rejected):
     w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(size, -13.3), h
     grown = h * factor
     w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
-
-
-@inlined
-def _accept(w):
-    """Take the step in `y`: states, slopes, guards and their sizes so far."""
-    n, ng = w.ints[N], w.ints[NG]
-    w.ints[OPENED] = 0
-    for i in range(n):
-        w.x[i] = w.y[i]
-        w.k[i] = w.y[n + i]
-        size = abs(w.x[i])
-        if size > w.scale[i]:
-            w.scale[i] = size
-            if size > w.group_scale[w.group[i]]:
-                w.group_scale[w.group[i]] = size
-    for j in range(2 * ng):
-        w.g[j] = w.y[2 * n + j]
-    for j in range(ng):
-        accept_guard(w, j)
 
 
 @inlined
@@ -258,7 +222,7 @@ def _crossed(w, t, h, t_new, error, node, series):
         elif hit:
             top = _step_to(w, t, h, top)
     else:
-        hit, suspicious = _watch(w, h, error, node)
+        hit, suspicious = watch(w, h, error, node)
         if suspicious:
             top = _first_dip(w, t, h)
             hit = hit or top < 1.0
@@ -295,7 +259,7 @@ def advance(w, series):
     ne = w.ints[NE]
     every_node = w.ints[NODES] == 1
     budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
-    rejected = False
+    rejected, undecided = False, False
     if w.ints[STARTED] == 0 and not begin(owned(w)):
         return INCONSISTENT
     while True:
@@ -304,11 +268,16 @@ def advance(w, series):
             return RECORDS_FULL
         if w.ints[EVENTS] + 2 * ne + 1 > w.ev_t.size:
             return EVENTS_FULL
-        status = _due(w, t, every_node)
+        status = _due(w, t, every_node, undecided)
         if status != GO_ON:
             return status
         if w.ints[ACCEPTED] + w.ints[REJECTED] >= budget:
             return PAUSED
+        undecided = False
+        if samples_rule(w):
+            undecided = from_sample_to_sample(owned(w), every_node, budget)
+            if w.reals[TIME] > t:
+                continue
 
         # --- one step
         if series is not None:  # noqa: SIM102
@@ -360,11 +329,11 @@ def advance(w, series):
             if not event:
                 _next_size(w, h, h_wanted, error, rejected)
         rejected = False
-        refresh = w.ints[ACCEPTED] % 32 == 0
+        refresh = w.ints[ACCEPTED] % REFRESHED == 0
         if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
             w.reals[FOLLOWED] = 0.0
         if h > 0.0:
-            _accept(w)
+            accept(w)
         w.reals[TIME] = t_new
         if event:
             project_event(w, t_new, h == 0.0)

@@ -55,6 +55,23 @@ def refresh(w):
 
 
 @inlined
+def held_quietly(w):
+    """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
+
+    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
+    """
+    for i in range(w.ints[NE]):
+        if w.kind[i] != FRICTION:
+            return False
+        w.zero[i] = w.m[i] == 0.0
+    refresh(w)
+    quiet = True
+    for j in range(w.ints[NG]):
+        quiet = quiet and w.side[j] * w.g[j] >= 0.0
+    return quiet
+
+
+@inlined
 def nudge(w):
     """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
     for i in range(w.ints[N]):
@@ -82,6 +99,25 @@ def accept_guard(w, j):
         w.guard_scale[w.slot[j]] = size
     if not w.armed[j] and w.side[j] * w.g[j] > 1e-13 * guard_size(w, j):
         w.armed[j] = True
+
+
+@inlined
+def accept(w):
+    """Take the step in `y`: states, slopes, guards and their sizes so far."""
+    n, ng = w.ints[N], w.ints[NG]
+    w.ints[OPENED] = 0
+    for i in range(n):
+        w.x[i] = w.y[i]
+        w.k[i] = w.y[n + i]
+        size = abs(w.x[i])
+        if size > w.scale[i]:
+            w.scale[i] = size
+            if size > w.group_scale[w.group[i]]:
+                w.group_scale[w.group[i]] = size
+    for j in range(2 * ng):
+        w.g[j] = w.y[2 * n + j]
+    for j in range(ng):
+        accept_guard(w, j)
 
 
 @inlined

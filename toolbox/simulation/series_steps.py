@@ -37,7 +37,7 @@ from toolbox.compilation.loop_layout import (
 )
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.crossings import first_descent
-from toolbox.simulation.guards import close_to_zero, guard_size, refresh
+from toolbox.simulation.guards import close_to_zero, guard_size
 from toolbox.simulation.step_control import exp2, log2, measure_round_off, spread_round_off
 
 SHARE = 2.0
@@ -104,23 +104,6 @@ def open_series(w, t):
         w.g[j] = w.k[order * width + n + j]
         w.g[ng + j] = w.k[n + j]
     return True
-
-
-@inlined
-def held_quietly(w):
-    """Take over new held outputs where they change no mode, as guards at the current point show; False where one may, and nothing has been decided yet.
-
-    Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
-    """
-    for i in range(w.ints[NE]):
-        if w.kind[i] != FRICTION:
-            return False
-        w.zero[i] = w.m[i] == 0.0
-    refresh(w)
-    quiet = True
-    for j in range(w.ints[NG]):
-        quiet = quiet and w.side[j] * w.g[j] >= 0.0
-    return quiet
 
 
 @called

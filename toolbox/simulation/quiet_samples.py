@@ -1,0 +1,129 @@
+"""From one sample to the next while nothing else happens: the short path of the event loop for laws that are sampled.
+
+Where steps could be several times as long as the time between two samples, almost every one ends on a sample, crosses no guard and is accepted at once. Such
+steps need no choice of size, no search for events and no record before the sample. Whatever is not so is left to the loop, which does it as it always does;
+the numbers are the same to the last bit.
+"""
+
+from __future__ import annotations
+
+from toolbox.compilation.calls import call, lent
+from toolbox.compilation.loop_layout import (
+    ACCEPTED,
+    ADDRESS,
+    CUT_SHORT,
+    END,
+    FIELD,
+    FRICTION,
+    IMPLICIT,
+    JUMP,
+    LONGEST,
+    NE,
+    NG,
+    OUTPUT,
+    RECORDS,
+    REJECTED,
+    SERIES,
+    STEP,
+    STEP_OLD,
+    STEP_SIZE,
+    TIME,
+    N,
+)
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.simulation.calendar import next_stop, record, samples
+from toolbox.simulation.crossings import watch
+from toolbox.simulation.guards import accept, guard_size, project
+from toolbox.simulation.step_control import scaled_error
+
+REFRESHED = 32
+"""Accepted steps after which the loop measures round-off again."""
+
+
+@inlined
+def cut_short(h, wanted):
+    """Whether a step h is so much shorter than the one wanted that its error says nothing of how long the next one may be."""
+    return CUT_SHORT * h <= wanted
+
+
+@inlined
+def samples_rule(w):
+    """Whether the next step ends on a sample of a compiled law, which cuts it short, and no element bounces or switches."""
+    few = w.samplers.shape[0]
+    if few == 0 or w.ints[IMPLICIT] == 1 or w.ints[SERIES] != 0:
+        return False
+    for c in range(few):
+        if w.samplers[c, ADDRESS] == 0:
+            return False
+    for i in range(w.ints[NE]):
+        if w.kind[i] != FRICTION:
+            return False
+    return cut_short(next_stop(w) - w.reals[TIME], min(w.reals[STEP_SIZE], w.reals[LONGEST]))
+
+
+@inlined
+def _renewed(w):
+    """Slopes and guards with the outputs that are held from now on; whether no guard is negative with them, so that no mode changes."""
+    n, ng = w.ints[N], w.ints[NG]
+    call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(n):
+        w.k[i] = w.z[n + i]
+        size = abs(w.x[i])
+        if size > w.scale[i]:
+            w.scale[i] = size
+            if size > w.group_scale[w.group[i]]:
+                w.group_scale[w.group[i]] = size
+    quiet = True
+    for j in range(ng):
+        value = w.z[2 * n + j]
+        w.g[j], w.g[ng + j] = value, w.z[2 * n + ng + j]
+        size = abs(value)
+        if size > guard_size(w, j):
+            w.guard_scale[w.slot[j]] = size
+        value *= w.side[j]
+        w.armed[j] = value > 1e-13 * guard_size(w, j)
+        quiet = quiet and value >= 0.0
+    return quiet
+
+
+@called
+def from_sample_to_sample(w, every_node, budget):
+    """Step from sample to sample as long as nothing else happens.
+
+    budget: accepted and refused steps at which the loop pauses. Returns whether a sample has been taken after which the modes are still to be decided.
+    """
+    w = lent(w)
+    wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
+    for i in range(w.ints[NE]):
+        w.zero[i] = w.m[i] == 0.0
+    last = w.reals[END]
+    if w.ints[JUMP] < w.jump_t.size:
+        last = min(last, w.jump_t[w.ints[JUMP]])
+    if w.ints[OUTPUT] < w.out_t.size:
+        last = min(last, w.out_t[w.ints[OUTPUT]])
+    while True:
+        t = w.reals[TIME]
+        stop = next_stop(w)
+        h = stop - t
+        due = w.ints[ACCEPTED] + 1
+        if not (cut_short(h, wanted) and stop < last and h > 1e-13 * abs(t) and h > 1e-300):
+            return False
+        if due % REFRESHED == 0 or due + w.ints[REJECTED] > budget or w.ints[RECORDS] + 8 > w.rec_t.size:
+            return False
+        call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        error = scaled_error(w, h)
+        if not error <= 1.0:
+            return False
+        hit, suspicious = watch(w, h, error, False)
+        if hit or suspicious:
+            return False
+        w.ints[ACCEPTED] = due
+        w.reals[STEP_OLD] = 0.0
+        w.reals[TIME] = stop
+        accept(w)
+        project(w, stop)
+        _, changed = samples(w, stop)
+        if changed and not _renewed(w):
+            return True
+        if every_node:
+            record(w, stop, w.x)

@@ -70,6 +70,14 @@ def test_the_error_that_a_run_measures_is_the_one_it_makes_and_falls_with_the_st
     assert made[0] / made[1] == pytest.approx(2.0, rel=0.05)
 
 
+def test_a_free_block_rests_on_its_friction_alone():
+    rest = press_contacts(block(), {"force.x": 0.9 * MU * LOAD})
+    assert rest["x"][0] == 0.0 and rest.share()[0] == 1.0
+    assert rest.tangential[0, 0, 0] == pytest.approx(-0.9 * MU * LOAD, rel=1e-12)
+    with pytest.raises(SimulationError, match="No set of open, sticking and sliding contacts is at rest"):
+        press_contacts(block(), {"force.x": 1.1 * MU * LOAD})
+
+
 def test_a_state_of_rest_has_no_error_of_a_step_and_that_of_a_run_that_failed_is_not_known():
     assert press_contacts(block(500.0), {"force.x": 1.0}).error == 0.0
     run = step_contacts(block(500.0), 1.0, step=0.1)

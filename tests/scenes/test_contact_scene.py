@@ -89,6 +89,48 @@ def test_the_begin_of_a_run_is_at_rest_under_the_forces_at_its_beginning(written
     assert np.ptp(run["top"]) < 1e-12 * abs(run["top"][0])
 
 
+def test_a_body_that_its_forces_lift_off_has_no_rest_to_begin_from(written, tmp_path, capsys):
+    path = written(SCENE.replace('"-1 N"', '"1 N"'))
+    assert main(["simulate", str(path), "--controller", "light", "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "Controller `light`: the body must be at rest under the forces at its beginning" in said and said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+OWN = """
+from dataclasses import dataclass
+import numpy as np
+from toolbox import ContactBody, ContactProblem, FrictionLaw, Quantity, quantity
+from models import Coulomb
+
+
+@dataclass(frozen=True)
+class MySlidingBlock(ContactBody):
+    '''A block on its face.'''
+
+    mass: Quantity = quantity(2.0, "kg", "mass", above=0)
+    load: Quantity = quantity(10.0, "N", "normal load", at_least=0)
+    friction: FrictionLaw = Coulomb(0.4, 0.4)
+
+    def problem(self):
+        one = np.eye(1)
+        return ContactProblem(self.mass * one, 0 * one, one[None], self.friction, load=[self.load], forces={"block.force": [1.0]}, outputs={"block": [1.0]})
+"""
+
+
+def test_a_body_of_ones_own_runs_where_its_file_is_loaded(tmp_path, capsys):
+    (tmp_path / "my_sliding_block.py").write_text(OWN)
+    (tmp_path / "block.toml").write_text(
+        'title = "own"\nduration = "1 s"\nstep = "10 ms"\n[inputs]\n"block.force" = { ramp = { start = 0, end = "8 N", begin = 0, finish = 1 } }\n'
+        '[[plant]]\npart = "MySlidingBlock"\nload = "10 N"\n'
+    )
+    assert main(["simulate", str(tmp_path / "block.toml")]) == 2
+    assert "There is no part `MySlidingBlock`" in capsys.readouterr().err
+    assert main(["simulate", str(tmp_path / "block.toml"), "--load", str(tmp_path / "my_sliding_block.py")]) == 0
+    printed = capsys.readouterr().out
+    assert "100 steps to 1 s, 1 contacts (0% stick, 100% slip" in printed and "the last contact sticks at 0.5 s" in printed  # where 8 t reaches mu N
+
+
 def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared_area(root):
     path = root / "studies" / "scenes" / "elastic_face.toml"
     run = ContactScene.load(path).run("no controller")

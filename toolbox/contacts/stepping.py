@@ -250,7 +250,7 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     rows = np.linalg.norm(moves, axis=1)
     if not rows.all():
         raise SceneError("Arguments `normal` and `tangent` must move something in every row, but one is all zero: that of a clamped place?")
-    scale = np.abs(np.diag(matrix)).mean() / rows[:, None]
+    scale = (np.abs(np.diag(matrix)).mean() or 1.0) / rows[:, None]  # of a body without stiffness at rest anything does
     bordered = np.block([[matrix, (scale * moves).T], [scale * moves, np.zeros((m, m))]])
     try:
         inverse = inv(bordered, check_finite=False)

@@ -13,7 +13,7 @@ from toolbox.contacts.contact_run import ContactRun
 from toolbox.contacts.problem import ContactBody
 from toolbox.contacts.sampled_laws import Acting, signals_of
 from toolbox.contacts.stepping import instants, press_contacts, step_contacts
-from toolbox.errors import SceneError, suggest
+from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.files.units import parse
 from toolbox.scenes import catalogue, keys, scene_file
 from toolbox.scenes.cases import Case, Waveform
@@ -71,11 +71,14 @@ class ContactScene:
         raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
 
     def run(self, label: str) -> ContactRun:
-        """Run one case, by its label. Raises what `press_contacts` and `step_contacts` raise."""
+        """Run one case, by its label. Raises SceneError where the body has no state of rest to begin from, and what `step_contacts` raises."""
         case, problem = self.case(label), self.body.problem()
         inputs = self._inputs(case)
         acting = Acting(problem, {name: value for name, value in inputs.items() if name in problem.forces}, np.zeros(1))
-        rest = press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})
+        try:
+            rest = press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})
+        except (SceneError, SimulationError) as error:
+            raise SceneError(f"Controller `{label}`: the body must be at rest under the forces at its beginning, but: {error}") from None
         return step_contacts(problem, self.duration, step=self.step, inputs=inputs, controller=case.controller, start=rest)
 
     def check(self) -> None:

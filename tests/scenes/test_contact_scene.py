@@ -12,6 +12,7 @@ from models import AxialChain, Coulomb, Exponential, ReducedBody, TorsionalChain
 from studies.questions import elastic_sliders as study
 from toolbox import ContactScene, SceneError, press_contacts, ramp, step_contacts
 from toolbox.commands.command_line import main
+from toolbox.contacts.newton import ContactSolver
 from toolbox.scenes.contact_scene import load_scene
 
 SCENE = """
@@ -287,6 +288,24 @@ def test_commands_that_need_equations_say_what_runs_such_a_scene(written, tmp_pa
     said = capsys.readouterr().err
     assert "are stepped together, and `stickslip simulate` runs them" in said and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_fails_is_reported_as_far_as_it_went_beside_one_that_does_not(written, tmp_path, capsys, monkeypatch):
+    solved = ContactSolver.solve
+
+    def solve(self, given, last):  # two states of rest are looked for while the scene is read, and one before every run
+        solve.calls += 1
+        return None if solve.calls == 3 + 40 else solved(self, given, last)
+
+    solve.calls = 0
+    monkeypatch.setattr(ContactSolver, "solve", solve)
+    assert main(["simulate", str(written()), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    light, heavy = printed.split("\nheavy\n")
+    assert "failed: No set of open, sticking and sliding contacts solves the step at 0.4 s." in light and "39 steps to 0.39 s" in light
+    assert "100 steps to 1 s" in heavy and "error of the forces" in heavy
+    with np.load(tmp_path / "out" / "01_light.npz") as data:
+        assert data["time"][-1] == pytest.approx(0.39)
 
 
 @pytest.mark.parametrize("option", [["--method", "stiff"], ["--accuracy", "1e-3"]])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.contacts.contact_run import ContactRun
-from toolbox.contacts.problem import ContactBody
+from toolbox.contacts.problem import ContactBody, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, signals_of
 from toolbox.contacts.stepping import instants, press_contacts, step_contacts
 from toolbox.errors import SceneError, SimulationError, suggest
@@ -71,18 +71,13 @@ class ContactScene:
         raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
 
     def run(self, label: str) -> ContactRun:
-        """Run one case, by its label. Raises SceneError where the body has no state of rest to begin from, and what `step_contacts` raises."""
+        """Run one case, by its label. Raises what `step_contacts` raises, and SceneError where the body has no state of rest to begin from."""
         case, problem = self.case(label), self.body.problem()
-        inputs = self._inputs(case)
-        acting = Acting(problem, {name: value for name, value in inputs.items() if name in problem.forces}, np.zeros(1))
-        try:
-            rest = press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})
-        except (SceneError, SimulationError) as error:
-            raise SceneError(f"Controller `{label}`: the body must be at rest under the forces at its beginning, but: {error}") from None
-        return step_contacts(problem, self.duration, step=self.step, inputs=inputs, controller=case.controller, start=rest)
+        rest = self._rest(problem, case)
+        return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)
 
     def check(self) -> None:
-        """Raise SceneError unless every case can be stepped; nothing is run."""
+        """Raise SceneError unless every case can be stepped and has a state of rest to begin from; nothing is run."""
         problem = self.body.problem()
         times, _ = instants(self.duration, self.step)
         if not self.cases:
@@ -93,8 +88,18 @@ class ContactScene:
         for case in self.cases:
             try:
                 Acting(problem, self._inputs(case), times, case.controller)
+                self._rest(problem, case)
             except SceneError as error:
                 raise SceneError(f"Controller `{case.label}`: {error}") from None
+
+    def _rest(self, problem: ContactProblem, case: Case) -> ContactRun:
+        """The body under the forces at its beginning."""
+        forces = {name: value for name, value in self._inputs(case).items() if name in problem.forces}
+        acting = Acting(problem, forces, np.zeros(1))
+        try:
+            return press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})
+        except (SceneError, SimulationError) as error:
+            raise SceneError(f"the body must be at rest under the forces at its beginning, but: {error}") from None
 
     def _inputs(self, case: Case) -> dict[str, Any]:
         return {name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()}

@@ -23,13 +23,13 @@ THEMES = {
         "Plant",
         "Parts, contacts and control laws, and what they become when they are composed.",
         "compose HybridSystem Component Equations state quantity Quantity OptionalQuantity Quantities OptionalQuantities time DryFriction FrictionLaw "
-        "UnilateralContact Relay Hysteresis smoothed Controller Sampled Takeover Update Observer Observed ContactProblem UnusualValue SceneError",
+        "UnilateralContact Relay Hysteresis smoothed Controller Sampled Takeover Update Observer Observed ContactProblem ContactBody UnusualValue SceneError",
     ),
     "simulate": (
         "Simulate",
         "Runs of a plant: methods, inputs in time, results, scenes.",
         "simulate Trajectory Event Automatic EventExact Explicit Implicit TaylorSeries TimeStepping Smoothing Budget ramp step sine square triangle Scene "
-        "press_contacts step_contacts ContactRun units SimulationError AccuracyError BudgetError ZenoError",
+        "press_contacts step_contacts ContactRun ContactScene units SimulationError AccuracyError BudgetError ZenoError",
     ),
     "measure": (
         "Measure",
@@ -142,7 +142,8 @@ def scene_page() -> str:
     keys = importlib.import_module("toolbox.scenes.keys")
     lines = ["# Keys of a scene file", "", "Numbers are SI, or text with a unit. `stickslip list scene` prints this page on a terminal.", ""]
     for table, entries in keys.KEYS.items():
-        lines += [f"## {'At the head of the file' if table == 'scene' else f'`{table}`'}", "", "| key | unit | without it | meaning |", "|---|---|---|---|"]
+        heading = "At the head of the file" if table == "scene" else f"`{table}`" if table.startswith("[") else table
+        lines += [f"## {heading}", "", "| key | unit | without it | meaning |", "|---|---|---|---|"]
         lines += [f"| `{key.name}` | {key.unit} | {key.default} | {key.meaning} |" for key in entries]
         lines.append("")
     return "\n".join(lines)
@@ -156,10 +157,11 @@ def _own_methods(thing: type) -> list[str]:
 
 def field_table(thing: Any) -> list[str]:
     """The fields of a part, a law or a friction law that are declared with `quantity`, and the others, as a table; empty for anything else."""
+    from toolbox.contacts.problem import ContactBody
     from toolbox.modelling.components import Component
     from toolbox.modelling.elements import FrictionLaw
 
-    if not (isinstance(thing, type) and issubclass(thing, (Component, FrictionLaw)) and dataclasses.is_dataclass(thing)):
+    if not (isinstance(thing, type) and issubclass(thing, (Component, ContactBody, FrictionLaw)) and dataclasses.is_dataclass(thing)):
         return []
     fields = [field for field in dataclasses.fields(thing) if field.name != "name" and not field.name.startswith("_")]
     if not any("unit" in field.metadata for field in fields):

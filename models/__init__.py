@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from models.drag_bit import DragBit as DragBit
     from models.drill_string import TorsionalChain as TorsionalChain
     from models.elastic.body import ElasticBody as ElasticBody
+    from models.elastic.face import ElasticFace as ElasticFace
     from models.elastic.meshes import block_mesh as block_mesh
     from models.elastic.meshes import body_of_mesh as body_of_mesh
     from models.elastic.pad import ElasticPad as ElasticPad
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from models.tabulated_string import DrillString as DrillString
     from models.top_drive import TopDrive as TopDrive
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
+    from models.wall_friction import StringOnWall as StringOnWall
     from models.wall_friction import WallContact as WallContact
     from models.wall_friction import sliding_resultant as sliding_resultant
     from models.wall_friction import string_on_wall as string_on_wall
@@ -90,6 +92,7 @@ __all__ = [
     "DrillString",
     "Drop",
     "ElasticBody",
+    "ElasticFace",
     "ElasticPad",
     "ElasticRock",
     "ElasticSlider",
@@ -114,6 +117,7 @@ __all__ = [
     "SmoothBitRock",
     "SmoothHystereticBitRock",
     "SquealingPad",
+    "StringOnWall",
     "Survey",
     "Tabulated",
     "TopDrive",
@@ -156,6 +160,7 @@ _FILES = {
     "models.drag_bit": "DragBit",
     "models.drill_string": "TorsionalChain",
     "models.elastic.body": "ElasticBody",
+    "models.elastic.face": "ElasticFace",
     "models.elastic.meshes": "block_mesh, body_of_mesh",
     "models.elastic.pad": "ElasticPad",
     "models.elastic.reduced_body": "ReducedBody",
@@ -172,7 +177,7 @@ _FILES = {
     "models.sliders": "InclinedSlider, PlateContact, Slider",
     "models.smooth_bit_rock": "SmoothBitRock",
     "models.squeal": "SquealingPad",
-    "models.wall_friction": "WallContact, sliding_resultant, string_on_wall",
+    "models.wall_friction": "StringOnWall, WallContact, sliding_resultant, string_on_wall",
     "models.survey": "Survey, read_survey",
     "models.tabulated_string": "DrillString",
     "models.top_drive": "TopDrive",

@@ -12,7 +12,18 @@ import numpy as np
 from models.axial import AxialChain
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb
-from toolbox import Component, ContactProblem, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
+from toolbox import (
+    Component,
+    ContactBody,
+    ContactProblem,
+    DryFriction,
+    Equations,
+    FrictionLaw,
+    Quantities,
+    Quantity,
+    SceneError,
+    quantity,
+)
 from toolbox.authoring import check_fields, finite_array, is_finite_number
 
 
@@ -24,7 +35,7 @@ class WallContact(Component):
         slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
 
     Turning takes axial drag away, and a string that hangs up along its hole comes free when it is turned. It stands in the place of the rock, at the last mass
-    of an `AxialChain` and the last inertia of a `TorsionalChain`; every switch is located. For friction at every mass see `string_on_wall`.
+    of an `AxialChain` and the last inertia of a `TorsionalChain`; every switch is located. For friction at every mass, stepped over time, see `StringOnWall`.
 
     - Needs the signals `bit.axial_speed` v [m/s], downwards, and `bit.speed` w [rad/s].
     - Gives the signals `wall.drag` F [N] and `wall.torque` T [N m], to the chains as `bit.weight` and `bit.torque`.
@@ -149,6 +160,32 @@ def string_on_wall(
         outputs=outputs,
         units={"bit.torque": "N m"} | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"}) | dict.fromkeys([*outputs][n:], "rad"),
     )
+
+
+@dataclass(frozen=True)
+class StringOnWall(ContactBody):
+    """Drill string that slides along its hole and turns in it at once, with one cone of friction at every mass, as scenes name it.
+
+    `string_on_wall` says what its inputs, outputs and frame are: with `top_drive` control laws measure `top.speed` and drive `top.torque`.
+    """
+
+    mass: Quantities = quantity(unit="kg", meaning="masses behind the hoisting lines, top first", above=0)
+    axial_stiffness: Quantities = quantity(unit="N/m", meaning="stiffness of the hoisting lines, then between masses", at_least=0)
+    axial_damping: Quantities = quantity(unit="N s/m", meaning="damping beside every axial stiffness", at_least=0)
+    inertia: Quantities = quantity(unit="kg m2", meaning="that of the top drive, then one for every mass", above=0)
+    stiffness: Quantities = quantity(unit="N m/rad", meaning="stiffness between inertias", at_least=0)
+    damping: Quantities = quantity(unit="N m s/rad", meaning="damping between inertias", at_least=0)
+    radius: Quantity = quantity(unit="m", meaning="of the surface that touches the wall", above=0)
+    loads: Quantities = quantity(unit="N", meaning="side force on the wall at every mass", at_least=0)
+    top_drag: Quantity = quantity(0.0, "N m s/rad", "viscous drag on the top drive, where it is an inertia", at_least=0)
+    top_drive: bool = False
+    friction: FrictionLaw = Coulomb(0.3, 0.3)
+
+    def problem(self) -> ContactProblem:
+        check_fields(self)
+        axial = AxialChain(mass=self.mass, stiffness=self.axial_stiffness, damping=self.axial_damping)
+        torsional = TorsionalChain(inertia=self.inertia, stiffness=self.stiffness, damping=self.damping, top_drag=self.top_drag)
+        return string_on_wall(axial, torsional, radius=self.radius, loads=self.loads, friction=self.friction, top_drive=self.top_drive)
 
 
 def _free_chain(springs: Sequence[float]) -> np.ndarray:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from toolbox.calibration.recording import Recording as Recording
     from toolbox.calibration.results import Fit as Fit
     from toolbox.contacts.contact_run import ContactRun as ContactRun
+    from toolbox.contacts.problem import ContactBody as ContactBody
     from toolbox.contacts.problem import ContactProblem as ContactProblem
     from toolbox.contacts.stepping import press_contacts as press_contacts
     from toolbox.contacts.stepping import step_contacts as step_contacts
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
     from toolbox.robustness.worst_case import WorstCase as WorstCase
     from toolbox.robustness.worst_case import cycle_phases as cycle_phases
     from toolbox.robustness.worst_case import worst_case as worst_case
+    from toolbox.scenes.contact_scene import ContactScene as ContactScene
     from toolbox.scenes.differences import Differences as Differences
     from toolbox.scenes.differences import compare as compare
     from toolbox.scenes.scene import Scene as Scene
@@ -116,8 +118,10 @@ __all__ = [
     "Budget",
     "BudgetError",
     "Component",
+    "ContactBody",
     "ContactProblem",
     "ContactRun",
+    "ContactScene",
     "Controller",
     "Cycle",
     "CycleError",
@@ -214,7 +218,7 @@ _ROOMS = {
     "toolbox.calibration.recording": "Recording",
     "toolbox.calibration.results": "Fit",
     "toolbox.contacts.contact_run": "ContactRun",
-    "toolbox.contacts.problem": "ContactProblem",
+    "toolbox.contacts.problem": "ContactBody, ContactProblem",
     "toolbox.contacts.stepping": "press_contacts, step_contacts",
     "toolbox.errors": "AccuracyError, BudgetError, GrazingError, SceneError, SimulationError, UnusualValue, ZenoError",
     "toolbox.export.c_code": "export_c, to_control",
@@ -244,6 +248,7 @@ _ROOMS = {
     "toolbox.robustness.margins": "Margins, margins",
     "toolbox.robustness.worst_case": "WorstCase, cycle_phases, worst_case",
     "toolbox.scenes.differences": "Differences, compare",
+    "toolbox.scenes.contact_scene": "ContactScene",
     "toolbox.scenes.scene": "Scene",
     "toolbox.scenes.work_precision": "WorkPrecision, work_precision",
     "toolbox.simulation.methods": "Automatic, EventExact, Explicit, Implicit, Smoothing, TaylorSeries, TimeStepping",

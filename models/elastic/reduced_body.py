@@ -14,13 +14,15 @@ import numpy as np
 from toolbox import ContactProblem, FrictionLaw, SceneError
 from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, read_arrays, replaced, suggest
 
+MATRICES = ("mass", "damping", "stiffness")
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedBody:
     """An elastic body in few coordinates q = (displacements of the ports, amplitudes of modes): M q'' + C q' + K q = forces on the ports.
 
-    `ElasticBody.reduced` makes one from finite elements; matrices that another program has reduced make one, too. Two reduced bodies with the same ports and
-    matrices are equal. In a scene file a body is the path of a file that `save` has written, or a table of these attributes.
+    `ElasticBody.reduced` makes one from finite elements; matrices that another program has reduced make one, too. Two reduced bodies with the same ports,
+    matrices and contacts are equal. In a scene file a body is the path of a file that `save` has written, or a table of these attributes.
 
     Attributes
     ----------
@@ -36,6 +38,8 @@ class ReducedBody:
         (f,): relative errors of the reduced body's, >= 0.
     rigid
         Number of rigid-body motions of the body.
+    places, areas
+        (c, 1 to 3) where the contacts of the body are [m], and (c,) area of each [m2], for pictures and pressures; None where nobody said.
 
     Raises
     ------
@@ -51,13 +55,15 @@ class ReducedBody:
     frequencies: np.ndarray = ()  # type: ignore[assignment]
     errors: np.ndarray = ()  # type: ignore[assignment]
     rigid: int = 0
+    places: np.ndarray | None = None
+    areas: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         ports = tuple(self.ports) if isinstance(self.ports, (list, tuple)) else ()
         if not ports or not all(isinstance(port, str) and port.isprintable() and port for port in ports) or len(set(ports)) < len(ports):
             raise SceneError(f"Argument `ports` must be names of ports, at least one and each once, but it is {self.ports!r}.")
         object.__setattr__(self, "ports", ports)
-        for word in ("mass", "damping", "stiffness"):
+        for word in MATRICES:
             object.__setattr__(self, word, self._matrix(word))
         roots = np.sqrt(np.maximum(np.diag(self.mass), 0.0))
         if not roots.all() or not _positive(self.mass / np.outer(roots, roots)):
@@ -71,6 +77,12 @@ class ReducedBody:
             raise SceneError(f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}.")
         if not is_finite_number(self.band) or self.band < 0 or not is_finite_number(self.rigid) or self.rigid < 0 or self.rigid % 1:
             raise SceneError(f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}.")
+        for word, axes in (("places", 2), ("areas", 1)):
+            given = getattr(self, word)
+            values = None if given is None else finite_array(given)
+            if given is not None and (values is None or values.ndim != axes):
+                raise SceneError(f"Argument `{word}` must be finite numbers, one {'row' if word == 'places' else 'number'} for each contact.")
+            object.__setattr__(self, word, values)
         object.__setattr__(self, "band", float(self.band))
         object.__setattr__(self, "rigid", int(self.rigid))
 
@@ -87,9 +99,13 @@ class ReducedBody:
         return matrix
 
     def save(self, path: str | Path) -> Path:
-        """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path."""
+        """Write the body to a file (.npz) that `load` and scene files read, whole or not at all; returns its path.
+
+        Of a matrix that is symmetric to the last bit the file holds the upper triangle alone, above zeros.
+        """
         path = _npz(path)
-        arrays: dict[str, Any] = {spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self)}
+        arrays: dict[str, Any] = {spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self) if getattr(self, spec.name) is not None}
+        arrays |= {word: np.triu(arrays[word]) for word in MATRICES if np.array_equal(arrays[word], arrays[word].T)}
         with replaced(path) as file:
             np.savez_compressed(file, **arrays)
         return path
@@ -100,13 +116,15 @@ class ReducedBody:
         path = _npz(path)
         found = read_arrays(path, "a reduced body")
         known = [spec.name for spec in fields(cls)]
-        for name in (*found, *known):
+        needed = [name for name in known if name not in ("places", "areas")]
+        for name in (*found, *needed):
             if name not in found or name not in known:
                 fault = "holds" if name in found else "lacks"
-                raise SceneError(f"File `{path}` must be a reduced body with {', '.join(known)}, but it {fault} `{name}`.")
+                raise SceneError(f"File `{path}` must be a reduced body with {', '.join(needed)}, but it {fault} `{name}`.")
         try:
             plain = {name: found[name].tolist() for name in ("ports", "band", "rigid")}
-            return cls(**found | plain)
+            whole = {word: _mirrored(found[word]) for word in MATRICES}
+            return cls(**found | plain | whole)
         except SceneError as error:
             raise SceneError(f"File `{path}` must be a reduced body, but: {error}") from None
 
@@ -195,8 +213,10 @@ class ReducedBody:
             1 where a positive normal displacement closes the gap, -1 where it opens it, as for z above a plate.
         load
             Given normal loads [N] instead, shape (contacts,).
-        gap, places, areas
+        gap
             As for `ContactProblem`.
+        places, areas
+            As for `ContactProblem`; without, those of the body.
         pushed
             Ports that are pushed; the input of that name is a force [N].
         """
@@ -224,13 +244,14 @@ class ReducedBody:
             forces={port: unit[self.index(port)] for port in pushed},
             surface={f"surface.{word}": np.tile(np.eye(len(ways))[i], (count, 1)) for i, word in enumerate(tangent)},
             outputs={port: unit[i] for i, port in enumerate(self.ports)},
-            places=places,
-            areas=areas,
+            places=self.places if places is None else places,
+            areas=self.areas if areas is None else areas,
         )
 
     @functools.cached_property
     def _content(self) -> tuple[Any, ...]:
-        return (self.ports, self.mass.tobytes(), self.damping.tobytes(), self.stiffness.tobytes())
+        surface = tuple(None if array is None else (array.shape, array.tobytes()) for array in (self.places, self.areas))
+        return (self.ports, *(getattr(self, word).tobytes() for word in MATRICES), *surface)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ReducedBody) and self._content == other._content
@@ -253,6 +274,13 @@ def _positive(matrix: np.ndarray) -> bool:
     except np.linalg.LinAlgError:
         return False
     return True
+
+
+def _mirrored(matrix: np.ndarray) -> np.ndarray:
+    """A matrix of a file, of which `save` may have kept the upper triangle alone."""
+    if matrix.ndim != 2 or matrix.dtype.kind != "f" or matrix.shape[0] != matrix.shape[1] or np.tril(matrix, -1).any():
+        return matrix
+    return matrix + np.triu(matrix, 1).T
 
 
 def _npz(path: str | Path) -> Path:

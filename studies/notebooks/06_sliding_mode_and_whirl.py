@@ -10,6 +10,8 @@
 # Dhupia (a reconstruction with numbers published at UFRJ).
 
 # %%
+import math
+
 import matplotlib.pyplot as plt
 
 from models import WhirlingCollar
@@ -28,7 +30,7 @@ from studies.questions.whirl import (
     row,
     table,
 )
-from toolbox import plot
+from toolbox import plot, units
 
 gains, ways = (0.05, 0.1, 0.2, 0.4, 0.8, 1.3), (*WAYS[:3], *WAYS[3::2])
 found = outcomes(gains, ways)
@@ -44,7 +46,8 @@ figure = draw_outcomes(found, gains, ways)
 # %%
 runs = {way: driven(0.2, way) for way in SHOWN}
 print(table({way: row(run) for way, run in {"stiff PI": driven(None), **runs}.items()}))
-figure = draw({way: (run, SHOWN[way]) for way, run in runs.items()})
+with units("metric"):  # what drillers read: rpm
+    figure = draw({way: (run, SHOWN[way]) for way, run in runs.items()})
 
 # %% [markdown]
 # What separates them is not the bit but the collar's past: under the stiff drive it strikes the wall in every cycle, and a takeover finds it there.
@@ -54,13 +57,13 @@ with plt.rc_context(plot.PAPER):
     figure, ax = plt.subplots(figsize=(plot.WIDTH, 2.6), layout="constrained")
     for (way, run), style in zip(runs.items(), plot.LINES, strict=False):
         shown = run.time < 60.0
-        ax.plot(run.time[shown], run["bit.speed"][shown], label=way, **style)
+        ax.plot(run.time[shown], 30 / math.pi * run["bit.speed"][shown], label=way, **style)
     wall = WhirlingCollar().contact_speed(WEIGHT, SLIDING)
     rolls = WhirlingCollar().rolling_speed(WEIGHT, SLIDING)
     for speed, word in ((wall, "whirl reaches the wall"), (rolls, "rolling lasts above")):
-        ax.axhline(speed, color="0.3", linewidth=0.8, linestyle=(0, (4, 2)))
-        ax.text(59.5, speed + 0.3, word, ha="right", va="bottom", fontsize=8)
-    ax.set(xlabel="time [s]", ylabel="bit speed [rad/s]", xlim=(0, 60), ylim=(-0.5, 26))
+        ax.axhline(30 / math.pi * speed, color="0.3", linewidth=0.8, linestyle=(0, (4, 2)))
+        ax.text(59.5, 30 / math.pi * speed + 3, word, ha="right", va="bottom", fontsize=8)
+    ax.set(xlabel="time [s]", ylabel="bit speed [rpm]", xlim=(0, 60), ylim=(-5, 250))
     ax.legend(frameon=False, loc="upper center", ncols=3)
 
 # %% [markdown]

@@ -46,12 +46,12 @@ with plt.rc_context(plot.PAPER):
     times = np.linspace(0.0, 30.0, 900)
     depth = np.array(string.depth)
     for panel, label in zip(panels, ("published PI", "PI of 4 pipe impedances"), strict=True):
-        speed = runs[label].at(times)["chain.speed"]
-        image = panel.pcolormesh(times, depth, speed.T, cmap="gray", vmin=0.0, vmax=15.0, shading="nearest", rasterized=True)
+        speed = 30 / np.pi * runs[label].at(times)["chain.speed"]  # rpm
+        image = panel.pcolormesh(times, depth, speed.T, cmap="gray", vmin=0.0, vmax=140.0, shading="nearest", rasterized=True)
         panel.set(xlabel="time [s]", ylim=(depth[-1], 0.0))
         panel.set_title(label, loc="left", fontsize=9.0)
     panels[0].set_ylabel("measured depth [m]")
-    figure.colorbar(image, ax=panels, label="speed [rad/s]", pad=0.01)
+    figure.colorbar(image, ax=panels, label="speed [rpm]", pad=0.01)
 
 # %% [markdown]
 # **Answer.** Friction along the string is enough: at 60 rpm under the published PI the end of the string sticks and slips, off bottom. A

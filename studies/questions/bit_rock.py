@@ -24,7 +24,8 @@ from controllers import StiffPI
 from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock, SmoothBitRock, TorsionalPendulum, wells
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
-from toolbox import compose, measure, plot, simulate
+from toolbox import compose, measure, plot, simulate, units
+from toolbox.simulation.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "figures"
@@ -120,14 +121,15 @@ def draw_laws() -> Any:
     left.plot([0, 0], [0, 0.8 * 97_347.0 * 0.155575 / 1e3], color=plot.LINES[0]["color"], linewidth=3.4)
     left.text(0.25, 13.6, "stick", fontsize=8.0)
     left.legend(frameon=False, loc="upper right")
-    left.set(xlabel="bit speed [rad/s]", ylabel="bit torque [kN m]", xlim=(-0.3, 12.0), ylim=(0.0, 15.0))
+    left.set(ylabel="bit torque [kN m]", xlim=(-0.3, 12.0), ylim=(0.0, 15.0))
+    name_axis(left.xaxis, "bit speed", "rad/s")
     left.set_title("laws under 97.3 kN, with branches at ±10 %", loc="left", fontsize=9.0)
     for (name, run), line in zip(loops().items(), plot.LINES, strict=False):
         times = np.union1d(run.time[run.time > 100.0], np.linspace(100.0, 130.0, 6001))
         samples = run.at(times)
         right.plot(samples["bit.speed"], samples["bit.torque"] / 1e3, label=name, **line)
     right.legend(frameon=False, loc="upper right")
-    right.set(xlabel="bit speed [rad/s]")
+    name_axis(right.xaxis, "bit speed", "rad/s")
     right.set_title("stick-slip of four inertias under a stiff drive", loc="left", fontsize=9.0)
     return figure
 
@@ -141,7 +143,7 @@ def draw_drag_bit(speeds: Any = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 13.0, 14.0
     run, (begin, end) = coupled(), (20.0, 26.0)
     times = np.union1d(run.time[(run.time > begin) & (run.time < end)], np.linspace(begin, end, 3001))
     samples = run.at(times)
-    rows = (("bit.speed", "bit speed\n[rad/s]", 1.0, "bit"), ("bit.axial_speed", "axial speed\n[mm/s]", 1e3, "bit.axial"),
+    rows = (("bit.speed", "", 1.0, "bit"), ("bit.axial_speed", "axial speed\n[mm/s]", 1e3, "bit.axial"),
             ("bit.cut_depth", "depth of cut\n[mm]", 1e3, "bit.axial"))  # fmt: skip
     panels = [figure.add_subplot(grid[row, 0]) for row in range(3)]
     for panel, (name, label, factor, element) in zip(panels, rows, strict=True):
@@ -149,6 +151,7 @@ def draw_drag_bit(speeds: Any = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 13.0, 14.0
             panel.axvspan(first, last, facecolor="0.85", edgecolor="none", zorder=0)
         panel.plot(times, factor * samples[name], **plot.LINES[0])
         panel.set(xlim=(begin, end), ylabel=label)
+    name_axis(panels[0].yaxis, "bit speed\n", "rad/s")
     figure.align_ylabels(panels)
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
@@ -160,7 +163,8 @@ def draw_drag_bit(speeds: Any = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 13.0, 14.0
     right.axhline(STEADY / 1e3, **plot.LINES[2], label="steady cutting")
     right.axvline(CRITICAL, color="0.4", linewidth=1.0, linestyle=":")
     right.text(CRITICAL + 0.3, STEADY / 1e3 * 1.22, "steady cutting\nis stable", fontsize=8.0)
-    right.set(xlabel="bit speed, imposed [rad/s]", ylabel="torque [kN m]", ylim=(STEADY / 1e3 * 0.97, None))
+    name_axis(right.xaxis, "bit speed, imposed", "rad/s")
+    right.set(ylabel="torque [kN m]", ylim=(STEADY / 1e3 * 0.97, None))
     right.set_title("falling torque from a law without speed", loc="left", fontsize=9.0)
     right.legend(frameon=False, loc="upper right")
     return figure
@@ -199,7 +203,7 @@ def main() -> None:
     for speed in (4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 25.0):
         torque, stuck, least = cycle(speed)
         print(f"{speed:13.1f}  {torque:17.0f}  {100 * stuck:9.1f} %  {1e3 * least:14.2f}")
-    with plt.rc_context(plot.PAPER):
+    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
         for name, figure in (("bit_rock_laws", draw_laws()), ("drag_bit", draw_drag_bit()), ("bit_bounce", draw_bounce())):
             figure.savefig(folder / f"{name}.png")
             print(folder / f"{name}.png")

@@ -22,7 +22,8 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, oscillators, wells
-from toolbox import Branch, Cycle, compose, follow, limit_cycle, plot, simulate
+from toolbox import Branch, Cycle, compose, follow, limit_cycle, plot, simulate, units
+from toolbox.simulation.style import name_axis
 
 FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30
@@ -80,7 +81,8 @@ def draw(string: Branch, slow: Branch, sliding: Branch, bistable: Branch) -> Any
     lines, words = panels[0].get_legend_handles_labels()
     once = dict(zip(words, lines, strict=True))
     panels[0].legend(once.values(), once.keys(), frameon=False)
-    panels[0].set(xlabel="set-point [rad/s]", ylabel="bit speed over a cycle, least and largest [rad/s]")
+    name_axis(panels[0].xaxis, "set-point", "rad/s")
+    name_axis(panels[0].yaxis, "bit speed over a cycle, least and largest", "rad/s")
     for panel, title in zip(
         panels, ("Drill string, stiff drive", "Block of Thomsen and Fidlin", "Block of Veraszto and Stepan"), strict=True
     ):
@@ -130,7 +132,7 @@ def main() -> None:
     sliding, bistable = blocks()
     print(sliding)
     print(bistable)
-    with plt.rc_context(plot.PAPER):
+    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
         draw(string, onwards(cycle), sliding, bistable).savefig(folder / "cycles.png")
         print(folder / "cycles.png")
 

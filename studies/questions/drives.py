@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -72,8 +73,9 @@ from studies.protocol import (
     plant_with,
     rock_torques,
 )
-from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate
+from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate, units
 from toolbox.files import tables
+from toolbox.simulation.style import name_axis
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]
@@ -308,7 +310,8 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
                 left.text(HIGHEST + 0.7, k, "none: " + ", ".join(name for name, value in speeds.items() if value != value), va="center", fontsize=7.0)
         for name, style in marks.items():
             left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
-        left.set(xlim=(LOWEST, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rad/s]", xticks=range(2, round(HIGHEST) + 1, 2))
+        left.set(xlim=(LOWEST, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rpm]")  # what drillers read
+        left.set_xticks([rpm * math.pi / 30 for rpm in range(20, 121, 20)], range(20, 121, 20))
         left.set_yticks(range(len(rows)), [each.label for each in rows])
         left.invert_yaxis()
         left.legend(loc="lower right", frameon=False, fontsize=8.0)
@@ -319,8 +322,10 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
             right.plot(times - at, run.at(times)["bit.speed"], label=label, **style)
         right.axvline(0.0, color="0.5", linewidth=0.8, linestyle=":")
         right.axhline(EXAMPLE, color="0.5", linewidth=0.8, linestyle=":")
-        right.set(xlabel="time since the law took over [s]", ylabel="bit speed [rad/s]")
-        right.set_title(f"{CORNERS[1].name}, set-point {EXAMPLE:g} rad/s", fontsize=9.0, loc="left")
+        right.set(xlabel="time since the law took over [s]")
+        with units("metric"):
+            name_axis(right.yaxis, "bit speed", "rad/s")
+        right.set_title(f"{CORNERS[1].name}, set-point {EXAMPLE * 30 / math.pi:.0f} rpm", fontsize=9.0, loc="left")
         right.legend(frameon=False, fontsize=8.0, loc="upper right")
         figure.savefig(path, dpi=180)
         pyplot.close(figure)

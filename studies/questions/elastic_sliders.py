@@ -16,14 +16,25 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from models import Coulomb, ElasticBody, ElasticSlider, Exponential, PlateContact, Slider, block_mesh, body_of_mesh
+from models import (
+    Coulomb,
+    ElasticBody,
+    ElasticFace,
+    ElasticSlider,
+    Exponential,
+    PlateContact,
+    ReducedBody,
+    Slider,
+    block_mesh,
+    body_of_mesh,
+)
 from studies.questions.sliders import ACCELERATION, adhesion_time
 from toolbox import ContactProblem, ContactRun, Trajectory, compose, plot, press_contacts, ramp, simulate, step_contacts, time
 
@@ -56,17 +67,22 @@ def cube(divisions: int | tuple[int, int, int] = 10, damping_time: float = 0.0) 
     return body_of_mesh(block_mesh((SIDE,) * 3, parts), density=7800.0, modulus=2.1e11, poisson=0.3, damping_time=damping_time)
 
 
-def face_problem(divisions: int = 10, band: float = 0.0, pull: Pull = Pull(), mount: tuple[float, float] = (STIFFNESS, DAMPING)) -> ContactProblem:
-    """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
+def face_body(divisions: int = 10, band: float = 0.0) -> ReducedBody:
+    """The cube with every node of its face as a contact, in the modes of a band [Hz]; `face_body().save(...)` made the file of `elastic_face.toml`."""
     body = cube(divisions)
     nodes = body.on("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(nodes)}
     ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z"), "top.along": body.mean("top", "x")}
-    reduced = body.reduced(ports, band).mounted({"back": (mount[0], pull.damping * mount[1])})
+    return replace(body.reduced(ports, band), places=body.nodes[nodes], areas=body.faces["bottom"][nodes])
+
+
+def face_problem(divisions: int = 10, band: float = 0.0, pull: Pull = Pull(), mount: tuple[float, float] = (STIFFNESS, DAMPING)) -> ContactProblem:
+    """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
     friction = Exponential(static=pull.friction * MU, kinetic=pull.friction * 0.25, decay=1.0)
-    return reduced.in_contact(
-        friction, ("x", "y"), "z", pushed=("top", "top.along"), places=body.nodes[nodes], areas=body.faces["bottom"][nodes]
-    )
+    return ElasticFace(
+        face_body(divisions, band), ("x", "y"), "z", pushed=("top", "top.along"), held="back", stiffness=mount[0], damping=pull.damping * mount[1],
+        friction=friction,
+    ).problem()  # fmt: skip
 
 
 def face_run(problem: ContactProblem, step: float = 1e-3, duration: float = 0.24, pull: Pull = Pull()) -> ContactRun:

@@ -37,10 +37,11 @@ from controllers import StiffPI
 from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.questions.disks import braking_decision, critical_drop
-from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, compose, plot, quantity, sweep, time
+from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, compose, plot, quantity, sweep, time, units
 from toolbox.measuring import measures
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
+from toolbox.simulation.style import name_axis
 from toolbox.sweeps.sweep import Sweep, Variations
 
 FIGURES = Path(__file__).parents[1] / "figures"
@@ -204,7 +205,8 @@ def main() -> None:
     for sampled, name in ((False, "continuous"), (True, "100 Hz")):
         found = timed(f"50 x 50 map, {name}", string_map, (50, 50), sampled)
         print(f"{found}\n")
-    axes = found.plot()
+    with units("metric"):  # what drillers read: rpm
+        axes = found.plot()
     axes[0].figure.savefig(folder / "map_string.png", dpi=110)
 
     def draw_disks() -> Any:
@@ -295,7 +297,9 @@ def main() -> None:
             loads = np.linspace(*grid[1][[0, -1]], 200)
             ax.plot([COLLAR.contact_speed(load) for load in loads], loads / 1e3, label="closed forms", **THEORY)
             ax.plot([COLLAR.rolling_speed(load) for load in loads], loads / 1e3, **THEORY)
-            ax.set(xlabel="speed of the string [rad/s]", ylabel="weight on bit [kN]")
+            ax.set(ylabel="weight on bit [kN]")
+            with units("metric"):
+                name_axis(ax.xaxis, "speed of the string", "rad/s")
             for at, text in ((4.0, "free"), (14.0, "rolls on\nonce disturbed"), (26.0, "strikes")):
                 ax.text(at, 40.0, text, ha="center", va="center", fontsize=8.0)
             figure.legend(loc="outside lower center", ncols=2, frameon=False)

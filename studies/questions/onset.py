@@ -31,8 +31,9 @@ import numpy as np
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Branch, Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate
+from toolbox import Branch, Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.onsets.report import Onset
+from toolbox.simulation.style import name_axis
 
 FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30
@@ -169,9 +170,9 @@ def draw(grid: np.ndarray) -> Any:
                         label="cycle, unstable",
                     )
             kind, value = lost(cycles(drive))
-            panel.plot(
-                [value], [cycles(drive).bifurcations[0].cycle.extremes("bit.speed")[1]], "D", color="0.1", markersize=5, label=f"{kind}"
-            )
+            fastest = float(cycles(drive).bifurcations[0].cycle.extremes("bit.speed")[1])
+            panel.plot([value], [fastest], "D", color="0.1", markersize=5, label="end of the stable cycle")
+            panel.annotate(kind, (value, fastest), (7, 0), textcoords="offset points", va="center", fontsize=8.0)
         up = swept(drive, grid, {"chain.speed": (float(grid[0]), 0.0)})
         calm = simulate(RIG, 300.0, **drive.at(RANGE[1]), start={"chain.speed": (RANGE[1], RANGE[1]), "chain.twist": 17.0}, accuracy=1e-9)
         down = swept(drive, grid[::-1], carried(calm))
@@ -191,15 +192,13 @@ def draw(grid: np.ndarray) -> Any:
         panel.plot([critical], [critical], "o", color="0.1", markersize=5, zorder=4, label="Hopf point")
         panel.axvline(WORKING, color="0.6", linewidth=0.8, linestyle=":", label="95 rpm")
         panel.set_title(drive.label, loc="left", fontsize=9.0)
-        once = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-        named = ("fold", "grazing-sliding", "period doubling")
-        shown = {word: handle for word, handle in once.items() if panel is panels[0, 0] or word in named}
-        panel.legend(shown.values(), shown.keys(), frameon=False, fontsize=6.8, loc="upper left", ncols=2 if panel is panels[0, 0] else 1)
-        panel.set(xlim=RANGE, ylim=(-0.8, 40.0))
+        panel.set(xlim=RANGE, ylim=(-0.8, 29.0))
+    once = dict(zip(*reversed(panels[0, 0].get_legend_handles_labels()), strict=True))
+    figure.legend(once.values(), once.keys(), frameon=False, fontsize=8.0, loc="outside upper center", ncols=5)
     for panel in panels[1]:
-        panel.set_xlabel("set-point [rad/s]")
+        name_axis(panel.xaxis, "set-point", "rad/s")
     for panel in panels[:, 0]:
-        panel.set_ylabel("bit speed, least and largest [rad/s]")
+        name_axis(panel.yaxis, "bit speed, least and largest", "rad/s")
     return figure
 
 
@@ -221,7 +220,7 @@ def main() -> None:
         print(
             f"{drive.label:<22}{hopf(drive):>13.6f}{loss.value:>10.3f} +- {loss.tolerance:.3f}{end.value:>11.3f} +- {end.tolerance:.3f}"
             f"{cycle:>32}{100 * end.margin(WORKING):>+7.0f} %", flush=True)  # fmt: skip
-    with plt.rc_context(plot.PAPER):
+    with plt.rc_context(plot.PAPER), units("metric"):  # what drillers read: rpm
         draw(np.linspace(*RANGE, 29)).savefig(folder / "onset.png", dpi=110)
         print(folder / "onset.png")
 

@@ -37,8 +37,9 @@ from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, 
 from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import DELAY, PLANT, disk_margins
-from toolbox import Margins, Observed, Sampled, absorber_limit, margins, performance_limit
+from toolbox import Margins, Observed, Sampled, absorber_limit, margins, performance_limit, units
 from toolbox.files import tables
+from toolbox.simulation.style import name_axis
 
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)
@@ -162,7 +163,9 @@ def picture(path: Path, absorbing: tuple[float, float], points: int = 25) -> Non
     for value, text in zip(absorbing, ("absorber", "absorber\non the\ndrive"), strict=True):
         ax.axvline(value, color="0.3", lw=0.8, ls=":")
         ax.text(value + 0.05, 1.3, text, fontsize=8, va="top")
-    ax.set(xlim=(2.0, 9.0), ylim=(0.0, 2.05), xlabel="set-point [rad/s]", ylabel="disk margin [1]")
+    ax.set(xlim=(2.0, 9.0), ylim=(0.0, 2.05), ylabel="disk margin [1]")
+    with units("metric"):  # what drillers read: rpm
+        name_axis(ax.xaxis, "set-point", "rad/s")
     ax.set_title("sampled every 10 ms, torque 30 ms late", fontsize=9, loc="left")
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

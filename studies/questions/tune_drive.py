@@ -137,21 +137,25 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
     """The fronts of both drives of the drill string, and that of the collar; returns a matplotlib figure."""
     import matplotlib.pyplot as plt
 
-    from toolbox import plot
+    from toolbox import plot, units
+    from toolbox.simulation.style import name_axis
 
     looks = [(plot.LINES[0], "o"), (plot.LINES[1], "s")]
     with plt.rc_context(plot.PAPER):
         figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 3.3), layout="constrained")
         for (label, found), (style, marker) in zip(string.items(), looks, strict=True):
             _front(left, found, label, style, marker)
-        left.set(xlabel="lowest set-point that ends stick-slip [rad/s]", ylabel="settling from rest [s]")
+        left.set(ylabel="settling from rest [s]")
         left.set_title("drill string, worst of 90, 97 and 107 kN", loc="left", fontsize=9.0)
         left.legend(frameon=False, fontsize=7.5)
         _front(right, rig, "sliding mode", *looks[0])
         right.set_yscale("symlog", linthresh=1.0)
-        right.set(xlabel="lowest set-point that ends stick-slip [rad/s]", ylabel="impacts on the wall [1]", ylim=(-0.3, None))
+        right.set(ylabel="impacts on the wall [1]", ylim=(-0.3, None))
         right.set_title("whirling collar", loc="left", fontsize=9.0)
         right.legend(frameon=False, fontsize=7.5)
+        with units("metric"):  # what drillers read: rpm
+            for ax in (left, right):
+                name_axis(ax.xaxis, "lowest set-point that ends stick-slip", "rad/s")
     return figure
 
 

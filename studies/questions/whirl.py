@@ -31,7 +31,8 @@ import numpy as np
 
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
-from toolbox import HybridSystem, compose, measure, plot, simulate
+from toolbox import HybridSystem, compose, measure, plot, simulate, units
+from toolbox.simulation.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import state_values
 
@@ -149,7 +150,7 @@ def orbit(run: Trajectory, ax: Any, begin: float, end: float) -> None:
             facecolor="0.88", edgecolor="none", zorder=0)  # fmt: skip
     ax.plot(gap * np.cos(angle), gap * np.sin(angle), color="0.3", linewidth=0.8)
     ax.plot(y, z, **{**plot.LINES[0], "linewidth": 0.5})
-    ax.plot(np.where(closed, y, np.nan), np.where(closed, z, np.nan), color="black", linewidth=2.2)
+    ax.plot(np.where(closed, y, np.nan), np.where(closed, z, np.nan), color=plot.LINES[0]["color"], linewidth=2.2)
     ax.set(xlabel="y [mm]", ylabel="z [mm]", xlim=(-1.13 * gap, 1.13 * gap), ylim=(-1.13 * gap, 1.13 * gap), aspect="equal")
 
 
@@ -173,13 +174,15 @@ def draw(runs: dict[str, tuple[Trajectory, float]]) -> Any:
             speed.set(xlim=(0.0, end), ylim=(-0.5, 27.0))
             speed.set_title(label, loc="left", fontsize=9.0)
             speed.tick_params(labelbottom=False)
+            name_axis(speed.yaxis, "speed" if k == 0 else "", "rad/s")
+            if k:
+                speed.set_ylabel("")
             radius.axvspan(first, first + 2.0, facecolor="0.75", zorder=0)
             radius.plot(times, 1e3 * samples["collar.radius"], **{**plot.LINES[0], "linewidth": 0.5})
             radius.axhline(1e3 * collar.gap, **dashed)
             radius.set(xlim=(0.0, end), ylim=(0.0, 26.0), xlabel="time [s]")
             orbit(run, plane, first, first + 2.0)
             plane.set_title(f"orbit from {first:g} s to {first + 2:g} s", loc="left", fontsize=9.0)
-        axes[0, 0].set_ylabel("speed [rad/s]")
         axes[1, 0].set_ylabel("radius of centre [mm]")
         axes[0, 1].text(end, collar.contact_speed(WEIGHT, SLIDING) - 0.5, "whirl would reach the wall", ha="right", va="top", fontsize=7.5)
         axes[0, -1].legend(frameon=False, ncols=2, loc="upper right", fontsize=7.5, borderaxespad=0.0)
@@ -250,7 +253,8 @@ def main() -> None:
     named = {"stiff PI": driven(None), **{f"0.2 1/s, {way}": driven(0.2, way) for way in WAYS}}
     print(table({label: row(run) for label, run in named.items()}))
     shown = {f"0.2 1/s, {way}": (driven(0.2, way), first) for way, first in SHOWN.items()}
-    draw(shown).savefig(folder / "whirl.png")
+    with units("metric"):  # what drillers read: rpm
+        draw(shown).savefig(folder / "whirl.png")
     draw_outcomes(found).savefig(folder / "whirl_outcomes.png")
     print(f"Figures are in {folder}")
 

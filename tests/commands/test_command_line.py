@@ -448,7 +448,7 @@ def test_the_same_mistakes_are_one_line_and_exit_code_2_in_every_command(argumen
 def test_list_tells_wells_models_laws_observers_and_friction_laws_apart(capsys):
     assert main(["list"]) == 0
     headings = [line for line in capsys.readouterr().out.splitlines() if not line.startswith(" ")]
-    assert headings == ["Wells", "Oscillators", "Models", "Control laws", "Observers", "Friction laws"]
+    assert headings == ["Wells", "Oscillators", "Models", "Bodies with many contacts", "Control laws", "Observers", "Friction laws"]
     assert main(["list", "Kalman"]) == 0
     assert capsys.readouterr().out.startswith("Observers\n  observers.Kalman: ")
     assert main(["list", "Exponential"]) == 0

@@ -1,5 +1,7 @@
 """Pictures of a face: what is drawn is what the run holds."""
 
+import dataclasses
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -51,6 +53,36 @@ def test_a_map_shows_every_contact_in_its_mode(run):
 def test_fields_are_drawn_in_the_unit_that_their_bar_says(run, values, factor):
     ax = run.plot_map(run.end, values)
     np.testing.assert_allclose(ax.collections[0].get_array(), factor * getattr(run, values)[-1])
+
+
+def test_the_figure_of_a_run_shows_shares_the_face_at_four_instants_and_its_fields(run):
+    axes = run.plot()
+    figure = axes[0].figure
+    assert axes.size == 10 and all(ax.figure is figure for ax in axes)
+    assert {line.get_label() for line in axes[0].get_lines() if len(line.get_xdata()) > 2} == {"stick", "slip", "open"}
+    instants = [line.get_xdata()[0] for line in axes[0].get_lines() if len(line.get_xdata()) == 2]
+    shown = [float(ax.get_title().partition(" s")[0]) for ax in axes[2:6]]
+    np.testing.assert_allclose(instants, shown, rtol=1e-3)
+    changes = np.diff(run.modes, axis=0).astype(bool).sum(axis=1).cumsum()
+    for part, instant in zip((0.2, 0.4, 0.6, 0.8), instants, strict=True):
+        assert changes[np.flatnonzero(run.time[1:] < instant - 1e-9)].max(initial=0) < part * changes[-1]
+    np.testing.assert_allclose(axes[8].collections[0].get_array(), 1e9 * run.rubbed[-1])
+    assert {text.get_text() for text in axes[9].get_legend().get_texts()} >= {"slip", "open"}
+
+
+def test_the_figure_of_a_run_without_places_shows_shares_and_forces(run):
+    bare = dataclasses.replace(run, problem=dataclasses.replace(run.problem, places=None))
+    shares, forces = bare.plot()
+    assert shares.get_ylabel() == "share of the area [1]" and forces.get_ylabel() == "sum of forces [N]"
+    drawn = {line.get_label(): line.get_ydata() for line in forces.get_lines()}
+    assert set(drawn) == {"normal", "tangential 0"}  # nothing moves along the other direction
+    np.testing.assert_allclose(drawn["normal"], run.normal.sum(axis=1))
+    np.testing.assert_allclose(drawn["tangential 0"], run.tangential[:, :, 0].sum(axis=1))
+
+
+def test_a_face_whose_contacts_never_change_is_shown_at_even_instants(run):
+    still = dataclasses.replace(run, modes=0 * run.modes)
+    assert [ax.get_title() for ax in still.plot()[2:6]] == [f"{instant:.4g} s: 100% stick" for instant in (0.024, 0.05, 0.076, 0.1)]
 
 
 def test_a_film_has_its_frames_and_is_written_whole(run, tmp_path):

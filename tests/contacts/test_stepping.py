@@ -1,8 +1,10 @@
 """Bodies with many contacts against closed forms: sliding, sticking, impact, waves, the cone, and the balance of energy."""
 
+import dataclasses
 import itertools
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -52,6 +54,40 @@ def test_a_block_thrown_in_any_direction_slows_along_it_and_stops_where_the_text
         assert (run.rates[-1] == 0).all()
     for coarse, fine in itertools.pairwise(errors):
         assert coarse / fine == pytest.approx(2.0, rel=0.05)
+
+
+def test_the_error_that_a_run_measures_is_the_one_it_makes_and_falls_with_the_step():
+    size, speed = 5e-4, 10.0  # the plate carries the block to x = size (speed t - sin(speed t)), and the contact holds k x + m x''
+    made = []
+    for step in (0.01, 0.005):
+        run = step_contacts(block(500.0), 1.0, step=step, inputs={"surface.x": size * speed * (1 - ca.cos(speed * time))})
+        phase = speed * run.time
+        exact = 500.0 * size * (phase - np.sin(phase)) + MASS * size * speed**2 * np.sin(phase)
+        made.append(np.abs(run.tangential[:, 0, 0] - exact).max() / np.hypot(LOAD, exact.max()))
+        assert "ask `run.error`" in str(run)
+        assert run.error == pytest.approx(made[-1], rel=0.1)
+        assert f"error of the forces {run.error:.1e}" in str(run)
+    assert made[0] / made[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_free_block_rests_on_its_friction_alone():
+    rest = press_contacts(block(), {"force.x": 0.9 * MU * LOAD})
+    assert rest["x"][0] == 0.0 and rest.share()[0] == 1.0
+    assert rest.tangential[0, 0, 0] == pytest.approx(-0.9 * MU * LOAD, rel=1e-12)
+    with pytest.raises(SimulationError, match="No set of open, sticking and sliding contacts is at rest"):
+        press_contacts(block(), {"force.x": 1.1 * MU * LOAD})
+
+
+def test_a_state_of_rest_has_no_error_of_a_step_and_that_of_a_run_that_failed_is_not_known():
+    assert press_contacts(block(500.0), {"force.x": 1.0}).error == 0.0
+    run = step_contacts(block(500.0), 1.0, step=0.1)
+    assert np.isnan(dataclasses.replace(run, _finer=None).error)
+
+
+def test_an_output_keeps_its_unit_beside_an_input_of_its_name():
+    problem = block(500.0, outputs={"force.x": [1.0]}, units={"force.x": "kN"})
+    assert (problem.unit("force.x"), problem.output_unit("force.x")) == ("kN", "m")
+    assert block(outputs={"turn": [1.0]}, units={"turn": "rad"}).output_unit("turn") == "rad"
 
 
 def test_a_block_lets_go_where_the_resultant_of_two_forces_reaches_the_bound_and_not_where_one_does():

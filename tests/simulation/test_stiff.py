@@ -30,8 +30,9 @@ from toolbox import (
 )
 from toolbox.compilation import loop_layout
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
+from toolbox.simulation import carry_out
 from toolbox.simulation.growth import longest_followed
-from toolbox.simulation.stiffness import stiff_size
+from toolbox.simulation.stiffness import pays, progress, spectral_radius, stiff_size
 from toolbox.simulation.work_arrays import work_arrays
 
 # --- the method: conditions of order, E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, section IV.7
@@ -462,6 +463,23 @@ def test_a_row_that_breaks_away_through_coupled_inertias_is_followed(cube):
     times = np.linspace(0.0, 0.06, 301)  # outside the microseconds of slip, within which so small a shift in time is an error of percents
     largest = np.abs(exact.states).max(axis=0)
     assert (np.abs(run.at(times).states - exact.at(times).states).max(axis=0) < 1e-4 * largest).all()
+
+
+def test_what_slipping_makes_stiff_is_stepped_implicitly_before_it_slips(cube, monkeypatch):
+    looks = []
+
+    def watched(run, program, work, since):
+        looks.append((*progress(work), spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m), pays(run, program, work, since)))
+        return looks[-1][-1]
+
+    monkeypatch.setattr(carry_out, "pays", watched)
+    drive = {"inputs": {"plate.speed": ramp(0.0, 0.01, 0.0, 4.0)}, "accuracy": 1e-6}
+    run = simulate(cube.plant(), cube.duration, **drive)
+    ((when, steps, events, radius, answer),) = looks
+    assert steps == 1000 and events == 0 and answer and when < 0.2 * run.events[0].time
+    assert radius == pytest.approx(5.2e5, rel=0.05)  # all rows stick, and explicit steps are bearable still: 31 000 to the end
+    stiff = simulate(cube.plant(), cube.duration, method="stiff", **drive)
+    assert run.events == stiff.events and np.array_equal(run.states, stiff.states)
 
 
 def test_a_lone_contact_asks_no_eigenvalues_and_coupled_ones_that_do_not_grow_have_no_longest_step(cube):

@@ -60,7 +60,7 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-HEADINGS = ("Models", "Control laws", "Observers", "Friction laws")
+HEADINGS = ("Models", "Bodies with many contacts", "Control laws", "Observers", "Friction laws")
 """Headings of what is a class; ready-made parts stand before them, under the name of their module."""
 
 
@@ -71,7 +71,7 @@ def _heading(entry: Any) -> str:
         return entry.name.rpartition(".")[0].capitalize() or "Ready-made parts"
     if issubclass(entry.item, Observer):
         return "Observers"
-    return {"part": "Models", "control law": "Control laws", "friction law": "Friction laws"}[entry.kind]
+    return {"part": "Models", "contact body": "Bodies with many contacts", "control law": "Control laws", "friction law": "Friction laws"}[entry.kind]
 
 
 def _line(name: str, value: Any, unit: str | None, meaning: str) -> None:

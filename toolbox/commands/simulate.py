@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import re
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
-from toolbox.errors import SimulationError
+from toolbox.errors import SceneError, SimulationError
 from toolbox.files.atomic import whole_folder
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
@@ -32,7 +33,7 @@ def add(commands: Any) -> None:
         epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
     )
     single.add_argument("--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without")
-    single.add_argument("--method", choices=METHODS, default="event", metavar="M", help=f"{', '.join(METHODS)} (event)")
+    single.add_argument("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)} (event); none for a body with many contacts")
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"
     )
@@ -41,16 +42,9 @@ def add(commands: Any) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Simulate cases of a scene. Returns the exit code."""
-    from toolbox.scenes.scene import Scene
-    from toolbox.simulation.simulate import simulate
-
-    scene = Scene.load(given.scene)
-    duration = None if given.duration is None else parse(given.duration, "s", "--duration")
-    changes: dict[str, Any] = {name: value for name, value in (("duration", duration), ("accuracy", given.accuracy)) if value is not None}
-    scene = dataclasses.replace(scene, **changes)
+    scene, simulated = _asked(given)
     labels = [scene.case(label).label for label in given.controller or scene.labels]
     stems = file_stems(labels)
-    plant = scene.plant()
     texts, failed = [scene.title], 0
     with (
         whole_folder(given.out, [REPORT, *(stem + tail for stem in stems for tail in drawn_as(RUN_FILES, given.format))], _earlier)
@@ -62,7 +56,7 @@ def run(given: argparse.Namespace) -> int:
                 reached(i, label)
                 complaint = ""
                 try:
-                    found = simulate(plant, scene.duration, method=given.method, **scene.arguments(scene.case(label)))
+                    found = simulated(label)
                 except SimulationError as failure:
                     found, complaint = failure.run, f"failed: {failure}"
                     failed += 1
@@ -86,6 +80,31 @@ def run(given: argparse.Namespace) -> int:
     if given.out:
         print(f"\nReport, figures and data are in {given.out}")
     return 1 if failed == len(labels) else 0
+
+
+def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
+    """The scene with the duration and accuracy that were asked for, and what runs the case of a label."""
+    from toolbox.scenes.contact_scene import ContactScene, load_scene
+    from toolbox.simulation.simulate import simulate
+
+    loaded = load_scene(given.scene)
+    duration = None if given.duration is None else parse(given.duration, "s", "--duration")
+    changes: dict[str, Any] = {name: value for name, value in (("duration", duration), ("accuracy", given.accuracy)) if value is not None}
+    if isinstance(loaded, ContactScene):
+        for option in ("method", "accuracy"):
+            if getattr(given, option) is not None:
+                raise SceneError(f"Argument --{option} must be left out, because the contacts of this scene are stepped by its `step`.")
+        stepped = dataclasses.replace(loaded, **changes)
+        if changes:
+            stepped.check()
+        return stepped, stepped.run
+    scene = dataclasses.replace(loaded, **changes)
+    plant = scene.plant()
+
+    def simulated(label: str) -> Any:
+        return simulate(plant, scene.duration, method=given.method or "event", **scene.arguments(scene.case(label)))
+
+    return scene, simulated
 
 
 def _earlier(path: Path) -> set[str]:

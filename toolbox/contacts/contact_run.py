@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,8 @@ import numpy as np
 from toolbox.arguments import is_finite_number
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK, ContactProblem
 from toolbox.errors import SceneError, suggest
+from toolbox.files.atomic import replaced
+from toolbox.files.tables import write as write_table
 from toolbox.simulation.samples import Event
 
 
@@ -79,6 +83,7 @@ class ContactRun:
     passes: np.ndarray
     inputs: dict[str, np.ndarray] = field(default_factory=dict)
     wall_time: float = 0.0
+    _finer: Callable[[], ContactRun] | None = field(default=None, repr=False)
 
     def __getitem__(self, name: str) -> np.ndarray:
         output, _, word = name.rpartition(".") if isinstance(name, str) else ("", "", "")
@@ -153,11 +158,84 @@ class ContactRun:
         parts["size"] = float(max(np.abs(stored).max(), *(abs(value) for value in parts.values())))
         return parts
 
+    @cached_property
+    def error(self) -> float:
+        """Estimate of the largest error of the contact forces, in parts of the largest forces of the run: by a second run with half the step.
+
+        Forces of all contacts at one instant are compared as one vector. The error falls with the first power of the step, so that of the run is twice the
+        difference. 0 for a state of rest, which has no step; nan for a run that failed.
+        """
+        if self._finer is None:
+            return 0.0 if len(self.time) == 1 else float("nan")
+        finer = self._finer()
+        mine, theirs = (np.concatenate([run.normal[..., None], run.tangential], axis=2).reshape(len(run.time), -1) for run in (self, finer))
+        size = np.linalg.norm(theirs, axis=1).max()
+        return float(2 * np.linalg.norm(mine - theirs[::2], axis=1).max() / size) if size else 0.0
+
+    def save(self, path: str | Path) -> Path:
+        """Write the run to a compressed npz file for numpy, whole or not at all; returns its path.
+
+        Keys: time, modes, normal, tangential, slip and rubbed as the attributes; areas and, where they are known, places of the contacts; `output.<name>` and
+        `output.<name>.speed`, `input.<name>`; `energy.<word>` for those of `energy`.
+        """
+        arrays: dict[str, Any] = {word: getattr(self, word) for word in ("time", "modes", "normal", "tangential", "slip", "rubbed")}
+        arrays |= {word: getattr(self.problem, word) for word in ("areas", "places") if getattr(self.problem, word) is not None}
+        for name in self.problem.outputs:
+            arrays |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
+        arrays |= {f"input.{name}": values for name, values in self.inputs.items()}
+        for word, values in vars(self.energy).items():
+            arrays |= {f"energy.{word}.{name}": each for name, each in values.items()} if isinstance(values, dict) else {f"energy.{word}": values}
+        path = Path(path)
+        with replaced(path) as file:
+            np.savez_compressed(file, **arrays)
+        return path
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write what the face does as a whole as CSV in SI, units in the headings, one row per instant, whole or not at all; returns the path.
+
+        Columns: shares of the area that stick, slip and are open, sums of the contact forces, energies, inputs, and outputs with their speeds, of more
+        than 20 contacts without those outputs that are displacements of a contact. What every contact does is in the file of `save`.
+        """
+        problem, energy = self.problem, self.energy
+        columns: dict[str, np.ndarray] = {"time [s]": self.time}
+        columns |= {word: self.share(word) for word in ("stick", "slip", "open")}
+        columns["normal force [N]"] = self.normal.sum(axis=1)
+        columns |= {f"{word} force [N]": force for word, force in self._friction().items()}
+        columns["taken by friction [J]"] = self.rubbed.sum(axis=1)
+        columns |= {f"{word} energy [J]": getattr(energy, word) for word in ("kinetic", "elastic")}
+        columns |= {f"taken by {word} [J]": getattr(energy, word) for word in ("damping", "impacts", "stepping")}
+        columns |= {f"{name} [{problem.unit(name)}]": values for name, values in self.inputs.items()}
+        moves = problem.displacements() if problem.contacts > 20 else np.empty((0, problem.size))
+        own = {row.tobytes() for row in (*moves, *(0.0 - moves))}
+        for name, row in problem.outputs.items():
+            if row.tobytes() not in own:
+                unit = problem.output_unit(name)
+                columns |= {f"{name} [{unit}]": self[name], f"{name}.speed [{unit}/s]": self.rate(name)}
+        return write_table(path, list(columns), np.column_stack(list(columns.values())).tolist())
+
+    def plot(self) -> Any:
+        """Draw shares and contact forces over time and, where places are known, the face at four instants, between which as many contacts change their mode.
+
+        Pressure and traction are drawn at the last of these instants, the energy that friction has taken at the end. Returns the axes.
+        """
+        from toolbox.contacts.figures import draw_run
+
+        return draw_run(self)
+
     def plot_share(self, ax: Any = None) -> Any:
         """Draw which share of the area sticks, slips and is open over time; returns the axes."""
         from toolbox.contacts.figures import draw_shares
 
         return draw_shares(self.time, {word: self.share(word) for word in ("stick", "slip", "open")}, ax)
+
+    def plot_forces(self, ax: Any = None) -> Any:
+        """Draw the sums of the contact forces over time, normal and along each direction; returns the axes."""
+        from toolbox.contacts.figures import draw_forces
+
+        return draw_forces(self.time, {"normal": self.normal.sum(axis=1)} | self._friction(), ax)
+
+    def _friction(self) -> dict[str, np.ndarray]:
+        return {f"tangential {i}": self.tangential[:, :, i].sum(axis=1) for i in range(self.problem.directions)}
 
     def plot_map(self, time: float, values: str = "mode", ax: Any = None) -> Any:
         """Draw the face at an instant [s]: values "mode", "pressure", "traction" or "rubbed" of every contact; returns the axes."""
@@ -187,10 +265,16 @@ class ContactRun:
 
     def __str__(self) -> str:
         now = ", ".join(f"{self.share(word)[-1]:.0%} {word}" for word in ("stick", "slip", "open"))
-        return (
+        steps = (
             f"{len(self.time) - 1} steps to {self.end:g} s, {self.problem.contacts} contacts ({now} at the end), "
             f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step, {self.wall_time:.2g} s"
         )
+        share, audit, last = self.share(), self.audit(), self.last()
+        still = "no contact sticks" if np.isnan(last) else "contacts stick to the end" if last == self.time[-1] else f"the last contact sticks at {last:.4g} s"
+        told = {word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")}
+        taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
+        error = f"error of the forces {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
+        return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"
 
 
 def face_of(places: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
-from toolbox.simulation.style import LINES, PAPER
+from toolbox.simulation.style import LINES, PAPER, WIDTH, name_axis
 
 MARKS: dict[int, dict[str, Any]] = {
     STICK: {"marker": "s", "facecolor": "0.15", "edgecolor": "0.15"},
@@ -31,6 +31,56 @@ def draw_shares(times: np.ndarray, shares: Mapping[str, np.ndarray], ax: Any = N
     ax.set(xlabel="time [s]", ylabel="share of the area [1]", ylim=(-0.03, 1.03), xlim=(times[0], times[-1]))
     ax.legend(frameon=False)
     return ax
+
+
+def draw_forces(times: np.ndarray, forces: Mapping[str, np.ndarray], ax: Any = None) -> Any:
+    """Forces (t,) [N] over time; those that are never there are left out."""
+    ax = ax or plt.subplots(layout="constrained")[1]
+    largest = max(np.abs(force).max() for force in forces.values())
+    for (word, force), style in zip(forces.items(), LINES, strict=False):
+        if np.abs(force).max() > 1e-6 * largest:
+            ax.plot(times, force, label=word, **style)
+    name_axis(ax.yaxis, "sum of forces", "N")
+    ax.set(xlabel="time [s]", xlim=(times[0], times[-1]))
+    ax.legend(frameon=False)
+    return ax
+
+
+def draw_run(run: Any) -> Any:
+    """Shares and forces over time above the face of a `ContactRun` at four instants, and fields over it; no face where no places are known."""
+    with plt.rc_context(PAPER | {"font.size": 8.0}):
+        if run.problem.places is None:
+            _, (top, bottom) = plt.subplots(2, 1, figsize=(WIDTH, 4.2), layout="constrained")
+            return np.array([run.plot_share(top), run.plot_forces(bottom)])
+        changes = np.append(0, np.cumsum(np.diff(run.modes, axis=0).astype(bool).sum(axis=1)))
+        if changes[-1]:
+            chosen = np.searchsorted(changes, changes[-1] * np.array([0.2, 0.4, 0.6, 0.8]))
+        else:
+            chosen = np.linspace(0, len(run.time) - 1, 5).round().astype(int)[1:]
+        rows = [["share"] * 4, ["forces"] * 4, ["0", "1", "2", "3"], ["pressure", "traction", "rubbed", "legend"]]
+        _, axes = plt.subplot_mosaic(rows, figsize=(WIDTH, 7.2), layout="constrained", height_ratios=[1.2, 0.9, 1.0, 1.0])
+        run.plot_share(axes["share"]).set_xlabel("")
+        run.plot_forces(axes["forces"])
+        marks: dict[str, Any] = {}
+        for k, i in enumerate(chosen):
+            ax = axes[str(k)]
+            for over_time in (axes["share"], axes["forces"]):
+                over_time.axvline(run.time[i], color="0.7", linewidth=0.8, zorder=0)
+            run.plot_map(run.time[i], "mode", ax)
+            marks |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+            ax.get_legend().remove()
+            ax.set_title(f"{run.time[i]:.4g} s: {run.share()[i]:.0%} stick", fontsize=8)
+        for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("rubbed", -1)):
+            run.plot_map(run.time[i], word, axes[word])
+            axes[word].set_title(f"{run.time[i]:.4g} s", fontsize=8)
+        for word, ax in axes.items():
+            if word in ("1", "2", "3", "traction", "rubbed"):
+                ax.set(ylabel="")
+            if word.isdigit():
+                ax.set(xlabel="")
+        axes["legend"].axis("off")
+        axes["legend"].legend(marks.values(), marks.keys(), frameon=False, loc="center")
+    return np.array(list(axes.values()))
 
 
 def draw_modes(places: np.ndarray, modes: np.ndarray, ax: Any = None) -> Any:

@@ -178,7 +178,7 @@ class ContactSolver:
         trial = traction - self.rho_tangent[:, None] * slip
         length = np.linalg.norm(trial, axis=1)
         bound = given.friction * np.maximum(closure, 0.0)
-        residual = (traction - trial * np.minimum(1.0, bound / np.maximum(length, 1e-300))[:, None]).ravel()
+        residual = (traction - trial * (np.minimum(bound, length) / np.maximum(length, 1e-300))[:, None]).ravel()
         if self.opens:
             residual = np.concatenate([normal - np.maximum(closure, 0.0), residual])
         return _Point(force, normal, traction, slip, residual, _Sets(closure <= 0.0, (length <= bound) & (closure > 0.0), trial, bound))

@@ -22,7 +22,7 @@ from toolbox.arguments import finite_array
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import parse
 from toolbox.modelling.components import check_fields
-from toolbox.modelling.elements import FrictionLaw
+from toolbox.modelling.elements import FrictionLaw, fields_in_si
 
 STICK, SLIP, OPEN = 0, 1, 2
 LEGEND = {STICK: "stick", SLIP: "slip", OPEN: "open"}
@@ -59,7 +59,8 @@ class ContactProblem:
     areas
         (c,): area of every contact [m2], for pressures and shares of area; 1 without.
     units
-        {input or output: unit}, where that of a force is not N, that of a motion of the counter-surface not m/s, or that of an output not m.
+        {input or output: unit}, where that of a force is not N, that of a motion of the counter-surface not m/s, or that of an output not m. An input and
+        an output of one name: that of the input.
 
     Raises
     ------
@@ -126,8 +127,12 @@ class ContactProblem:
             raise SceneError("Argument `friction` must be a law without breaks: time stepping locates none.")
 
     def unit(self, name: str) -> str:
-        """The unit of an input or output."""
+        """The unit of an input; of an output where no input has its name."""
         return self.units.get(name, "N" if name in self.forces else "m/s" if name in self.surface else "m")
+
+    def output_unit(self, name: str) -> str:
+        """The unit of an output; an input of the same name has that of `units`, such an output is in m."""
+        return "m" if name in self.forces or name in self.surface else self.unit(name)
 
     @property
     def contacts(self) -> int:
@@ -153,6 +158,24 @@ class ContactProblem:
         """Coefficient of friction at rest, and that while sliding as a function of the slip speed [m/s]."""
         speed = ca.SX.sym("speed")
         return float(self.friction.breakaway()), ca.Function("sliding", [speed], [self.friction.sliding(speed)])
+
+
+@dataclass(frozen=True)
+class ContactBody:
+    """A body with many contacts as a scene names it: subclass it as a frozen dataclass, declare numbers with `quantity`, write `problem`.
+
+    Classes of a registered package, or of a file given by `--load`, are in the catalogue, as parts of a plant are. See `ContactScene`.
+    """
+
+    def __post_init__(self) -> None:
+        fields_in_si(self)
+
+    def check(self) -> None:
+        """Raise SceneError where fields contradict each other; bounds declared with `quantity` are checked without it."""
+
+    def problem(self) -> ContactProblem:
+        """The matrices, contacts, inputs and outputs that the fields describe."""
+        raise NotImplementedError
 
 
 def _array(word: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -43,6 +43,13 @@ class BodySignals(Component):
         return Equations(flow={state(f"{name}.{word}", unit + per): 0.0 for word, per in kinds for name, unit in self.outputs})
 
 
+def signals_of(problem: ContactProblem, with_outputs: bool) -> HybridSystem:
+    """The plant without dynamics that stands for a body; states for its outputs only where somebody measures them."""
+    names = tuple((name, problem.unit(name)) for name in (*problem.forces, *problem.surface))
+    outputs = tuple((name, problem.output_unit(name)) for name in problem.outputs) if with_outputs else ()
+    return compose(BodySignals(names, outputs or (("body", "m"),)))
+
+
 class Acting:
     """The inputs of a run at its instants, and the laws that drive some of them.
 
@@ -51,16 +58,17 @@ class Acting:
 
     def __init__(self, problem: ContactProblem, inputs: Any, times: np.ndarray, controller: Any = None, sample_time: Any = None):
         self.problem, self.times = problem, times
-        names = tuple((name, problem.unit(name)) for name in (*problem.forces, *problem.surface))
-        outputs = tuple((name, problem.unit(name)) for name in problem.outputs) if controller is not None else ()
-        plant = compose(BodySignals(names, outputs or (("body", "m"),)))
+        plant = signals_of(problem, controller is not None)
         self.system, self.clocks, laws, self.seeds = closed_loop(plant, plant, controller, in_si(sample_time, "s", "sample_time"))
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError("Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones.")
         _, given, _ = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
-        own, updates = dict(names), self.system.updates
+        own, updates = (*problem.forces, *problem.surface), self.system.updates
         self.driven = tuple(name for update in updates for name in update.names if name in own)
+        if updates and not self.driven:
+            names = ", ".join(f"`{name}`" for update in updates for name in update.names)
+            raise SceneError(f"Argument `controller` must drive an input of the body, {', '.join(f'`{name}`' for name in own)}, but it drives {names}.")
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(laws)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,17 @@ def step_contacts(
     _check_problem(problem)
     if sample_time is not None and controller is None:
         raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
+    begin = _checked_start(problem, start)
+    times, h = instants(duration, step, 0.0 if begin is None else begin.end)
+    begun = clock.perf_counter()
+    run = _Stepping(problem, h, Acting(problem, inputs, times, controller, sample_time), begin).through()
+    run.wall_time = clock.perf_counter() - begun
+    run._finer = partial(step_contacts, problem, duration, step=h / 2, inputs=inputs, controller=controller, sample_time=sample_time, start=start)
+    return run
+
+
+def instants(duration: NumberOrText, step: NumberOrText, begin: float = 0.0) -> tuple[np.ndarray, float]:
+    """The instants of a run [s], and the length of its steps. Raises SceneError for arguments out of range."""
     duration, step = in_si(duration, "s", "duration"), in_si(step, "s", "step")
     for word, value in (("duration", duration), ("step", step)):
         if not is_finite_number(value) or not value > 0:
@@ -85,12 +97,7 @@ def step_contacts(
     if duration / step > MOST_STEPS:
         raise SceneError(f"Argument `step` must be at least {duration / MOST_STEPS:g} s, {MOST_STEPS} steps, but it is {step!r}.")
     count = max(1, math.ceil(duration / step * (1 - 1e-9)))
-    begun = clock.perf_counter()
-    begin = _checked_start(problem, start)
-    times = (0.0 if begin is None else begin.end) + duration / count * np.arange(count + 1)
-    run = _Stepping(problem, duration / count, Acting(problem, inputs, times, controller, sample_time), begin).through()
-    run.wall_time = clock.perf_counter() - begun
-    return run
+    return begin + duration / count * np.arange(count + 1), duration / count
 
 
 def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None = None, *, frictionless: bool = False) -> ContactRun:
@@ -243,7 +250,7 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     rows = np.linalg.norm(moves, axis=1)
     if not rows.all():
         raise SceneError("Arguments `normal` and `tangent` must move something in every row, but one is all zero: that of a clamped place?")
-    scale = np.abs(np.diag(matrix)).mean() / rows[:, None]
+    scale = (np.abs(np.diag(matrix)).mean() or 1.0) / rows[:, None]  # of a body without stiffness at rest anything does
     bordered = np.block([[matrix, (scale * moves).T], [scale * moves, np.zeros((m, m))]])
     try:
         inverse = inv(bordered, check_finite=False)

@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from toolbox.contacts.problem import ContactBody
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.components import Component
 from toolbox.modelling.elements import FrictionLaw
@@ -25,7 +26,7 @@ from toolbox.modelling.laws import Controller
 
 GROUP = "stickslip.parts"
 
-KINDS = ("part", "control law", "friction law")
+KINDS = ("part", "contact body", "control law", "friction law")
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def load_parts(path: str | Path) -> list[str]:
         _entries.cache_clear()
     found = [entry.name for entry in _entries() if entry.source == name]
     if not found:
-        raise SceneError(f"The file `{path}` offers nothing: it must hold a Controller, a Component or a FrictionLaw as a frozen dataclass.")
+        raise SceneError(f"The file `{path}` offers nothing: it must hold a Controller, a Component, a ContactBody or a FrictionLaw as a frozen dataclass.")
     return found
 
 
@@ -220,10 +221,12 @@ def _walk(module: ModuleType, prefix: str, package: str, seen: tuple[ModuleType,
 def _kind(item: Any) -> str | None:
     """The kind of a class or a ready-made part, None for everything else."""
     if not isinstance(item, type):
+        if isinstance(item, ContactBody):
+            return "contact body"
         return "part" if isinstance(item, Component) and not isinstance(item, Controller) else None
-    if not dataclasses.is_dataclass(item) or item in (Component, Controller, FrictionLaw):
+    if not dataclasses.is_dataclass(item) or item in (Component, ContactBody, Controller, FrictionLaw):
         return None
-    for base, kind in ((Controller, "control law"), (Component, "part"), (FrictionLaw, "friction law")):
+    for base, kind in ((Controller, "control law"), (Component, "part"), (ContactBody, "contact body"), (FrictionLaw, "friction law")):
         if issubclass(item, base):
             return kind
     return None

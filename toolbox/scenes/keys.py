@@ -16,6 +16,9 @@ class Key(NamedTuple):
 
 REQUIRED = "required"
 
+CONTACTS = "At the head, for a body with many contacts"
+"""The table of keys at the head of the scene of such a body."""
+
 KEYS: dict[str, tuple[Key, ...]] = {
     "scene": (
         Key("title", "", REQUIRED, "title of tables and figures"),
@@ -28,6 +31,14 @@ KEYS: dict[str, tuple[Key, ...]] = {
         Key("inputs", "", "those of the parts", "inputs in time, under [inputs]"),
         Key("parameters", "", "those of the parts", "what the machine really is, under [parameters]"),
         Key("verdict", "", "see there", "what is judged, under [verdict]"),
+    ),
+    CONTACTS: (
+        Key("title", "", REQUIRED, "title of tables and figures"),
+        Key("duration", "s", REQUIRED, "length of the runs, which begin at rest under the forces at their beginning"),
+        Key("step", "s", REQUIRED, "length of a time step"),
+        Key("plant", "", REQUIRED, "the body, such as ElasticFace, once under [[plant]]"),
+        Key("controllers", "", "the body alone", "sampled laws to be compared, and cases without a law, each under [[controllers]]"),
+        Key("inputs", "", "0", "forces and speeds of the counter-surface in time, under [inputs]"),
     ),
     "[[plant]]": (
         Key("part", "", REQUIRED, "a part of `stickslip list`, such as BitRock or wells.JANSEN_2"),

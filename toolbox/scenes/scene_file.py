@@ -70,7 +70,21 @@ def _data(path: Path) -> dict[str, Any]:
         raise SceneError(f"the file must be TOML, but: {error}.") from None
 
 
+def contact_body(data: Mapping[str, Any]) -> str | None:
+    """The name of the body with many contacts that a scene is about; None where its plant has equations."""
+    entries = data.get("plant", [])
+    bodies = {f"{entry.source}.{entry.name}"[skip:] for entry in catalogue.parts("contact body") for skip in (0, len(entry.source) + 1)}
+    named = [entry.get("part") for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+    return next((name for name in named if isinstance(name, str) and name in bodies), None)
+
+
 def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    name = contact_body(data)
+    if name is not None:
+        raise SceneError(
+            f"the many contacts of `{name}` are stepped together, and `stickslip simulate` runs them (in Python `ContactScene.load`). Every other command "
+            "rests on a plant as equations, which they are not."
+        )
     _keys(data, "the scene", keys.names("scene"), keys.required("scene"))
     parts = tuple(_component(entry, f"plant[{i}]", folder) for i, entry in enumerate(_tables(data, "plant"), 1))
     plant = compose(*parts)
@@ -111,9 +125,10 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
-def _component(data: Any, where: str, folder: Path) -> Component:
+def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
+    """A part of a plant, or another kind of body, with its fields."""
     _keys(data, where, None, keys.required("[[plant]]"))
-    item = catalogue.part(data["part"], "part")
+    item = catalogue.part(data["part"], kind)
     values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
     if isinstance(item, type) and hasattr(item, "from_tables"):
         made = inspect.signature(item.from_tables).parameters

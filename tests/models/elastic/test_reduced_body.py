@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -105,9 +105,23 @@ def test_every_damaged_byte_of_a_file_is_seen_or_harmless(tmp_path):
     assert refused > len(whole) / 14
 
 
+def test_a_file_keeps_places_and_areas_of_contacts_and_one_triangle_of_symmetric_matrices(tmp_path):
+    body = replace(chain(), places=[[0.0, 1.0]], areas=[2e-6])
+    assert body != chain() and replace(chain(), areas=[2e-6]) != chain()
+    again = ReducedBody.load(body.save(tmp_path / "chain.npz"))
+    assert again == body and np.array_equal(again.places, [[0.0, 1.0]]) and np.array_equal(again.areas, [2e-6])
+    with np.load(tmp_path / "chain.npz") as data:
+        assert np.array_equal(data["stiffness"], np.triu(body.stiffness)) and np.count_nonzero(np.tril(body.stiffness, -1))
+    rounded = body.stiffness.copy()
+    rounded[0, -1] += 1e-12 * np.abs(rounded).max()  # symmetric but for round-off: kept as it is
+    uneven = replace(body, stiffness=rounded)
+    assert ReducedBody.load(uneven.save(tmp_path / "uneven.npz")) == uneven
+    assert ReducedBody.load(chain().save(tmp_path / "plain.npz")).places is None
+
+
 @pytest.mark.parametrize("lacks", ["mass", "ports", "rigid"])
 def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lacks):
-    arrays = {spec.name: np.asarray(getattr(chain(), spec.name)) for spec in fields(ReducedBody)}
+    arrays = {spec.name: np.asarray(getattr(chain(), spec.name)) for spec in fields(ReducedBody) if spec.name not in ("places", "areas")}
     np.savez(tmp_path / "body.npz", **{name: value for name, value in arrays.items() if name != lacks})
     with pytest.raises(SceneError, match=f"lacks `{lacks}`"):
         ReducedBody.load(tmp_path / "body.npz")
@@ -128,6 +142,9 @@ def test_a_file_that_lacks_an_array_or_has_another_one_is_refused(tmp_path, lack
         ({"stiffness": [[1.0]]}, "2 rows"),
         ({"damping": [[math.nan, 0.0], [0.0, 1.0]]}, "finite"),
         ({"damping": "none"}, "square"),
+        ({"places": [1.0, 2.0]}, "`places` must be finite numbers, one row"),
+        ({"places": [[math.nan]]}, "`places` must be finite"),
+        ({"areas": [[1.0]]}, "`areas` must be finite numbers, one number"),
         ({"band": -1.0}, "band"),
         ({"rigid": 0.5}, "whole number"),
         ({"frequencies": [100.0]}, "1 entries"),

@@ -1,0 +1,48 @@
+"""An elastic body whose face sticks, slips and opens contact by contact on a rigid plate, as scenes name it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from models.elastic.reduced_body import ReducedBody
+from models.friction import Coulomb
+from toolbox import ContactBody, ContactProblem, FrictionLaw, OptionalQuantities, Quantity, SceneError, quantity
+from toolbox.authoring import check_fields
+
+
+@dataclass(frozen=True)
+class ElasticFace(ContactBody):
+    """Elastic body on a rigid plate, each of its contacts with Coulomb's cone: M q'' + C q' + K q = forces on its ports.
+
+    A contact is the ports with its number: `x.i` and `y.i` along the plate and `z.i` above it where `tangent` is ("x", "y") and `normal` is "z". Contacts open
+    and close under their own pressure, or carry given `loads` in place of `normal`. A spring and a damper to ground may act on one port, `held`; a body may
+    bring more of them (`ReducedBody.mounted`).
+    Inputs: `surface.x` and `surface.y`, the speeds of the plate along the tangents [m/s], and the ports in `pushed`, each a force on the body [N]. Outputs are
+    all ports [m].
+    Range: small strain, small turns; hundreds of contacts.
+    """
+
+    body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
+    tangent: tuple[str, ...] = field(metadata={"meaning": "one or two words: the ports word.0, word.1, ... are the displacements along the plate"})
+    normal: str | None = field(default=None, metadata={"meaning": "the word of the displacements off the plate, for contacts that open and close"})
+    loads: OptionalQuantities = quantity(None, "N", "given normal load of every contact, in place of `normal`", at_least=0)
+    gap: OptionalQuantities = quantity(None, "m", "gap of every contact at q = 0; none without")
+    closing: Quantity = quantity(-1.0, "1", "-1 where a positive normal displacement opens the contact, 1 where it closes it")
+    pushed: tuple[str, ...] = field(default=(), metadata={"meaning": "ports on which forces act"})
+    held: str | None = field(default=None, metadata={"meaning": "the port that spring and damper hold"})
+    stiffness: Quantity = quantity(0.0, "N/m", "spring to ground at `held`", at_least=0)
+    damping: Quantity = quantity(0.0, "N s/m", "damper to ground at `held`", at_least=0)
+    friction: FrictionLaw = Coulomb(0.35, 0.35)
+
+    def check(self):
+        if not isinstance(self.body, ReducedBody):
+            raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
+        if self.held is None and (self.stiffness or self.damping):
+            raise SceneError("Arguments `stiffness` and `damping` must come with `held`, the port on which they act, but there is none.")
+
+    def problem(self) -> ContactProblem:
+        check_fields(self)
+        body = self.body if self.held is None else self.body.mounted({self.held: (self.stiffness, self.damping)})
+        return body.in_contact(
+            self.friction, self.tangent, self.normal, closing=self.closing, load=self.loads, gap=self.gap, pushed=self.pushed
+        )

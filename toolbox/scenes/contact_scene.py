@@ -1,0 +1,141 @@
+"""Scenes of a body with many contacts: the body, the cases to be compared on it, and the step. Their TOML form is that of other scenes with fewer keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolbox.contacts.contact_run import ContactRun
+from toolbox.contacts.problem import ContactBody, ContactProblem
+from toolbox.contacts.sampled_laws import Acting, signals_of
+from toolbox.contacts.stepping import instants, press_contacts, step_contacts
+from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.files.units import parse
+from toolbox.scenes import catalogue, keys, scene_file
+from toolbox.scenes.cases import Case, Waveform
+from toolbox.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class ContactScene:
+    """A body with many contacts, and the cases to be compared on it; everything in SI.
+
+    Every run begins at rest under the forces that act at its beginning (`press_contacts`): a body that is to be loaded in time gets a force that begins at 0.
+
+    Attributes
+    ----------
+    title
+        Title of the scene.
+    body
+        The body, such as `models.ElasticFace`.
+    duration, step
+        Length of the runs and of a step [s].
+    cases
+        One `Case` per controller; their labels differ, their laws are sampled.
+    inputs
+        As in `step_contacts`, for all cases; the inputs of a case win.
+    """
+
+    title: str
+    body: ContactBody
+    duration: float
+    step: float
+    cases: tuple[Case, ...] = (Case("no controller"),)
+    inputs: Mapping[str, float | Waveform] = field(default_factory=dict)
+
+    @staticmethod
+    def load(path: str | Path) -> ContactScene:
+        """The checked scene of a TOML file. Raises one SceneError naming the file and what is wrong in it."""
+        path = Path(path)
+        try:
+            scene = ContactScene(**_read(path))
+            scene.check()
+        except SceneError as error:
+            raise SceneError(f"Scene `{path}`: {error}") from None
+        return scene
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of the cases, in order."""
+        return [case.label for case in self.cases]
+
+    def case(self, label: str) -> Case:
+        """The case of that label; raises SceneError where there is none."""
+        for case in self.cases:
+            if case.label == label:
+                return case
+        raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
+
+    def run(self, label: str) -> ContactRun:
+        """Run one case, by its label. Raises what `step_contacts` raises, and SceneError where the body has no state of rest to begin from."""
+        case, problem = self.case(label), self.body.problem()
+        rest = self._rest(problem, case)
+        return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)
+
+    def check(self) -> None:
+        """Raise SceneError unless every case can be stepped and has a state of rest to begin from; nothing is run."""
+        problem = self.body.problem()
+        times, _ = instants(self.duration, self.step)
+        if not self.cases:
+            raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
+        twice = [label for label in self.labels if self.labels.count(label) > 1]
+        if twice:
+            raise SceneError(f"The labels of controllers must differ, but `{twice[0]}` is there {len(twice)} times.")
+        for case in self.cases:
+            try:
+                Acting(problem, self._inputs(case), times, case.controller)
+                self._rest(problem, case)
+            except SceneError as error:
+                raise SceneError(f"Controller `{case.label}`: {error}") from None
+
+    def _rest(self, problem: ContactProblem, case: Case) -> ContactRun:
+        """The body under the forces at its beginning."""
+        forces = {name: value for name, value in self._inputs(case).items() if name in problem.forces}
+        acting = Acting(problem, forces, np.zeros(1))
+        try:
+            return press_contacts(problem, {name: float(value[0]) for name, value in acting.values.items()})
+        except (SceneError, SimulationError) as error:
+            raise SceneError(f"the body must be at rest under the forces at its beginning, but: {error}") from None
+
+    def _inputs(self, case: Case) -> dict[str, Any]:
+        return {name: value.build() if isinstance(value, Waveform) else value for name, value in {**self.inputs, **case.inputs}.items()}
+
+
+def load_scene(path: str | Path) -> Scene | ContactScene:
+    """The checked scene of a TOML file, of the kind that its plant asks for. Raises SceneError as `Scene.load` does."""
+    try:
+        data = scene_file._data(Path(path))
+        stepped = "step" in data or scene_file.contact_body(data) is not None
+    except SceneError as error:
+        raise SceneError(f"Scene `{path}`: {error}") from None
+    return ContactScene.load(path) if stepped else Scene.load(path)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The fields of a ContactScene in a TOML file."""
+    data = scene_file._data(path)
+    name, entries = scene_file.contact_body(data), scene_file._tables(data, "plant")
+    if name is None:
+        for i, entry in enumerate(entries, 1):
+            catalogue.part(scene_file._keys(entry, f"plant[{i}]", None, ("part",))["part"])  # raises the error that says why, for an unknown name
+        raise SceneError("a scene with a `step` must be about a body with many contacts, such as ElasticFace, but its plant has equations.")
+    scene_file._keys(data, "the scene", keys.names(keys.CONTACTS), keys.required(keys.CONTACTS))
+    if len(entries) > 1:
+        raise SceneError(f"Argument `plant` must be `{name}` alone, but it has {len(entries)} entries.")
+    body = scene_file._component(entries[0], name, path.parent, "contact body")
+    controllers = scene_file._tables(data, "controllers")
+    plant = signals_of(body.problem(), any(isinstance(entry, dict) and "law" in entry for entry in controllers))
+    cases = tuple(scene_file._case(entry, f"controllers[{i}]", plant, None) for i, entry in enumerate(controllers, 1))
+    given = data.get("inputs", {})
+    return {
+        "title": scene_file._text(data["title"], "title"),
+        "body": body,
+        "duration": parse(data["duration"], "s", "duration"),
+        "step": parse(data["step"], "s", "step"),
+        "cases": cases or (Case("no controller"),),
+        "inputs": scene_file._inputs(given, "inputs", scene_file._asking(plant, cases, given)),
+    }

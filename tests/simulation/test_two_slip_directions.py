@@ -369,3 +369,12 @@ def test_a_sampled_law_moves_a_contact_that_sticks():
     assert switches(run) == [(pytest.approx(0.1), "slip")]  # 4 N beside 2.4 N against 4 N
     size = math.hypot(2.4, 4.0)
     assert run.at(0.2)["puck.w"] == pytest.approx((size - 4.0) * 4.0 / size * 0.1, rel=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_contact_without_load_holds_nothing_and_sizes_do_not_matter(method):
+    free = simulate(compose(Puck(load=0.0)), 2.0, inputs={"puck.side": sine(0.0, 3.0, 0.5)}, method=method)
+    assert free["puck.y"][-1] == pytest.approx(3.0 / math.pi * 2.0, rel=1e-6)  # w = 3 / pi (1 - cos(pi t))
+    for mass, load, speed in ((1e-9, 1e-9, 1e-6), (1e6, 1e9, 1e3)):
+        run = simulate(compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method)
+        assert run["puck.y"][-1] == pytest.approx(0.8 * speed**2 / (2 * 0.4 * load / mass), rel=1e-6)

@@ -32,7 +32,8 @@ from toolbox import (
     sweep,
     time,
 )
-from toolbox.measuring.measures import time_in
+from toolbox.measuring.measure import extent
+from toolbox.measuring.measures import maximum, mean, severity, time_in
 from toolbox.prediction.rollout import Rollout
 from toolbox.steady_states.running import running
 
@@ -378,3 +379,36 @@ def test_a_contact_without_load_holds_nothing_and_sizes_do_not_matter(method):
     for mass, load, speed in ((1e-9, 1e-9, 1e-6), (1e6, 1e9, 1e3)):
         run = simulate(compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method)
         assert run["puck.y"][-1] == pytest.approx(0.8 * speed**2 / (2 * 0.4 * load / mass), rel=1e-6)
+
+
+def test_lengths_of_slip_and_force_are_measured_through_the_break_away():
+    """At rest for 1 s, then pulled by 5 N against 3 N of friction on 1 kg: |v| = 2 (t - 1), though a length has no second derivative where it leaves zero."""
+    plant = compose(Puck(friction=Coulomb(0.4, 0.3)))
+    pull = {"puck.pull": ([0, 1, 1, 2], [0, 0, 3, 3]), "puck.side": ([0, 1, 1, 2], [0, 0, 4, 4])}
+    run = simulate(plant, 2.0, inputs=pull)
+    slip, force = extent(run, "table.slip"), extent(run, "table.force")
+    assert run["table.force"][0] == 0.0 and slip.minimum == force.minimum == 0.0
+    assert (slip.maximum, slip.mean) == pytest.approx((2.0, 0.5), rel=1e-6)
+    assert (force.maximum, force.mean) == pytest.approx((3.0, 1.5), rel=1e-6)
+    measures = {"highest": maximum("table.slip"), "mean": mean("table.slip"), "severity": severity("table.slip"), "force": mean("table.force")}
+    found = sweep(plant, {"puck.mass": (1.0, 1.0)}, 2.0, inputs=pull, measures=measures)
+    for name, expected in {"highest": 2.0, "mean": 0.5, "severity": 2.0, "force": 1.5}.items():
+        assert found[name] == pytest.approx(expected, rel=1e-6), name
+
+
+@dataclass(frozen=True)
+class TurnedAxes(Component):
+    """A mass on a spring on a belt, its slip written in axes at an angle, so that the two rows of the contact hold each other in the equations."""
+
+    def equations(self, signal):
+        place, v = state("block.place", "m", 2), state("block.speed", "m/s", 2)
+        angle = state("block.angle", "rad")
+        turn = ca.vertcat(ca.horzcat(ca.cos(angle), ca.sin(angle)), ca.horzcat(-ca.sin(angle), ca.cos(angle)))
+        belt = DryFriction("table", turn @ (v - ca.vertcat(0.2, 0.1)), Exponential(1.0, 0.5, 3.0))
+        return Equations({place: v, v: turn.T @ belt.force - place, angle: 0.0}, elements=[belt])
+
+
+def test_a_single_contact_that_arrives_within_its_bound_has_no_other_choice():
+    run = simulate(compose(TurnedAxes()), 30.0)
+    assert sum(mode == "stick" for _, mode in switches(run)) >= 3
+    assert run.ambiguous == []

@@ -294,7 +294,8 @@ class DryFriction(Element):
         if self.directions == 1:
             return super().signals()
         slips = ca.vertcat(self.slip, self.companions[0].slip)
-        return {"force": (length(self.force), self.force_unit), "slip": (self.mode**2 * length(slips), self.slip_unit)}
+        force, slip = (ca.sumsqr(column) / length(column) for column in (self.force, slips))  # exactly zero at zero
+        return {"force": (force, self.force_unit), "slip": (self.mode**2 * slip, self.slip_unit)}
 
 
 class SecondDirection(Element):

@@ -155,10 +155,10 @@ def _fits_one(a, b, h, s, count, size, tolerance):
 @cached
 def _fits(a, b, h, count, size, tolerance):
     """Whether the cubic through both ends of a piece is near enough to the quintic."""
+    fits = True
     for s in range(count):
-        if not _fits_one(a, b, h, s, count, size, tolerance):
-            return False
-    return True
+        fits = fits and _fits_one(a, b, h, s, count, size, tolerance)
+    return fits
 
 
 @cached

@@ -350,7 +350,7 @@ def test_a_saved_run_and_a_sweep_know_how_long_it_stuck(tmp_path):
     assert stuck[50] == pytest.approx(alone, rel=1e-6) and stuck[-1] > stuck[0]
 
 
-def test_kinetic_friction_above_the_static_one_has_no_modes_as_in_one_direction():
+def test_kinetic_friction_above_the_static_one_is_refused_by_the_name_of_the_contact_as_in_one_direction():
     @dataclass(frozen=True)
     class Reversed(FrictionLaw):
         def sliding(self, speed):
@@ -359,8 +359,10 @@ def test_kinetic_friction_above_the_static_one_has_no_modes_as_in_one_direction(
         def breakaway(self):
             return ca.SX(0.3)
 
-    with pytest.raises(SimulationError, match="No modes of the elements table, table.direction are consistent"):
-        simulate(compose(Puck(friction=Reversed())), 3.0, start={"puck.v": 1.0}, inputs={"puck.side": 4.0})
+    plant = compose(Puck(stiffness=5.0, friction=Reversed()))
+    for arguments in ({"start": {"puck.v": 1.0}, "inputs": {"puck.side": 4.0}}, {"inputs": {"belt.speed": 0.2}}):
+        with pytest.raises(SimulationError, match="The kinetic friction of `table` must be <= its static friction, but it is 5 against 3 at t = "):
+            simulate(plant, 10.0, **arguments)
 
 
 def test_a_sampled_law_moves_a_contact_that_sticks():

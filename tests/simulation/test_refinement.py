@@ -30,13 +30,17 @@ def truth(root, name, label, duration):
     return plant, arguments, simulate(plant, duration, accuracy=1e-11, **arguments)
 
 
+# a law that searches its answer, to 1e-6 of the largest torque: where it ends differs from run to run by as much as that moves the states
+SEARCHED = {("predictive", "nonlinear MPC"): 1e-7}
+
+
 def kept(root, name, label, duration, accuracy):
     """Run a case and check that its error is what `run.error` says; returns whether it is what was asked, within ten."""
     plant, arguments, exact = truth(root, name, label, duration)
     run = simulate(plant, duration, accuracy=accuracy, **arguments)
     made = run.difference(exact)
     # below 1e-10 the truth is not known; a run that is better by chance than the one at accuracy / 100 reports the error of that one
-    assert made <= 10 * max(run.error, 1e-11)
+    assert made <= 10 * max(run.error, SEARCHED.get((name, label), 1e-11))
     assert run.error <= max(10 * made, accuracy / 10)
     return made < 10 * accuracy
 

@@ -14,7 +14,7 @@ from toolbox.arguments import FloatArray
 from toolbox.compilation.loop_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import UnilateralContact
+from toolbox.modelling.elements import SecondDirection, UnilateralContact
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
@@ -163,12 +163,17 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     @cached_property
     def events(self) -> list[Event]:  # type: ignore[override]
-        """Every switch of every element, in order of time."""
+        """Every switch of every element, in order of time; not how the second direction of a friction finds its own."""
+        return [event for event, _ in self._switches()]
+
+    def _switches(self) -> list[tuple[Event, bool]]:
+        """Every switch, and whether other modes were consistent with the forces, too."""
         elements = self.program.system.elements
         times, index, modes = self._event_arrays
         return [
-            Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)])
-            for t, i, (b, a, _) in zip(times, index, modes, strict=True)
+            (Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)]), bool(other))
+            for t, i, (b, a, other) in zip(times, index, modes, strict=True)
+            if not isinstance(elements[i], SecondDirection)
         ]
 
     @property
@@ -178,7 +183,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         Where contacts hold each other and static friction is above kinetic, Coulomb's law does not say whether a contact that arrives sticks, or whether one at
         its limit lets go first. The run goes on with what can stick beside the others; another choice is another motion.
         """
-        return [event for event, other in zip(self.events, self._event_arrays[2][:, 2], strict=True) if other]
+        return [event for event, other in self._switches() if other]
 
     @property
     def contacts(self) -> list[str]:
@@ -321,7 +326,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         return SavedRun.read(Path(path))
 
     def __repr__(self) -> str:
-        return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self._event_arrays[0])} events)"
+        return f"Trajectory({self.duration:g} s, {self.time.size} times, {len(self.events)} events)"
 
     @property
     def _headlines(self) -> list[str]:

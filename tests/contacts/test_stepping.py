@@ -371,3 +371,42 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     ):
         with pytest.raises(SceneError, match=words):
             reduced.in_contact(Coulomb(0.3, 0.3), *arguments, **options)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.02])
+def test_a_push_acts_over_its_own_steps_alone_so_that_a_puck_gets_the_whole_of_it(step):
+    """A push of 0.1 s that jumps to 0, and one that jumps from 0: by the momentum F T - mu N T both throw the puck equally far."""
+    push, length = 100.0, 0.1
+    deceleration = MU * LOAD / MASS
+    speed = (push / MASS - deceleration) * length
+    far = speed * length / 2 + speed**2 / (2 * deceleration)
+    problem = block(directions=2)
+    for begin in (0.0, 0.3, 0.7):  # 3 * 0.1 and 7 * 0.1 are not 0.3 and 0.7 to the last bit
+        values = ([0.0, begin, begin, begin + length, begin + length], [0.0, 0.0, push, push, 0.0])
+        pushes = {"force.x": (values[0], [0.6 * value for value in values[1]]), "force.y": (values[0], [0.8 * value for value in values[1]])}
+        run = step_contacts(problem, 5.0, step=step, inputs=pushes)
+        assert np.hypot(run["x"][-1], run["y"][-1]) == pytest.approx(far, rel=2e-4)
+        np.testing.assert_allclose(0.8 * run["x"], 0.6 * run["y"], atol=1e-12)
+
+
+def test_a_plate_that_jumps_to_a_speed_carries_a_stuck_block_over_whole_steps():
+    held = block(stiffness=100.0)
+    run = step_contacts(held, 0.3, step=0.1, inputs={"surface.x": ([0.0, 0.1, 0.1, 0.2, 0.2, 0.3], [0.0, 0.0, 0.05, 0.05, 0.0, 0.0])})
+    np.testing.assert_allclose(run["x"], [0.0, 0.0, 0.005, 0.005], atol=1e-12)
+
+
+def test_contacts_at_rest_on_the_edge_of_their_friction_stick_and_do_not_flicker():
+    """Three nodes without mass between springs k, pulled at the last: node i lets go when the pull is the friction of all from i to the last."""
+    k, pull = 1e4, 7.5
+    unit, stiffness = np.eye(3), k * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    problem = ContactProblem(
+        0 * stiffness, stiffness, unit[:, None], Coulomb(0.5, 0.5), load=[2.0, 10.0, 4.0], forces={"pull": unit[2]}, outputs={"x.2": unit[2]}
+    )
+    run = step_contacts(problem, 3.0, step=0.01, inputs={"pull": ([0.0, 1.0, 2.0, 3.0], [0.0, pull, pull, -pull])})
+    by_hand = [  # 2 N and 7 N forth; back by twice 2 N, and until 2 N and 5 N hold what is left of 0.5 N between the first two
+        (2.0 / pull, "contact.2", "slip"), (7.0 / pull, "contact.1", "slip"), (1.0, "contact.1", "stick"), (1.0, "contact.2", "stick"),
+        (2.0 + 4.0 / (2 * pull), "contact.2", "slip"), (2.0 + 14.0 / (2 * pull), "contact.1", "slip"),
+    ]  # fmt: skip
+    assert [(event.element, event.after) for event in run.events] == [tuple(what) for _, *what in by_hand]
+    np.testing.assert_allclose([event.time for event in run.events], [at for at, *_ in by_hand], atol=0.0101)
+    assert run["x.2"][100] == pytest.approx(6.0 / k)

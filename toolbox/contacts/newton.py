@@ -163,10 +163,12 @@ class ContactSolver:
             if round_off > max(FREE * size, 1e-300):  # equations that are singular but for round-off: any residual would do
                 return None
             if state == before and np.abs(point.residual).max() <= 1e-11 * size + round_off:
-                point.slip[sets.sticks] = 0.0
+                tiny = np.linalg.norm(point.slip, axis=1) * self.rho_tangent <= 1e-11 * size + round_off  # at rest on the edge of its cone
+                sticks = sets.sticks | (tiny & ~sets.is_open)
+                point.slip[sticks] = 0.0
                 point.traction[sets.is_open] = 0.0
                 normal = np.where(sets.is_open, 0.0, np.maximum(point.normal, 0.0)) if self.opens else point.normal
-                return Solution(moved, normal, point.traction, point.slip, sets.is_open, sets.sticks, number)
+                return Solution(moved, normal, point.traction, point.slip, sets.is_open, sticks, number)
             step = self._direction(point.force, moved, given, sets)
             if step is None:
                 return None

@@ -166,14 +166,13 @@ class _Stepping:
     def _step(self, i: int) -> bool:
         """The step that ends at times[i]; False where it has no solution."""
         problem, h = self.problem, self.h
-        acting = {name: self.values[name][i] * problem.forces[name] for name in self.values if name in problem.forces}
+        sides = {name: self.acting.over(name, i) for name in self.values}
+        acting = {name: end * problem.forces[name] for name, (_, end) in sides.items() if name in problem.forces}
         force = sum(acting.values(), np.zeros(problem.size))
         drive = force + problem.mass @ self.v[i - 1] / h - problem.stiffness @ self.q[i - 1]
         surface = np.zeros((problem.contacts, problem.directions))
-        for name, values in self.values.items():
-            if name in problem.surface:
-                before = values[i if name in self.acting.driven else i - 1]  # what is held is the same over the whole step
-                surface += h * (before + values[i]) / 2 * problem.surface[name]
+        for name in problem.surface.keys() & sides.keys():
+            surface += h * sum(sides[name]) / 2 * problem.surface[name]
         found = self._solved(drive, surface, i)
         if found is None:
             return False

@@ -292,6 +292,8 @@ def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
         ({"forces": {"pull": [1.0, 2.0]}}, "pull"),
         ({"places": [[0.0], [1.0]]}, "places"),
         ({"areas": [-1.0]}, ">= 0"),
+        ({"areas": [0.0]}, "`areas` must be > 0 for one contact"),
+        ({"mass": [[-1.0]]}, "`mass` must not be negative along any motion"),
     ],
 )
 def test_problems_that_are_none_are_refused(changes, words):
@@ -353,6 +355,12 @@ def test_a_body_that_slips_away_has_no_state_of_rest():
         press_contacts(block(), {"force.x": 1e3})
 
 
+def test_a_body_whose_stiffness_has_the_wrong_sign_is_refused_and_one_that_is_slightly_unstable_is_not():
+    with pytest.raises(SceneError, match=r"over a step of 0\.1 s one of -4\.98e\+03 N/m pushes on: is a sign wrong"):
+        step_contacts(block(-5180.0), 1.0, step=0.1)
+    assert step_contacts(block(-5.0), 1.0, step=0.1, inputs={"force.x": 3.0})["x"][-1] == 0.0  # 3 N are less than mu N = 4 N
+
+
 def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     body = ElasticBody(np.eye(3), 1e4 * np.eye(3), entries=[[0, 1, 2]])
     reduced = body.reduced({"x.0": body.point(0, "x"), "y.0": body.point(0, "y"), "z.0": body.point(0, "z")})
@@ -365,6 +373,9 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     assert run.normal[-1, 0] == pytest.approx(10.0)
     for arguments, options, words in (
         (((),), {}, "as many contacts"),
+        ((("x", "y", "z"),), {"load": [1.0]}, "one or two words"),
+        ((("x", "x"), "z"), {}, "words that differ"),
+        ((("x", "y"), "y"), {}, "words that differ"),
         ((("x", "y"), "z"), {"closing": 0.5}, "1 or -1"),
         ((("x", "y"), "z"), {"pushed": "z.0"}, "tuple of ports"),
         ((("x", "y"), "z"), {"pushed": ("z.1",)}, "no port `z.1`"),

@@ -97,7 +97,7 @@ class ContactRun:
 
     def _output(self, name: str) -> np.ndarray:
         if name not in self.problem.outputs:
-            raise SceneError(f"There is no output `{name}`. {suggest(name, self.problem.outputs)}")
+            raise SceneError(f"There is no output `{name}`: {suggest(name, self.problem.outputs)}")
         return self.problem.outputs[name]
 
     @property

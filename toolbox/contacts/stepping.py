@@ -122,6 +122,8 @@ class _Stepping:
         still = math.isinf(h)
         matrix = problem.stiffness if still else problem.mass / h**2 + problem.damping / h + problem.stiffness
         self.flexibility, self.shapes, condensed = _condensed(matrix, moves)
+        if not still:
+            _check_held(condensed, h)
         self.solver = ContactSolver(condensed, problem.contacts, problem.directions)
         self.moves, self.factor = moves, friction
         self.static, self.sliding = problem.coefficients()
@@ -260,6 +262,18 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     condensed = -inverse[n:, n:] * scale * scale.T
     flexibility = inverse[:n, :n]
     return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
+
+
+def _check_held(condensed: np.ndarray, h: float) -> None:
+    """Raise SceneError where a push on the contacts moves them against it: then nothing says which of several answers a step has."""
+    try:
+        np.linalg.cholesky(condensed + 1e-9 * np.abs(condensed).max() * np.eye(len(condensed)))
+    except np.linalg.LinAlgError:
+        least = np.linalg.eigvalsh(condensed)[0]
+        raise SceneError(
+            f"Arguments `mass`, `damping` and `stiffness` of the problem must hold its contacts against every push, but over a step of {h:.3g} s "
+            f"one of {least:.3g} N/m pushes on: is a sign wrong, or the step too long for a body that is unstable?"
+        ) from None
 
 
 def _check_problem(problem: Any) -> None:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BristleContact, Coulomb, Drop, ElasticBody, Exponential
+from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
 from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
 
 MU, LOAD, MASS = 0.4, 10.0, 2.0
@@ -273,6 +273,26 @@ def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
         position.append(position[-1] + 0.05 * speeds[-1])
     np.testing.assert_allclose(run["x"][::5], position, rtol=1e-9)
     np.testing.assert_allclose(run.inputs["surface.x"][1:], np.repeat(speeds, 5), rtol=1e-9)
+
+
+def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
+    """Keys of channels are 64 bits: half of them, as plain numbers, drew other noise or none at all."""
+
+    def seen(run, seed):
+        noise = []
+
+        def law(_, y):
+            noise.append(float(np.ravel(y)[0]))
+            return 0.0
+
+        run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measures="block.speed", drives="block.force"))
+        return noise
+
+    at_rest = block(forces={"block.force": [1.0]}, surface={}, outputs={"block": [1.0]})
+    for seed in range(6):
+        noise = seen(lambda law: step_contacts(at_rest, 5.0, step=0.1, controller=law), seed)
+        assert noise == seen(lambda law: simulate(compose(Block()), 5.0, controller=law), seed)
+        assert np.std(noise) == pytest.approx(1.0, abs=0.3)
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------------ borders

@@ -174,6 +174,8 @@ class ReducedBody:
 
         `frequencies` and `errors` remain those of the body without mounts.
         """
+        if not isinstance(mounts, Mapping):
+            raise SceneError(f"Argument `mounts` must map ports to (stiffness, damping), but it is {mounts!r}.")
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
             pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
@@ -220,6 +222,8 @@ class ReducedBody:
         pushed
             Ports that are pushed; the input of that name is a force [N].
         """
+        if isinstance(tangent, str):
+            raise SceneError(f"Argument `tangent` must be a tuple of words, such as ({tangent!r},), but it is one text.")
         ways = [self.indices(word) for word in tangent]
         count = len(ways[0]) if ways else 0
         if not count or any(len(way) != count for way in ways):

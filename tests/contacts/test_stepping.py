@@ -370,6 +370,14 @@ def test_contacts_that_move_nothing_or_together_are_refused():
             step_contacts(block(**changes), 1.0, step=0.1)
 
 
+def test_a_part_that_no_contact_holds_is_told_without_a_warning_of_the_linear_algebra():
+    chain = np.array([[0.1, -0.1, 0.0], [-0.1, 0.4, -0.3], [0.0, -0.3, 0.3]])  # free, but for round-off
+    stiffness = np.block([[chain, np.zeros((3, 3))], [np.zeros((3, 3)), chain]])
+    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD])
+    with pytest.raises(SceneError, match="leave no motion free of forces"):
+        press_contacts(problem)
+
+
 def test_a_body_that_slips_away_has_no_state_of_rest():
     with pytest.raises((SceneError, SimulationError)):
         press_contacts(block(), {"force.x": 1e3})
@@ -393,6 +401,7 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     assert run.normal[-1, 0] == pytest.approx(10.0)
     for arguments, options, words in (
         (((),), {}, "as many contacts"),
+        (("x", "z"), {}, "a tuple of words"),
         ((("x", "y", "z"),), {"load": [1.0]}, "one or two words"),
         ((("x", "x"), "z"), {}, "words that differ"),
         ((("x", "y"), "y"), {}, "words that differ"),
@@ -402,6 +411,8 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     ):
         with pytest.raises(SceneError, match=words):
             reduced.in_contact(Coulomb(0.3, 0.3), *arguments, **options)
+    with pytest.raises(SceneError, match="must map ports"):
+        reduced.mounted(["x.0"])
 
 
 @pytest.mark.parametrize("step", [0.01, 0.02])

@@ -319,3 +319,10 @@ def test_options_of_other_methods_are_refused(written, capsys, option):
 def test_a_scene_of_a_plant_is_no_scene_of_contacts(root):
     with pytest.raises(SceneError, match="body with many contacts, such as ElasticFace, but its plant has equations"):
         ContactScene.load(root / "studies" / "scenes" / "block_on_belt.toml")
+
+
+def test_a_scene_in_python_asks_for_a_body_with_contacts():
+    scene = ContactScene("a body without contacts", ReducedBody(("x.0",), [[1.0]], [[0.0]], [[1.0]]), 1.0, 0.1)
+    for ask in (scene.check, lambda: scene.run("no controller")):
+        with pytest.raises(SceneError, match="`body` must be a body with many contacts, such as ElasticFace"):
+            ask()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+import warnings
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -244,7 +245,7 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
 
     The matrix may be singular where the contacts hold what it leaves free.
     """
-    from scipy.linalg import LinAlgError, inv
+    from scipy.linalg import LinAlgError, LinAlgWarning, inv
 
     n, m = len(matrix), len(moves)
     rows = np.linalg.norm(moves, axis=1)
@@ -253,7 +254,9 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     scale = (np.abs(np.diag(matrix)).mean() or 1.0) / rows[:, None]  # of a body without stiffness at rest anything does
     bordered = np.block([[matrix, (scale * moves).T], [scale * moves, np.zeros((m, m))]])
     try:
-        inverse = inv(bordered, check_finite=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # whether it is an inverse is checked below
+            inverse = inv(bordered, check_finite=False)
     except LinAlgError:
         inverse = None
     shapes = None if inverse is None else inverse[:n, n:] * scale.T

@@ -370,12 +370,13 @@ def test_contacts_that_move_nothing_or_together_are_refused():
             step_contacts(block(**changes), 1.0, step=0.1)
 
 
-def test_a_part_that_no_contact_holds_is_told_without_a_warning_of_the_linear_algebra():
+def test_a_part_that_no_contact_holds_rests_until_it_is_pushed():
     chain = np.array([[0.1, -0.1, 0.0], [-0.1, 0.4, -0.3], [0.0, -0.3, 0.3]])  # free, but for round-off
     stiffness = np.block([[chain, np.zeros((3, 3))], [np.zeros((3, 3)), chain]])
-    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD])
-    with pytest.raises(SceneError, match="leave no motion free of forces"):
-        press_contacts(problem)
+    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD], forces={"push": np.eye(6)[5]})
+    assert np.abs(press_contacts(problem).coordinates).max() == 0.0
+    with pytest.raises(SceneError, match="hold all rigid motions, but under these inputs one is free"):
+        press_contacts(problem, {"push": 1.0})
 
 
 def test_a_body_that_slips_away_has_no_state_of_rest():

@@ -106,8 +106,8 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
 
     frictionless: leave friction out, as where a body settles before it is pulled. Contacts then count as slipping and carry no tangential force.
     Tangential forces follow Coulomb's law for loading in one step from the unloaded state. Needs contacts that hold all rigid motions that the stiffness
-    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for unknown names and SimulationError
-    where nothing is at rest.
+    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown
+    names, SimulationError where no set of contacts is at rest.
     """
     _check_problem(problem)
     return _Stepping(problem, math.inf, constants(problem, inputs), None, 0.0 if frictionless else 1.0).through()
@@ -152,6 +152,8 @@ class _Stepping:
                 words = "No set of open, sticking and sliding contacts is at rest under these inputs: contacts, friction and springs must hold what acts."
                 raise SimulationError(words)
             self._keep(0, self.q[0] + self.shapes @ found.moved + self.flexibility @ force, found)
+            if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e13 * max(np.abs(force).max(), found.normal.max(), 1e-300):
+                raise SceneError("Argument `problem` must have contacts that hold all rigid motions, but under these inputs one is free.")
             return self._run(1)
         for i in range(1, self.times.size):
             try:

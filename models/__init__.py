@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from models.top_drive import TopDrive as TopDrive
     from models.torsional_pendulum import TorsionalPendulum as TorsionalPendulum
     from models.wall_friction import StringOnWall as StringOnWall
+    from models.wall_friction import WallContact as WallContact
     from models.wall_friction import sliding_resultant as sliding_resultant
     from models.wall_friction import string_on_wall as string_on_wall
 
@@ -124,6 +125,7 @@ __all__ = [
     "TorsionalPendulum",
     "Transition",
     "TwoDisks",
+    "WallContact",
     "WhirlingCollar",
     "averaged_friction",
     "block_mesh",
@@ -175,7 +177,7 @@ _FILES = {
     "models.sliders": "InclinedSlider, PlateContact, Slider",
     "models.smooth_bit_rock": "SmoothBitRock",
     "models.squeal": "SquealingPad",
-    "models.wall_friction": "StringOnWall, sliding_resultant, string_on_wall",
+    "models.wall_friction": "StringOnWall, WallContact, sliding_resultant, string_on_wall",
     "models.survey": "Survey, read_survey",
     "models.tabulated_string": "DrillString",
     "models.top_drive": "TopDrive",

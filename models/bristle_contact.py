@@ -10,8 +10,8 @@ would add a viscous force and the same stiffness. The play is exact and has no t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import casadi as ca
 
@@ -41,7 +41,7 @@ FASTEST = 1e4
 class _Bristle(Relay):
     """The relay of one bristle under the names of what it does: it slips where the relay slides."""
 
-    legend: ClassVar[dict[int, str]] = {0: "slip", -1: "stick", 1: "beyond"}
+    legend: Mapping[int, str] = {0: "slip", -1: "stick", 1: "beyond"}
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,55 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from models.axial import AxialChain
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb
-from toolbox import ContactBody, ContactProblem, FrictionLaw, Quantities, Quantity, SceneError, quantity
+from toolbox import (
+    Component,
+    ContactBody,
+    ContactProblem,
+    DryFriction,
+    Equations,
+    FrictionLaw,
+    Quantities,
+    Quantity,
+    SceneError,
+    quantity,
+)
 from toolbox.authoring import check_fields, finite_array, is_finite_number
+
+
+@dataclass(frozen=True)
+class WallContact(Component):
+    """The lower end of a string that lies on the wall of its hole, off bottom: dry friction along the hole and around it under one cone.
+
+        stick:  v = 0, R w = 0,  sqrt(F^2 + (T / R)^2) <= mu_s N
+        slip:   F = mu N v / s,  T = mu N R (R w) / s,  s = sqrt(v^2 + (R w)^2)      both against the motion
+
+    Turning takes axial drag away, and a string that hangs up along its hole comes free when it is turned. It stands in the place of the rock, at the last mass
+    of an `AxialChain` and the last inertia of a `TorsionalChain`; every switch is located. For friction at every mass, stepped over time, see `StringOnWall`.
+
+    - Needs the signals `bit.axial_speed` v [m/s], downwards, and `bit.speed` w [rad/s].
+    - Gives the signals `wall.drag` F [N] and `wall.torque` T [N m], to the chains as `bit.weight` and `bit.torque`.
+    - Contact: `wall`, with the modes "stick" and "slip"; `wall.force` [N] is sqrt(F^2 + (T / R)^2), `wall.slip` [m/s] is s.
+
+    Textbook (torque and drag); the defaults have the size of 200 m of collars on the low side of a horizontal hole and are chosen.
+    """
+
+    load: Quantity = quantity(150_000.0, "N", "side force on the wall", at_least=0, usual=(10.0, 1e7))
+    radius: Quantity = quantity(0.085, "m", "radius of the surface that touches the wall", above=0, usual=(0.01, 1.0))
+    friction: FrictionLaw = Coulomb(static=0.35, kinetic=0.25)
+
+    def equations(self, signal):
+        v, w = signal("bit.axial_speed", "m/s"), signal("bit.speed", "rad/s")
+        wall = DryFriction("wall", ca.vertcat(v, self.radius * w), self.friction, self.load)
+        drag, torque = -wall.force[0], -self.radius * wall.force[1]
+        # the chains book the power that leaves them at their lower ends
+        gives = {"wall.drag": (drag, "N"), "wall.torque": (torque, "N m"), "bit.weight": (drag, "N"), "bit.torque": (torque, "N m")}
+        return Equations(gives=gives, elements=[wall])
 
 
 def sliding_resultant(friction: float, load: float, axial_speed: float, turning_speed: float, radius: float) -> tuple[float, float]:

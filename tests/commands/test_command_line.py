@@ -132,6 +132,7 @@ SHIPPED = {
     },
     "aarsnes_shor": {"published PI": "stick-slip", "soft torque, lumped matching": "stick-slip", "PI of 4 pipe impedances": "free"},
     "block_on_belt": {"no controller": "stick-slip"},
+    "hoisting": {"not turned": "stick-slip", "turned": "free", "rocked": "stick-slip"},
     "bit_bounce": {"stiff PI": "stick-slip", "soft torque": "free"},
     "drag_bit": {"table at 57 rpm": "stick-slip", "table at 240 rpm": "free"},
     "hysteretic_bit": {"constant torque": "stick-slip", "stiff PI": "stick-slip", "soft torque": "free"},

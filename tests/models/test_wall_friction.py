@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from controllers import PI, SoftTorque
-from models import AxialChain, Coulomb, TorsionalChain, sliding_resultant, string_on_wall
-from toolbox import Sampled, SceneError, SimulationError, compose, ramp, simulate, step_contacts
+from models import AxialChain, Coulomb, TorsionalChain, WallContact, sliding_resultant, string_on_wall
+from toolbox import Sampled, SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, ramp, simulate, sine, step_contacts
 
 RADIUS, MU = 0.1, 0.3
 LOADS = (2000.0, 5000.0, 8000.0)
@@ -188,3 +188,67 @@ def test_a_law_that_fails_leaves_the_run_so_far():
     with pytest.raises(SimulationError, match="1 finite value") as raised:
         driven(Sampled(law, 0.02, drives="top.torque"))
     assert raised.value.run.end == pytest.approx(0.52)
+
+
+LINES, TOP = AxialChain(mass=(20_000.0, 20_000.0), stiffness=(4e6, 8e6), damping=(4e4, 4e4)), 425.0
+END = compose(LINES, TorsionalChain(inertia=(2122.0, 374.0), stiffness=(473.0,), damping=(23.2,), top_drag=TOP), WallContact())
+"""Half a drill string on ten lines whose collars lie on the wall of a horizontal hole, all switches located."""
+
+
+@pytest.mark.parametrize("hook_speed", [-0.2, 0.05])
+@pytest.mark.parametrize("top_torque", [4000.0, 20_000.0])
+def test_hoisting_and_lowering_with_rotation_take_the_resultant_along_the_slip(hook_speed, top_torque):
+    inputs = {"hook.speed": hook_speed, "top.torque": top_torque}
+    steady = equilibrium(END, inputs=inputs)
+    wall = WallContact()
+    force, torque = sliding_resultant(wall.friction.kinetic, wall.load, hook_speed, steady["bit.speed"], wall.radius)
+    assert (steady["wall.drag"], steady["wall.torque"]) == pytest.approx((force, torque), rel=1e-9)
+    assert steady["hook.load"] == pytest.approx(40_000.0 * 9.81 - force, rel=1e-9)
+    assert steady["bit.speed"] == pytest.approx((top_torque - torque) / TOP, rel=1e-9)
+    run = simulate(END, 60.0, start=steady, inputs=inputs, accuracy=1e-9)
+    assert not run.events and run["wall.drag"][-1] == pytest.approx(force, rel=1e-7)
+
+
+def test_turning_damps_the_motion_along_the_hole_by_the_closed_form():
+    """While the string turns, dry friction is a viscous drag along the hole: dF/dv = mu N / (R w) at v = 0."""
+    steady = equilibrium(END, inputs={"top.torque": 8000.0})
+    wall = WallContact()
+    slope = wall.friction.kinetic * wall.load / (wall.radius * steady["bit.speed"])
+    linear = linearise(END, steady)
+    assert steady["bit.axial_speed"] == 0.0
+    place = linear.state_labels.index("axial_speed[1]")
+    assert linear.A[place, place] == pytest.approx(-(slope + LINES.damping[1]) / 20_000.0, rel=1e-9)
+
+
+def test_a_string_that_is_hoisted_slowly_sticks_and_slips_and_turning_ends_it():
+    inputs = {"hook.speed": -0.05}
+    hoisted = simulate(END, 60.0, inputs=inputs)
+    turned = simulate(END, 60.0, inputs=inputs | {"top.torque": 8000.0})
+    assert hoisted.time_in("wall", "stick", after=30.0) > 3.0
+    assert turned.time_in("wall", "stick", after=30.0) == 0.0
+    # the top has spun up to e^-8 of its speed, with (2122 + 374) kg m2 against 425 N m s/rad
+    assert np.ptp(turned["hook.load"][turned.time > 50.0]) < 0.01 * np.ptp(hoisted["hook.load"][hoisted.time > 50.0])
+
+
+def test_a_string_that_hangs_up_along_its_hole_comes_free_when_it_is_turned():
+    """Pulled by 90 % of what would free it, it needs no more of its torque than sqrt(1 - 0.9^2)."""
+    wall = WallContact()
+    bound = wall.friction.static * wall.load
+    rigid = compose(
+        AxialChain(mass=(20_000.0,), stiffness=(), damping=(), hook_load=20_000.0 * 9.81),
+        TorsionalChain(inertia=(10.0, 374.0), stiffness=(1e5,), damping=(1e3,)),
+        wall,
+    )
+    pull = {"hook.load": 20_000.0 * 9.81 + 0.9 * bound}
+    hung = simulate(rigid, 10.0, inputs=pull)
+    assert hung.time_in("wall", "stick") == 10.0
+    freed = simulate(rigid, 10.0, inputs=pull | {"top.torque": ramp(0.0, 6000.0, 0.0, 10.0)}, accuracy=1e-9)
+    leaves = next(event.time for event in freed.events if event.element == "wall" and event.after == "slip")
+    assert freed.at(leaves)["top.load"] == pytest.approx(np.sqrt(1 - 0.9**2) * bound * wall.radius, rel=1e-8)
+
+
+def test_the_energy_of_rocking_a_string_that_slides_balances():
+    run = simulate(END, 60.0, inputs={"hook.speed": 0.02, "top.torque": sine(0.0, 8000.0, 0.2)}, accuracy=1e-8)
+    assert run.time_in("wall", "stick") > 1.0
+    audit = energy_audit(run)
+    assert abs(audit.residual) < 1e-8 * audit.turnover

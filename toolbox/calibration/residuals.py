@@ -22,7 +22,7 @@ import numpy as np
 from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
-from toolbox.modelling.elements import DryFriction
+from toolbox.modelling.elements import DryFriction, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.start import place_start
 from toolbox.orbits.sensitivity import sensitivity
@@ -159,6 +159,7 @@ class MeasuredLoop:
         elements = [element.name for element in plant.elements]
         if contact not in elements or not isinstance(plant.elements[elements.index(contact)], DryFriction):
             raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")
+        check_one_direction(plant.elements, "Measured friction", "fit the motion instead")
         self.plant, self.recording, self.names, self.place = plant, recording, names, elements.index(contact)
         element: Any = plant.elements[self.place]
         force = plant.F[self.place]

@@ -70,7 +70,8 @@ def run(given: argparse.Namespace) -> int:
                     reached(i + 0.5, f"{label}: figure")
                     found.save(folder / f"{stem}.npz")
                     found.to_csv(folder / f"{stem}.csv")
-                    figures.draw_found(found, label, folder / f"{stem}.{given.format}")
+                    title = scene.title if len(scene.labels) == 1 else f"{scene.title}: {label}"
+                    figures.draw_found(found, title, folder / f"{stem}.{given.format}")
                     parts.append(f"  files {stem}: npz, csv, {given.format}")
                 texts.append("\n".join(parts))
         text = "\n\n".join(texts) + "\n"

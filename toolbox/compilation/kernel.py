@@ -6,7 +6,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     step     y = [x(t+h) | dx(t+h) | guards | rates | error | error_low]  from (t, x) with slope k = dx(t); of time stepping see
     `toolbox.compilation.moreau_jean`; behind the error of an implicit step stands whether it may stand, > 0
     project  y = [x with zero slip in sticking elements]
-    probe    y = [slip | slip rate | force | static bound | pace]       of the elements; pace is the slip rate that the bound can make
+    probe    y = [slip | slip rate | force | static bound | pace]       of the elements (`Switching.probed`)
     series   y = [coefficients of the states and guards at (t, x)]     of Taylor steps, which is then k of step; h tells how long one is about
     burden   y = [size of what the forces of elements cancel]         of each slope
     impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [held | elastic]; only with rigid contacts
@@ -79,10 +79,7 @@ def kernel_of(
     slopes = ca.vertcat(*map(ca.densify, (form.field, form.guards, form.guard_rates)))
     field = ca.Function("field", [t, x, p, m], [slopes])
     project = ca.Function("project", [t, x, p, m], [ca.densify(form.projected)])
-    bounds = ca.vertcat(*[1 if e.unilateral else form.static[i] for i, e in enumerate(elements)])
-    pace = ca.diag(form.gain) * bounds  # the slip rate that a force at its bound makes, of a rigid contact one of 1
-    probed = ca.vertcat(*map(ca.densify, (form.slip, form.slip_rate, form.force, form.static, pace)))
-    probe = ca.Function("probe", [t, x, p, m], [probed])
+    probe = ca.Function("probe", [t, x, p, m], [form.probed])
     padded = ca.vertcat(ca.densify(form.burden), ca.SX.zeros(x.numel() - form.burden.numel()))
     burden = ca.Function("burden", [t, x, p, m], [padded])
     n = x.numel()

@@ -23,6 +23,10 @@ FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICI
 FRICTION, RIGID, SWITCH = range(3)
 
 
+SECOND = -2
+"""`Work.loader` of the second direction of the friction before it: a switch, which is in mode 0 again when that friction comes to rest."""
+
+
 # --- indices into `Work.reals`; ERROR_OLD is a binary logarithm, FOLLOWED the longest implicit step that follows modes that grow, 0 where it is not known
 TIME, END, STEP_SIZE, RTOL, ERROR_OLD, STEP_OLD, POWER, LAST_EVENT, LONGEST, FOLLOWED, REALS = range(11)
 
@@ -53,7 +57,7 @@ class Work(NamedTuple):
     g, g_low, g_high: guards then rates;  guard_scale, slot: size of each guard so far, in slip then in stick, and which counts;
     side, armed, fired: per guard;  zero, forced, before: per element;  excited: see above;
     kind, initial: kind of each element and mode at the start of a switch;  attached: the rigid contact that loads a friction, or -1;
-    loader: the unilateral contact without which a friction has no load, or -1;
+    loader: the unilateral contact without which a friction has no load, -1, or SECOND;
     bounced: rigid contacts that have just left again;
     rec_*: recorded nodes (time, state, modes, held parameters);  ev_*: events (time, element, modes before and after, and whether other modes were
     consistent, too); jump_*: parameter changes at given times (row pointers into index and value);  out_t: output times;  samplers: see above, with

@@ -14,21 +14,23 @@ from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
+from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.switching import Switching, depending, switching
+from toolbox.modelling.two_directions import resolution
 
 
 @dataclass
 class Program:
     """A closed system compiled for one kind of inputs: everything about a run but its numbers.
 
-    layout of the parameter vector: values of the system, then coefficients of inputs, then what changes during a run (`first_held` on): held
-    signals, then (value, slope, time) of every table. `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`),
-    `varying` those whose bound is not constant, `bounded` those of them whose bound is a guard, since nothing else keeps it from becoming negative,
-    and `forced` says that time enters nonlinearly, so that steps must not outgrow what happens in it. `updates` holds (memory and noise,
-    next memory, outputs) of every sampled law in terms of t, x, p and the modes.
+    layout of the parameter vector: values of the system, then coefficients of inputs, then, with friction in two slip directions, what it is resolved by
+    (`toolbox.modelling.two_directions`), then what changes during a run (`first_held` on): held signals, then (value, slope, time) of every table.
+    `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`), `varying` those whose bound is not constant, `bounded` those of
+    them whose bound is a guard, since nothing else keeps it from becoming negative, and `forced` says that time enters nonlinearly, so that steps must not
+    outgrow what happens in it. `updates` holds (memory and noise, next memory, outputs) of every sampled law in terms of t, x, p and the modes.
     """
 
     system: HybridSystem
@@ -104,6 +106,8 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
             coefficients.append(symbol)
             inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
     u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    if any(isinstance(element, SecondDirection) for element in system.elements):
+        coefficients.append(resolution)
     first_held = base + sum(c.numel() for c in coefficients)
     held_size = system.held.numel()
     p = ca.vertcat(system.p, *coefficients, system.held, *tables)
@@ -123,7 +127,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
     bounded = [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
-    form = switching(system.t, system.x, flow, elements, bounded)
+    form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
         x, excited, form = _with_hidden_forces(system, elements, form)
@@ -144,10 +148,10 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         pair=pair,
         kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series, _holds_expression(key)),
         excited=np.array(excited, np.int64),
-        kind=np.array([loop_layout.RIGID if e.unilateral else loop_layout.FRICTION if e.holds else loop_layout.SWITCH for e in elements], np.int64),
+        kind=np.array([_kind(element) for element in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
-        loader=np.array(form.loader, np.int64),
+        loader=np.array([loop_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
         varying=varying,
         bounded=bounded,
         forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
@@ -169,6 +173,15 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         for old in known[:-EXPRESSIONS]:
             system.kernels.pop(old, None)
     return program
+
+
+def _kind(element: Any) -> int:
+    """The kind of an element in the loops; the second direction of a friction holds and slides with the first, and its own mode is that of a switch."""
+    from toolbox.compilation import loop_layout
+
+    if isinstance(element, SecondDirection):
+        return loop_layout.SWITCH
+    return loop_layout.RIGID if element.unilateral else loop_layout.FRICTION if element.holds else loop_layout.SWITCH
 
 
 EXPRESSIONS = 16
@@ -206,9 +219,11 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
         rates = [form.sticks[i] * slopes[k] for k, i in enumerate(excited)]
     else:
         excited, values = _nonlinear_alone(form, elements, along)
+        values = [_as_stuck(elements, i, value) for i, value in zip(excited, values, strict=True)]
         rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
+    excited = [i - isinstance(elements[i], SecondDirection) for i in excited]  # both directions have the bound of the first
     hidden = ca.SX.sym("hidden", len(rates))
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:
@@ -216,6 +231,14 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
     wider = form._replace(projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
+
+
+def _as_stuck(elements: list[Any], i: int, value: ca.SX) -> ca.SX:
+    """What counts only while element i sticks, without what its other modes make of it where that is much: with friction in two slip directions."""
+    first = i - isinstance(elements[i], SecondDirection)
+    if elements[first].directions == 1:
+        return value
+    return ca.substitute(value, ca.vertcat(elements[first].mode, elements[first + 1].mode), ca.SX.zeros(2))
 
 
 def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:

@@ -20,6 +20,7 @@ from toolbox.compilation.taylor import LACKING, Taylor
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
+from toolbox.modelling.elements import check_one_direction
 from toolbox.simulation.carry_out import compiled_loop, formulas_of
 from toolbox.simulation.methods import Explicit, TaylorSeries
 from toolbox.simulation.run import Run
@@ -74,6 +75,7 @@ class Lanes:
         system = run.system
         if run.laws:
             raise SceneError("Argument `run` must have no law in Python to be run in lanes.")
+        check_one_direction(system.elements, "A block of lanes", "run it alone")
         for measure in measures:
             measure.check(system, run.duration)
         self.loop, self.states, self.values = lanes_loop.run, system.x.numel(), system.values.size

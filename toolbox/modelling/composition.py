@@ -380,7 +380,7 @@ class _Composer:
         system.values = np.array(self.values, float)
         system.kernels = {}
         system.parts = ()
-        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises)
+        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises, *[e.speed for e in self.elements])
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})

@@ -202,13 +202,15 @@ class Element:
     no multiplier. `force` is an expression to be used, affinely, in the flow of the part that owns the element.
     """
 
-    legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip+", -1: "slip-"}
+    legend: Mapping[int, str] = {0: "stick", 1: "slip+", -1: "slip-"}
     expressions: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")
     holds: bool = True
     unilateral: bool = False
     initial: int = 0
     law: FrictionLaw | None = None
     companions: Sequence[Element] = ()
+    directions: int = 1
+    speed: ca.SX = ca.SX(0, 1)
 
     def __init__(self, name: str, slip: ca.SX | float, slip_unit: str, force_unit: str):
         self.name = name
@@ -244,6 +246,15 @@ class DryFriction(Element):
 
     `slip` may depend on states, parameters and time, not on a sampled input. A negative load is an error of the caller: give a load that is >= 0, such as the
     `force` of a `UnilateralContact`. Each break of the law is an element of its own (`name.break`), "below" or "beyond".
+
+    A contact that slips in two directions has a column of two slips in one unit, `casadi.vertcat(axial, radius * turning)`, and `force` is a column of two.
+    Both share one friction cone, so that one motion takes the friction of the other away:
+
+        stick:  slip = 0 and |force| <= static, with the length of both columns
+        slip:   force = -slip / |slip| * load * law.sliding(|slip|)
+
+    Its modes are "stick" and "slip", and its signals `name.force` and `name.slip` are the lengths. Whose direction its force has is an element of its own
+    (`name.direction`): "pull" from the instant at which it breaks away until it moves, "slip" from then on. Its load must not come from a rigid contact.
     """
 
     def __init__(
@@ -256,19 +267,55 @@ class DryFriction(Element):
         slip_unit: str = "m/s",
         force_unit: str = "N",
     ):
-        super().__init__(name, slip, slip_unit, force_unit)
+        slips = ca.densify(ca.SX(slip))
+        if slips.shape not in ((1, 1), (2, 1)):
+            raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, but its shape is {slips.shape}.")
+        super().__init__(name, slips[0], slip_unit, force_unit)
         if not isinstance(law, FrictionLaw):
             raise SceneError(f"Argument `law` of `{name}` must be a friction law such as Coulomb(), but it is {law!r}.")
         self.law = law
         self.load = ca.SX(load)
+        self.directions = slips.numel()
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead
         speed = self.mode * self.slip
+        second = []
+        if self.directions == 2:
+            self.legend = {0: "stick", 1: "slip"}
+            self.speed = speed = ca.SX.sym(f"{name}.speed")
+            second = [SecondDirection(f"{name}.direction", slips[1], slip_unit, force_unit)]
+            self.force = ca.vertcat(self.multiplier, second[0].multiplier)
         breaks = law.breaks()
-        self.companions = [
-            _Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)
-        ]
-        self.sliding = ca.SX(law.sliding(speed, *[companion.mode for companion in self.companions]))
+        jumps = [_Break(f"{name}.break" + (f".{i}" if len(breaks) > 1 else ""), speed, place) for i, place in enumerate(breaks)]
+        self.companions = [*second, *jumps]
+        self.sliding = ca.SX(law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * law.breakaway()
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        if self.directions == 1:
+            return super().signals()
+        slips = ca.vertcat(self.slip, self.companions[0].slip)
+        return {"force": (length(self.force), self.force_unit), "slip": (self.mode**2 * length(slips), self.slip_unit)}
+
+
+class SecondDirection(Element):
+    """The second direction of the `DryFriction` before it: its slip and its multiplier, and whose direction the force of both has."""
+
+    legend: Mapping[int, str] = {0: "pull", 1: "slip"}
+
+    def signals(self) -> dict[str, tuple[ca.SX, str]]:
+        return {}
+
+
+def length(column: ca.SX, beside: ca.SX | float = 0.0) -> ca.SX:
+    """Length of a column, which has a derivative at zero, too; sqrt(length^2 + beside) with a second argument."""
+    return ca.sqrt(ca.sumsqr(column) + beside + 1e-300)
+
+
+def check_one_direction(elements: Sequence[Element], what: str, remedy: str) -> None:
+    """Raise SceneError where one of the elements is a friction with two slip directions, which `what` does not know."""
+    for element in elements:
+        if element.directions > 1:
+            raise SceneError(f"{what} knows friction with one slip direction, but `{element.name}` has two: {remedy}.")
 
 
 class Relay(Element):
@@ -301,7 +348,7 @@ class UnilateralContact(Element):
     Source: B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer 2016.
     """
 
-    legend: ClassVar[dict[int, str]] = {1: "open", 0: "closed"}
+    legend: Mapping[int, str] = {1: "open", 0: "closed"}
     expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure", "rate", "relaxation", "restitution")
     initial = 1
 
@@ -352,7 +399,7 @@ class Hysteresis(Element):
     time. With low = high it is a plain switch, and chatters without end where both sides lead back to it: that is a `Relay`.
     """
 
-    legend: ClassVar[dict[int, str]] = {0: "low", 1: "high"}
+    legend: Mapping[int, str] = {0: "low", 1: "high"}
     expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "signal", "low", "high")
     holds = False
 
@@ -380,7 +427,7 @@ class Hysteresis(Element):
 class _Break(Hysteresis):
     """Whether a slip speed is below or beyond a break of its law."""
 
-    legend: ClassVar[dict[int, str]] = {0: "below", 1: "beyond"}
+    legend: Mapping[int, str] = {0: "below", 1: "beyond"}
 
     def __init__(self, name: str, speed: ca.SX, place: ca.SX | float):
         super().__init__(name, speed, place, place, start="low")

@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, suggest
-from toolbox.modelling.elements import Element, Hysteresis
+from toolbox.modelling.elements import Element, Hysteresis, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, Parameter, checked_plant
 
 STICKING = 3.0
@@ -33,7 +33,7 @@ STICKING = 3.0
 class Creep(Hysteresis):
     """Whether a smoothed contact creeps ("stick") or slides ("slip")."""
 
-    legend: ClassVar[dict[int, str]] = {0: "stick", 1: "slip"}
+    legend: Mapping[int, str] = {0: "stick", 1: "slip"}
 
     def __init__(self, name: str, slip: ca.SX, width: ca.SX):
         super().__init__(name, (slip / (STICKING * width)) ** 2, 0.9**2, 1.1**2)
@@ -99,6 +99,7 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
 
 def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
     """{element: width} of the elements that are to be smoothed; raises SceneError as `smoothed` does."""
+    check_one_direction(plant.elements, "Smoothing", "simulate the plant with located events")
     holding = {element.name: element for element in plant.elements if element.holds}
     rigid = next((e.name for e in holding.values() if e.unilateral), None)
     given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)

@@ -14,6 +14,8 @@ so that no mode is ever enumerated or compiled on its own. A rigid unilateral co
 and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
 
     held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
+
+A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ import numpy as np
 from toolbox.errors import SceneError
 from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
 from toolbox.modelling.elimination import coupled_groups, masked_solve
+from toolbox.modelling.two_directions import EXACT, Cones
 
 
 class Switching(NamedTuple):
@@ -59,6 +62,8 @@ class Switching(NamedTuple):
         For every element the number of the unilateral contact without which it has no load, or -1.
     open_field, balance
         Where forces hold each other, dx/dt with the forces as symbols, and what these forces make zero; empty elsewhere.
+    probed
+        What the loops decide modes by, [slip | slip rate | force | bound | pace] of all elements: pace is the slip rate that a force at its bound makes.
     """
 
     field: ca.SX
@@ -77,57 +82,69 @@ class Switching(NamedTuple):
     loader: tuple[int, ...]
     open_field: ca.SX
     balance: ca.SX
+    probed: ca.SX
 
 
 NEIGHBOURS = 4
 """From how many contacts away, each of which holds the next, the round-off of a force is counted: with every one it falls by half or more."""
 
 
-def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = ()) -> Switching:
+def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], bounded: Sequence[int] = (), times: ca.SX = EXACT) -> Switching:
     """Solve the masked force balance of `flow` for all elements at once (see the module's equations).
 
-    `bounded` holds the numbers of the elements whose bounds are watched, so that none becomes negative.
+    `bounded` holds the numbers of the elements whose bounds are watched, so that none becomes negative; `times` is what friction in two slip directions is
+    resolved by.
     Raises SceneError where a force enters nonlinearly, does not act on its own slip, or where bounds depend on each other in a cycle.
     """
     force, mode, slip, load, sliding, static = (
         ca.vertcat(*[getattr(e, name) for e in elements]) if elements else ca.SX(0, 1)
         for name in ("multiplier", "mode", "slip", "load", "sliding", "static")
     )
+    loader = _loaders(elements)
+    cones = Cones(elements, slip, loader, times)
+    load, sliding = cones.shared(load), cones.shared(sliding)
     kinetic = load * sliding
-    holding = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
+    holds = ca.SX([float(e.holds) for e in elements]) if elements else ca.SX(0, 1)
 
     gain_of_force = ca.jacobian(flow, force)
     coupling = ca.jacobian(kinetic, force)
-    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
-        ca.jacobian(static, force), force
-    )):
-        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
-    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
-        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
     slip_of_state = ca.jacobian(slip, x)
     gain = ca.sparsify(ca.mtimes(slip_of_state, gain_of_force))
-    for i, element in enumerate(elements):
-        if element.holds and not gain.has_nz(i, i):
-            raise SceneError(
-                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
-            )
+    _check_forces(elements, force, static, gain_of_force, coupling, gain)
     free = ca.substitute(flow, force, ca.SX.zeros(force.shape))
     free_rate = ca.mtimes(slip_of_state, free) + ca.jacobian(slip, t)
     zero = ca.SX.zeros(force.shape)
     # the factors of the law are grouped so that all but the law itself is constant over a step
     free_load, free_sliding = ca.substitute(load, force, zero), ca.substitute(sliding, force, zero)
 
-    sticks = holding * (1 - mode * mode)
+    def balanced(sticks: ca.SX, side: ca.SX, speeds: ca.SX, yielding: ca.SX | None = None) -> Balance:
+        """Forces for given elements that stick, directions in which the others slide, and slip speeds of those with two directions.
+
+        yielding: slip rate of every sticking row in parts of minus its force, none by default.
+        """
+        laws = cones.at_speed(free_sliding, speeds)
+        matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(1 - sticks) + ca.diag(side) @ cones.at_speed(coupling, speeds))
+        if yielding is not None:
+            matrix = ca.sparsify(matrix + ca.diag(yielding))
+        right = -(sticks * free_rate + side * free_load * laws)
+        if matrix.sparsity().is_diag():
+            pivot = ca.diag(matrix)
+            return Balance(matrix, right, -(sticks / pivot) * free_rate - (side * free_load / pivot) * laws)
+        return Balance(matrix, right, masked_solve(matrix, right))
+
+    own_mode = cones.shared(mode)
+    sticks, side, speeds = holds * (1 - own_mode * own_mode), mode, ca.SX(0, 1)
+    if cones.places:
+        tried, yielding = cones.trial(sticks, side), None
+        holding = balanced(*tried).force
+        for _ in range(cones.sweeps(gain)):
+            yielding = cones.yielding(holding, yielding, free_load, free_sliding, gain)
+            holding = balanced(*tried, yielding).force
+        side, speeds = cones.directed(holding, ca.substitute(static, force, holding), side, gain)
     slides = 1 - sticks
-    matrix = ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides) + ca.diag(mode) @ coupling)
-    open_field = balance = ca.SX(0, 1)
-    if matrix.sparsity().is_diag():
-        pivot = ca.diag(matrix)
-        solved = -(sticks / pivot) * free_rate - (mode * free_load / pivot) * free_sliding
-        terms = ca.fabs(solved)
-    else:
-        right = -(sticks * free_rate + mode * free_load * free_sliding)
-        solved = masked_solve(matrix, right)
+    matrix, right, solved = balanced(sticks, side, speeds)
+    terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
+    if not matrix.sparsity().is_diag():
         pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
         own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
         others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements)))
@@ -142,10 +159,14 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
 
     limit = sticks * bound
     held = sticks * solved
+    cones.moving_at(slip_rate)
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
-        guards = ca.vertcat(guards, *element.guards(held[i], limit[i]))
+        of_cone = cones.guards(i, held, limit)
+        guards = ca.vertcat(guards, *(element.guards(held[i], limit[i]) if of_cone is None else of_cone))
+    guards = cones.at_speed(guards, speeds)
     watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
+    watched = [cones.at_speed(each, speeds) for each in watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
@@ -157,14 +178,40 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         strength = ca.jacobian(static, force)
         for i in range(len(elements)):
             attached[i] = next((j for j in rigid if strength.has_nz(i, j) or coupling.has_nz(i, j)), -1)
-        balanced = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
+        cones.check_loads(attached)
+        balanced_size = ca.fabs(slip_of_state) @ ca.fabs(free) + ca.fabs(ca.jacobian(slip, t))
         for j in rigid:
-            bound[j] = balanced[j] / gain[j, j]
+            bound[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
-    loader = _loaders(elements)
+    pace = ca.diag(gain) * ca.vertcat(*[1 if e.unilateral else bound[i] for i, e in enumerate(elements)])  # of a rigid contact that of a force of 1
+    probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
-        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance
-    )
+        field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
+        probed,
+    )  # fmt: skip
+
+
+def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:
+    """Raise SceneError as `switching` does."""
+    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
+        ca.jacobian(static, force), force
+    )):
+        raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
+    if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
+        raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
+    for i, element in enumerate(elements):
+        if element.holds and not gain.has_nz(i, i):
+            raise SceneError(
+                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
+            )
+
+
+class Balance(NamedTuple):
+    """matrix * force = right, and the forces that solve it."""
+
+    matrix: ca.SX
+    right: ca.SX
+    force: ca.SX
 
 
 def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:

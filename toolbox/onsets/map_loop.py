@@ -15,6 +15,7 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import in_si
 from toolbox.measuring import measures
 from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
@@ -130,6 +131,7 @@ class MapLoop:
             accuracy=1e-6 if accuracy is None else accuracy,
         )  # fmt: skip
         closed = continuous_loop(plant, laws, inputs=fixed, parameters=own)
+        check_one_direction(closed.elements, "A map", "judge runs of it, by `sweep`")
         free_parameters = [FreeParameter.of(closed, name) for name in names]
         here = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if k.is_input}
         there = {k.name: float(v) for k, v in zip(free_parameters, middle, strict=True) if not k.is_input}

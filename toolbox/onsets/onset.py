@@ -26,6 +26,7 @@ from toolbox.files.unit_systems import asked_in
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.messages import progress_bar
 from toolbox.modelling.components import law_of
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Sampled
@@ -118,6 +119,7 @@ def onset(
     asked = _asked(machine, controller, sample_time, inputs, parameters, element, signal, accuracy)
     plant, law, given = asked.plant, asked.law, asked.inputs
     closed = continuous_loop(plant, law, inputs=given, parameters=asked.parameters)
+    check_one_direction(closed.elements, "`onset`", "judge runs of it, by `sweep`")
     free = FreeParameter.of(closed, parameter)
     low, high = free.between(between)
     asked_unit = asked_in((*free.typed("between", tuple(between)), free.typed("at", at)), free.unit)

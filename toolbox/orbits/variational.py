@@ -27,6 +27,7 @@ from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
 from toolbox.errors import GrazingError
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.elimination import calls
 from toolbox.orbits.sampled_memory import SampledLaws, SampledTangent, default_slopes
 from toolbox.simulation.samples import Samples
@@ -142,6 +143,7 @@ class VariationalEquations:
     def __init__(self, program: Program, columns: tuple[int, ...]):
         self.program = program
         system, form = program.system, program.form
+        check_one_direction(system.elements, "The derivative of a run", "take the difference of two runs of a high accuracy")
         t, m, (p, _, _) = system.t, system.m, program.expressions
         held = system.held
         x = ca.vertcat(system.x, held)

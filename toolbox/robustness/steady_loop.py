@@ -21,6 +21,7 @@ import numpy as np
 from toolbox.arguments import mapping
 from toolbox.errors import SceneError, SimulationError
 from toolbox.modelling.components import Equations, Signal
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled, designed
 from toolbox.modelling.start import place_starts
@@ -271,6 +272,7 @@ def sampled_steady_loop(
     exact = [dataclasses.replace(law, noise={}, resolution={}) if isinstance(law, Sampled) else law for law in laws]
     run = Request(plant, 0.0, inputs=inputs, parameters=parameters, controller=exact).checked()
     system = run.system
+    check_one_direction(system.elements, "The linear loop of a sampled law", "let the law act continuously")
     if any(update.external for update in system.updates):
         raise NoDerivative("the law is a Python callable")
     periods = {period for period, _ in run.clocks}

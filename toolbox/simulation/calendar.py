@@ -35,7 +35,7 @@ from toolbox.compilation.loop_layout import (
     N,
 )
 from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import bounds_hold, nudge, refresh
+from toolbox.simulation.guards import bounds_hold, nudge, refresh, two_directions
 from toolbox.simulation.modes import settle, turn_switches
 from toolbox.simulation.noise import normal
 
@@ -86,6 +86,9 @@ def inputs_changed(w, t, slips_jump):
         elif w.m[i] * slip < 0.0:
             w.m[i] = -w.m[i]
             wrong = True
+    for i in range(ne):
+        if two_directions(w, i) and w.before[i] == 0.0 and w.m[i] != 0.0:
+            w.m[i + 1] = 1.0  # it has a direction
     if not wrong:
         refresh(w)
         wrong = turn_switches(w)

@@ -274,10 +274,11 @@ def advance(w, series):
         if w.ints[ACCEPTED] + w.ints[REJECTED] >= budget:
             return PAUSED
         undecided = False
-        if samples_rule(w):
-            undecided = from_sample_to_sample(owned(w), every_node, budget)
-            if w.reals[TIME] > t:
-                continue
+        if series is None:  # noqa: SIM102
+            if samples_rule(w):
+                undecided = from_sample_to_sample(owned(w), every_node, budget)
+                if w.reals[TIME] > t:
+                    continue
 
         # --- one step
         if series is not None:  # noqa: SIM102

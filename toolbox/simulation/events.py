@@ -25,17 +25,20 @@ from toolbox.compilation.loop_layout import (
     N,
 )  # fmt: skip
 from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import flies, guard_size, project
+from toolbox.simulation.guards import flies, guard_size, project, two_directions
 from toolbox.simulation.modes import fire, mark
 from toolbox.simulation.step_control import first_step, measure_round_off
 
 
 @inlined
 def project_event(w, t, again):
-    """Mark the guards that fire and set the slips that have just become zero to zero, so that they are so in the record, too."""
+    """Mark the guards that fire and set the slips that have just become zero to zero, so that they are so in the record, too.
+
+    Slip in two directions stays until the record is written: at zero its force would have no direction.
+    """
     mark(w, again)
     for i in range(w.ints[NE]):
-        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i):
+        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i) and not two_directions(w, i):
             w.m[i] = 0.0
     project(w, t)
     for i in range(w.ints[NE]):

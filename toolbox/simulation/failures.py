@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Iterable
 from typing import Any
 
 import casadi as ca
@@ -11,6 +12,7 @@ import numpy as np
 from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
+from toolbox.modelling.elements import SecondDirection
 from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
@@ -64,6 +66,24 @@ def exhausted(
     return BudgetError(f"The run used {spent} and reached t = {t:.9g} s of {run.duration:g} s: {cause}.", so_far)
 
 
+def _rising_friction(program: Program, places: Iterable[int], point: Any, work: Any, so_far: Trajectory) -> SimulationError | None:
+    """The error of the first of these elements whose kinetic friction at no slip is above its static friction, or None."""
+    t = float(work.reals[loop_layout.TIME])
+    for i in places:
+        element = program.system.elements[i]
+        if not element.holds or element.unilateral or isinstance(element, SecondDirection):
+            continue
+        at_rest = element.kinetic if element.directions == 1 else ca.substitute(element.kinetic, element.speed, 0)
+        sizes = output_function(program, f"friction of {element.name}", ca.vertcat(at_rest, element.static))
+        kinetic, static = np.array(sizes(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()
+        if kinetic > (1.0 + 1e-9) * static:
+            return SimulationError(
+                f"The kinetic friction of `{element.name}` must be <= its static friction, but it is {kinetic:.6g} against {static:.6g} at t = {t:.9g} s, "
+                "where it leaves or enters stick.", so_far,
+            )  # fmt: skip
+    return None
+
+
 def failure(
     status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
 ) -> SimulationError:
@@ -85,16 +105,10 @@ def failure(
         return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
     if status == loop_layout.ENDLESS:
         i = int(work.ints[loop_layout.CULPRIT])
-        element = program.system.elements[i]
-        if element.holds and not element.unilateral:
-            sizes = output_function(program, f"friction of {names[i]}", ca.vertcat(element.kinetic, element.static))
-            kinetic, static = np.array(sizes(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
-            if kinetic > (1.0 + 1e-9) * static:
-                return SimulationError(
-                    f"The kinetic friction of `{names[i]}` must be <= its static friction, but it is {kinetic:.6g} against {static:.6g} at t = {t:.9g} s, "
-                    "where it leaves or enters stick.", so_far,
-                )
-        return ZenoError(f"Element `{names[int(work.ints[loop_layout.CULPRIT])]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
+        i -= isinstance(program.system.elements[i], SecondDirection)
+        if (wrong := _rising_friction(program, [i], point, work, so_far)) is not None:
+            return wrong
+        return ZenoError(f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
     if status == loop_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
@@ -103,6 +117,8 @@ def failure(
         )
         if inside:
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
+        if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
+            return wrong
         return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k[: len(labels)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SWITCH, TIME, N
+from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SECOND, SWITCH, TIME, N
 from toolbox.compilation.numba_cache import inlined
 
 
@@ -23,6 +23,12 @@ def close_to_zero(w, j):
 def flies(w, i):
     """Whether element i is a friction without load because its contact is open: it has no force, and its slip passes through zero unhindered."""
     return w.loader[i] >= 0 and w.m[w.loader[i]] == 1.0
+
+
+@inlined
+def two_directions(w, i):
+    """Whether element i is a friction with two slip directions, of which the second is the next element."""
+    return i + 1 < w.ints[NE] and w.loader[i + 1] == SECOND
 
 
 @inlined

@@ -23,6 +23,7 @@ from __future__ import annotations
 from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import AccuracyError, SimulationError, ZenoError
+from toolbox.modelling.elements import SecondDirection
 from toolbox.simulation.methods import EventExact, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
@@ -36,9 +37,10 @@ MANY = 50
 
 def cheapest_method(run: Run) -> Trajectory:
     """The run by the method of this module's rule, with the reason in `why`."""
-    contacts = sum(element.holds for element in run.system.elements)
+    contacts = sum(element.holds and not isinstance(element, SecondDirection) for element in run.system.elements)
     refused = ""
-    if run.accuracy >= LOOSE and contacts >= MANY and not run.laws:
+    stepped = not run.laws and all(element.directions == 1 for element in run.system.elements)
+    if run.accuracy >= LOOSE and contacts >= MANY and stepped:
         try:
             done = run.again(method=TimeStepping())
         except AccuracyError as failed:
@@ -49,7 +51,7 @@ def cheapest_method(run: Run) -> Trajectory:
     try:
         done = run.again(method=EventExact(series=True))
     except SimulationError as failed:
-        if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or run.laws:
+        if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or not stepped:
             raise
         reason = str(failed).rstrip(".")
         done = run.again(method=TimeStepping())

@@ -26,7 +26,7 @@ from toolbox.compilation.loop_layout import (
     N,
 )
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh
+from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
 from toolbox.simulation.impacts import impact
 
 
@@ -115,6 +115,9 @@ def settle(w, t):
     for _ in range(2 * w.ints[NE] + 1):
         if not decide(w, t):
             return False
+        for i in range(w.ints[NE]):
+            if two_directions(w, i) and flies(w, i):
+                w.m[i + 1] = 1.0
         refresh(w)
         if not bounds_hold(w):
             return False
@@ -158,7 +161,7 @@ def mark(w, again):
 def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[NE], w.ints[NG]
-    kink, strike = False, False
+    kink, strike, ended = False, False, False
     for j in range(2 * ne, ng - w.ints[BOUNDS]):
         if w.fired[j]:
             w.side[j] = -w.side[j]
@@ -175,8 +178,13 @@ def fire(w, t):
             if flies(w, i):
                 w.m[i] = -w.m[i]
                 continue
-            w.m[i] = 0.0  # its slip has been projected to zero already
+            w.m[i] = 0.0  # its slip has been projected to zero already, in two directions it is now
             w.zero[i] = True
+            if two_directions(w, i):
+                w.m[i + 1] = 0.0
+                ended = True
+    if ended:
+        project(w, t)
     for i in range(ne):
         if w.kind[i] == FRICTION and not strike:
             w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
@@ -269,6 +277,8 @@ def begin(w):
             w.m[i] = 0.0 if w.zero[i] else 1.0
             continue
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
+        if two_directions(w, i):
+            w.m[i + 1] = abs(w.m[i])
     for _ in range(2 * ne):  # a switch may turn another
         call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         turned = False

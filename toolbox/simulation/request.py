@@ -14,13 +14,14 @@ from toolbox.compilation.program import ExpressionKey
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import in_si
 from toolbox.modelling.closed_loop import closed_loop
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.inputs import Shape, Table, Typed
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths, smoothed
 from toolbox.modelling.steady_point import Equilibrium
 from toolbox.simulation.carry_out import carry_out
-from toolbox.simulation.methods import Method, Smoothing, method_of
+from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
 from toolbox.simulation.run import UNHURRIED, Budget, Run
 from toolbox.simulation.samples import Samples, short
 
@@ -58,6 +59,8 @@ class Request:
         changing = [name for name in inputs if not system.has_signal(name) and declared.has_parameter(name)]
         if changing:
             system = system.varying(changing)
+        if isinstance(method, TimeStepping):
+            check_one_direction(system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`")
         if isinstance(method, Smoothing):
             if isinstance(plant, SmoothSystem):
                 raise SceneError("Argument `method` must not be 'smoothed' for a plant that is smooth already.")

@@ -15,9 +15,12 @@ from toolbox.compilation.loop_layout import (
     FIELD,
     FOLLOWED,
     IMPLICIT,
+    NE,
     NG,
     ORDER,
+    PROBE,
     RTOL,
+    SECOND,
     SERIES,
     STEP,
     STEP_OLD,
@@ -34,6 +37,14 @@ STAGES = 10.0
 
 REACH = 1e6
 """Size of a state, in units of what round-off can have done to it in the run so far, from which on round-off does not reach it."""
+
+
+GROWTH_OF_SLIP = 4.0
+"""How much larger slip in two directions may be at the end of an implicit step: at little slip friction turns it so fast that a longer step takes its
+direction from the start and shows no error."""
+
+PASSED_OVER = 1e3
+"""What counts as its growth where an implicit step has passed over a rest between its ends."""
 
 
 @inlined
@@ -148,6 +159,19 @@ def outgrown(w, h):
     return w.ints[IMPLICIT] == 1 and h > w.reals[FOLLOWED] and not w.y[3 * w.ints[N] + 2 * w.ints[NG]] > 0.0
 
 
+@called
+def _growth_of_slip(w, h, i):
+    """How many times larger the slip speed of element i is at the end of the step h in `y` than at its start; PASSED_OVER where the slip has turned round."""
+    w = lent(w)
+    ne = w.ints[NE]
+    call(w.ints[PROBE], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    before, first, second = w.z[i], w.z[i + 1], w.z[ne + i + 1]
+    call(w.ints[PROBE], w.reals[TIME] + h, 0.0, w.y, w.k, w.p, w.m, w.z)
+    if first * w.z[i + 1] + second * w.z[ne + i + 1] < 0.0:
+        return PASSED_OVER
+    return w.z[i] / before if before > 0.0 else 1.0
+
+
 @inlined
 def scaled_error(w, h):
     """Scaled error of the step in `y`: root mean square over the states, in units of the local tolerance.
@@ -163,9 +187,13 @@ def scaled_error(w, h):
     base = 2 * w.ints[N] + 2 * w.ints[NG]
     two = w.ints[TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
-    portion = h
+    portion, turned = h, 0.0
     if w.ints[IMPLICIT] == 1:
         portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
+        for i in range(1, w.ints[NE]):
+            if w.loader[i] == SECOND and w.m[i] == 1.0 and w.m[i - 1] != 0.0:
+                portion = h  # a slip that ends must not miss its rest by what other steps may add
+                turned = max(turned, _growth_of_slip(owned(w), h, i - 1) / GROWTH_OF_SLIP)
     share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
@@ -183,6 +211,8 @@ def scaled_error(w, h):
     else:
         error = math.sqrt(sum1 / n)
     lowest = base + w.ints[N] if two else base
+    if turned > 1.0:  # less says nothing of the next step
+        error = max(error, turned)
     for q in range(hidden):
         # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
         size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)

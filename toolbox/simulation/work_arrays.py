@@ -13,6 +13,7 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.program import Program
 from toolbox.errors import SceneError
+from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.start import place_starts
@@ -37,6 +38,8 @@ def work_arrays(run: Run, program: Program) -> Any:
     base = system.values.size
     p[:base] = system.values
     p[program.first_held :] = 0.0
+    if any(isinstance(element, SecondDirection) for element in system.elements):
+        p[program.first_held - 3 : program.first_held] = _resolution(run)
     jumps: list[tuple[float, int, float]] = []
     for name, value in run.inputs.items():
         if isinstance(value, Table):
@@ -109,6 +112,15 @@ _NO_ROWS, _NO_CLOCKS = np.empty((0, loop_layout.COLUMNS), np.int64), np.empty((0
 _NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
 
 
+def _resolution(run: Run) -> tuple[float, float, float]:
+    """What friction in two slip directions is resolved by (`toolbox.modelling.two_directions`).
+
+    The end of slip costs steps in proportion to the logarithm of its time only. Of the break-away, in parts of the time in which the pull has risen to the
+    bound, the way is wrong by the fourth power of the share, and explicit steps are as many as its inverse.
+    """
+    return 1e-12 * run.duration, 1e-4 * run.accuracy**0.5 * run.duration, run.accuracy**0.25
+
+
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
     from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
@@ -116,7 +128,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     updates = run.system.updates
     samplers = np.zeros((len(updates), loop_layout.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float)
-    keys: list[int] = []
+    keys: list[int | np.uint64] = []
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
         address = 0 if update.external else program.kernel.updates[c]

@@ -51,10 +51,10 @@ def equilibria(
         If an argument is wrong, as in `equilibrium`; never for an empty result.
     """
     plant = continuous_loop(plant, controller, parameters=parameters)
-    holding = [element.name for element in plant.elements if element.holds and element.law is not None]
-    words = ("slip+", "slip-", "stick")
-    alike = 3 ** len(holding) > MANY_MODES
-    combinations = [(word,) * len(holding) for word in words] if alike else list(itertools.product(words, repeat=len(holding)))
+    contacts = [element for element in plant.elements if element.holds and element.law is not None]
+    holding = [element.name for element in contacts]
+    words = [("slip+", "slip-", "stick") if element.directions == 1 else ("slip", "slip", "stick") for element in contacts]
+    combinations = list(zip(*words, strict=True)) if 3 ** len(holding) > MANY_MODES else list(dict.fromkeys(itertools.product(*words)))
     smooth = _frictionless(plant, _free(plant), input_values(plant, inputs or {}))
     found: list[Equilibrium] = []
     for combination in combinations:

@@ -20,6 +20,7 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import structure_of
+from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -28,10 +29,6 @@ from toolbox.simulation.samples import Samples
 
 if TYPE_CHECKING:
     import control
-
-
-
-
 
 
 def equilibrium(
@@ -247,12 +244,6 @@ def _checked(plant: HybridSystem, parameters: Mapping[str, Any] | None) -> Hybri
     return plant.with_parameters(parameters) if parameters else plant
 
 
-
-
-
-
-
-
 def input_values(plant: HybridSystem, given: Mapping[str, Any]) -> np.ndarray:
     """All inputs, those given and the others at their defaults, shape (inputs,). Raises SceneError for unknown names and numbers that are not finite."""
     u = np.array(plant.input_defaults(plant.values)).ravel()
@@ -282,7 +273,7 @@ def _modes_at(
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
         _code(plant.elements[names.index(name)], word)
-    slips = np.array(plant.slips(t, x, u, plant.values, np.ones(len(names)))).ravel()
+    slips = np.array(function_of(plant, ("probe",), lambda: [plant.switching.probed])(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
     modes = np.where(slips < 0, -1.0, 1.0)
     for i, element in enumerate(plant.elements):
@@ -290,8 +281,11 @@ def _modes_at(
             modes[i] = _code(element, mode[element.name])
         elif element.unilateral or not element.holds:
             modes[i] = element.initial
-        elif element.law is None and (resting or abs(slips[i]) <= zero):
+        elif (element.law is None and (resting or abs(slips[i]) <= zero)) or (element.directions > 1 and slips[i] <= zero):  # slip without a direction
             modes[i] = 0.0
+    for i, element in enumerate(plant.elements):
+        if isinstance(element, SecondDirection):
+            modes[i] = modes[i - 1]
     chosen = set(mode or {})
     for _ in range(2 * len(names)):  # a contact or switch whose mode is not given is where its guard is positive
         guards = _guards(plant, t, x, u, modes)
@@ -318,17 +312,19 @@ def _guards(plant: HybridSystem, t: float, x: np.ndarray, u: np.ndarray, m: np.n
 
 def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndarray, t: float = 0.0) -> str:
     """What speaks against the modes at a point; empty where nothing does."""
-    probe = function_of(plant, ("probe",), lambda: [plant.switching.slip, plant.switching.force, plant.switching.static])
-    slips, forces, bounds = (np.array(v).ravel() for v in probe(t, x, u, plant.values, m))
+    probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
+    slips, _, forces, bounds, _ = np.array(probe(t, x, u, plant.values, m)).reshape(5, len(plant.elements))
     size = float(np.abs(x).max(initial=0.0))
     guards = _guards(plant, t, x, u, m)
     for element, mode, slip, force, bound, guard in zip(plant.elements, m, slips, forces, bounds, guards, strict=True):
+        if isinstance(element, SecondDirection):
+            continue
         if element.unilateral or not element.holds:
             scale = bound if element.unilateral and mode == 0.0 else size
             if guard < -1e-9 * scale or (element.unilateral and mode == 0.0 and abs(slip) > 1e-9 * size):
                 return f"`{element.name}` is not {element.legend[int(mode)]} there"
             continue
-        if mode * slip < -1e-9 * size:
+        if mode * slip < -1e-9 * size or (element.directions > 1 and mode and slip <= 1e-12 * size):
             return f"`{element.name}` in {element.legend[int(mode)]} has the slip {_with_unit(slip, element.slip_unit)}"
         if mode == 0.0 and abs(slip) > 1e-9 * size:
             return f"`{element.name}` in stick has the slip {_with_unit(slip, element.slip_unit)}"

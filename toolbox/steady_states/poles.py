@@ -11,6 +11,7 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.files.units import NumberOrText
+from toolbox.modelling.elements import Hysteresis, length
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
@@ -29,15 +30,17 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
     plant = point.plant
     m = mode_numbers(plant, point.modes)
     slopes = {}
-    for element, mode in zip(plant.elements, m, strict=True):
+    for place, (element, mode) in enumerate(zip(plant.elements, m, strict=True)):
         if element.law is None or mode == 0.0:
             continue
-        companions = [plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions]
+        companions = [plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions if isinstance(twin, Hysteresis)]
 
-        def expression(element: Any = element, companions: Any = companions) -> list[ca.SX]:
+        slips = ca.vertcat(*[e.slip for e in plant.elements[place : place + element.directions]])
+
+        def expression(element: Any = element, companions: Any = companions, slips: Any = slips) -> list[ca.SX]:
             speed = ca.SX.sym("speed")
             slope = ca.jacobian(ca.SX(element.law.sliding(speed, *companions)), speed)
-            slope = ca.substitute(element.load * slope, speed, element.mode * element.slip)
+            slope = ca.substitute(element.load * slope, speed, length(slips) if element.directions > 1 else element.mode * element.slip)
             return [ca.substitute(slope, plant.F, plant.switching.force)]
 
         function = function_of(plant, ("slope", element.name), expression)

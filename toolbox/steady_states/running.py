@@ -13,6 +13,7 @@ from toolbox.arguments import is_finite_number, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names
 from toolbox.modelling.steady_point import Equilibrium, closed_signal, function_of
@@ -53,7 +54,7 @@ def running(
     SceneError
         If there is no such state, or a name is unknown.
     """
-    checked_plant(plant)
+    check_one_direction(checked_plant(plant).elements, "`running`", "give its inputs and a `start` to `equilibrium`")
     declared, plant = plant, plant.with_parameters(parameters) if parameters else plant
     driven = names(drives)
     wanted = {name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()}

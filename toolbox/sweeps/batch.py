@@ -130,13 +130,13 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
 
     This is decided from counts, not from timing, so that results do not depend on the machine.
 
-    Lanes take explicit methods, Taylor series among them, and laws in machine code. They pay where events are settled in lanes, too: not with impacts, nor
-    with friction that loses its load; and while the step is a straight line of instructions.
+    Lanes take explicit methods, Taylor series among them, and laws in machine code, but not friction with two slip directions. They pay where events are
+    settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight line of instructions.
     """
     run = task.run
     if not isinstance(run.method, (Explicit, TaylorSeries)) or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
-    if not all(isinstance(measure, Measure) for measure in task.measures):
+    if not all(isinstance(measure, Measure) for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
     from toolbox.lanes.events import carries_events
 

@@ -1,0 +1,382 @@
+"""Friction with two slip directions under one cone: sticks, breaks away and slides as closed forms say, by every method that locates events."""
+
+import math
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from models import Coulomb, Exponential
+from toolbox import (
+    Component,
+    DryFriction,
+    Equations,
+    FrictionLaw,
+    Quantity,
+    Sampled,
+    SceneError,
+    SimulationError,
+    Trajectory,
+    UnilateralContact,
+    compose,
+    energy_audit,
+    limit_cycle,
+    onset,
+    quantity,
+    sensitivity,
+    simulate,
+    sine,
+    smoothed,
+    state,
+    sweep,
+    time,
+)
+from toolbox.measuring.measures import time_in
+from toolbox.prediction.rollout import Rollout
+from toolbox.steady_states.running import running
+
+G = 9.81
+METHODS = ("explicit", "taylor", "stiff", "event")
+
+
+@dataclass(frozen=True)
+class Puck(Component):
+    """A mass on springs k in both directions on a table that moves along x: m v' = pull - k x + T, |T| <= mu_s N, slip (v_x - belt, v_y)."""
+
+    mass: Quantity = quantity(1.0, "kg", "mass along x")
+    mass_across: Quantity = quantity(1.0, "kg", "mass along y")
+    stiffness: Quantity = quantity(0.0, "N/m", "stiffness of both springs")
+    load: Quantity = quantity(10.0, "N", "normal force")
+    friction: FrictionLaw = Coulomb(0.4, 0.4)
+
+    def equations(self, signal):
+        x, y = state("puck.x", "m"), state("puck.y", "m")
+        v, w = state("puck.v", "m/s"), state("puck.w", "m/s")
+        pull, side, belt = signal("puck.pull", "N", default=0.0), signal("puck.side", "N", default=0.0), signal("belt.speed", "m/s", default=0.0)
+        slip = ca.vertcat(v - belt, w)
+        table = DryFriction("table", slip, self.friction, self.load)
+        k = self.stiffness
+        flow = {x: v, y: w, v: (pull - k * x + table.force[0]) / self.mass, w: (side - k * y + table.force[1]) / self.mass_across}
+        return Equations(
+            flow,
+            elements=[table],
+            gives={"puck.held": (table.force[0], "N"), "puck.held_aside": (table.force[1], "N")},
+            stored=(self.mass * v**2 + self.mass_across * w**2 + k * (x**2 + y**2)) / 2,
+            losses={"friction": -ca.dot(table.force, slip)},
+            supplies={"pull": pull * v + side * w, "belt": table.force[0] * belt},
+        )
+
+
+def switches(run, element="table"):
+    return [(event.time, event.after) for event in run.events if event.element == element]
+
+
+def check_energy(run):
+    audit = energy_audit(run)
+    assert abs(audit.residual) < 1e-8 * audit.turnover
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_puck_runs_straight_and_stops_after_v_over_mu_g(method):
+    run = simulate(compose(Puck(load=G)), 2.0, start={"puck.v": 3.0, "puck.w": -4.0}, method=method, accuracy=1e-9)
+    ((stop, mode),) = switches(run)
+    assert mode == "stick" and stop == pytest.approx(5.0 / (0.4 * G), rel=3e-9 if method == "stiff" else 1e-11)
+    assert run["puck.x"][-1] == pytest.approx(0.6 * 5.0**2 / (2 * 0.4 * G), rel=1e-10)
+    moving = run.time < stop
+    np.testing.assert_allclose(run["puck.w"][moving], -4.0 / 3.0 * run["puck.v"][moving], rtol=1e-9)
+    assert run["puck.v"][-1] == run["puck.w"][-1] == 0.0
+    check_energy(run)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_launched_across_a_belt_stops_on_it_and_is_then_carried_exactly(method):
+    run = simulate(compose(Puck(load=G)), 2.0, start={"puck.w": 2.0}, inputs={"belt.speed": 1.5}, method=method, accuracy=1e-9)
+    speed, drag = math.hypot(2.0, 1.5), 0.4 * G
+    ((stop, mode),) = switches(run)
+    assert mode == "stick" and stop == pytest.approx(speed / drag, rel=3e-9 if method == "stiff" else 1e-11)
+    stuck = run.time > stop
+    assert (run["puck.v"][stuck] == 1.5).all() and (run["puck.w"][stuck] == 0.0).all()
+    half = 0.5 * stop  # seen from the belt the path is straight, seen from the ground it is a parabola
+    assert run.at(half)["puck.v"] == pytest.approx(drag * 1.5 / speed * half, rel=1e-9)
+    assert run["puck.y"][-1] == pytest.approx(2.0 / speed * speed**2 / (2 * drag), rel=1e-10)
+    assert run["puck.x"][-1] == pytest.approx(1.5 * 2.0 - 1.5 / speed * speed**2 / (2 * drag), rel=1e-10)
+    check_energy(run)
+
+
+def launched_on_a_slope(steepness, angle, **options):
+    """A puck on a slope whose downhill pull is mu N / steepness along x, launched at 2 m/s at an angle from downhill."""
+    start = {"puck.v": 2.0 * math.cos(angle), "puck.w": 2.0 * math.sin(angle)}
+    return simulate(compose(Puck(load=1.0 / 0.4)), options.pop("duration", 60.0), start=start, inputs={"puck.pull": 1.0 / steepness}, **options)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("steepness", [1.05, 2.0, 8.0])
+def test_on_a_slope_the_slip_swings_downhill_and_ends_when_the_closed_form_says(steepness, method):
+    """With k = mu N / pull and f the angle of the slip from downhill, v (k + cos f) falls at the constant rate (k^2 - 1) pull / m."""
+    angle = 2.0
+    run = launched_on_a_slope(steepness, angle, method=method, accuracy=1e-8)
+    ((stop, mode),) = switches(run)
+    end = 2.0 * (steepness + math.cos(angle)) / ((steepness**2 - 1) / steepness)
+    assert mode == "stick" and stop == pytest.approx(end, rel=1e-8)
+    before = run.at(np.linspace(0.0, 0.99 * stop, 50))
+    falling = np.hypot(before["puck.v"], before["puck.w"]) * steepness + before["puck.v"]
+    np.testing.assert_allclose(falling, 2.0 * (steepness + math.cos(angle)) * (1 - before.time / end), rtol=1e-6)
+    check_energy(run)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_pushed_uphill_on_a_slope_too_steep_to_hold_it_turns_back_at_once(method):
+    """It passes through rest, where friction turns round, and goes on slipping: up with (1 + k), down with (1 - k) times the pull."""
+    run = launched_on_a_slope(0.5, math.pi, duration=2.0, method=method, accuracy=1e-9)
+    up = 2.0 / (2.0 * 1.5)
+    assert not switches(run)
+    assert run["puck.v"][-1] == pytest.approx(2.0 * 0.5 * (2.0 - up), rel=1e-8)
+    assert run["puck.x"][-1] == pytest.approx(-(2.0**2) / (2 * 3.0) + 0.5 * (2.0 - up) ** 2, rel=1e-8)
+    turned = [event for event in run.events if event.element == "table.direction"]
+    assert [event.after for event in turned] == ["pull", "slip"] and turned[0].time == pytest.approx(up, rel=1e-8)
+    check_energy(run)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("friction", [Coulomb(0.4, 0.4), Coulomb(0.5, 0.2)])
+def test_a_pull_that_grows_at_an_angle_breaks_away_where_its_resultant_reaches_the_bound(friction, method):
+    plant, rate, angle = compose(Puck(mass=2.0, mass_across=2.0, friction=friction)), 3.0, 0.7
+    parts = {"puck.pull": math.cos(angle), "puck.side": math.sin(angle)}
+    pulls = {name: (np.array([0.0, 3.0]), np.array([0.0, 3.0 * rate * part])) for name, part in parts.items()}
+    run = simulate(plant, 3.0, inputs=pulls, method=method, accuracy=1e-9)
+    ((leaves, mode),) = switches(run)
+    assert mode == "slip" and leaves == pytest.approx(friction.static * 10.0 / rate, rel=1e-12)
+    gone = 3.0 - leaves
+    speed = (rate * (3.0**2 - leaves**2) / 2 - friction.kinetic * 10.0 * gone) / 2.0
+    assert (run["puck.v"][-1], run["puck.w"][-1]) == pytest.approx((speed * math.cos(angle), speed * math.sin(angle)), rel=1e-8)
+    held = run.time < leaves
+    assert (run["puck.v"][held] == 0.0).all() and (run["puck.x"][held] == 0.0).all()
+    check_energy(run)
+
+
+def test_a_pull_of_which_one_part_is_constant_breaks_away_by_pythagoras():
+    inputs = {"puck.pull": 2.4, "puck.side": (np.array([0.0, 2.0]), np.array([0.0, 8.0]))}
+    ((leaves, _),) = switches(simulate(compose(Puck()), 1.0, inputs=inputs, accuracy=1e-9))
+    assert leaves == pytest.approx(3.2 / 4.0, rel=1e-12)  # 2.4^2 + 3.2^2 = (0.4 10)^2
+
+
+def test_turning_takes_the_drag_along_the_slip_away():
+    """The axial part of mu N at an axial speed v and a rim speed u is mu N v / sqrt(v^2 + u^2), whatever the law beside it."""
+    law = Exponential(static=0.5, kinetic=0.3, decay=2.0)
+    for v, u in ((0.1, 0.0), (0.1, 0.3), (0.1, 5.0), (-2.0, 1.0)):
+        run = simulate(compose(Puck(friction=law)), 0.0, start={"puck.v": v, "puck.w": u})
+        s = math.hypot(v, u)
+        assert run["puck.held"][0] == pytest.approx(-10.0 * (0.3 + 0.2 * math.exp(-2.0 * s)) * v / s, rel=1e-14)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_along_a_line_it_is_friction_with_one_direction(method):
+    """Stick-slip on a belt along x, with a law that falls and a break-away above it, against the contact with one direction; nothing moves across."""
+
+    @dataclass(frozen=True)
+    class Block(Component):
+        def equations(self, signal):
+            x, v = state("block.x", "m"), state("block.v", "m/s")
+            belt = DryFriction("belt", v - 0.2, law, 10.0)
+            return Equations({x: v, v: belt.force - 40.0 * x}, elements=[belt])
+
+    law = Exponential(static=0.5, kinetic=0.3, decay=3.0)
+    one = simulate(compose(Block()), 10.0, method=method, accuracy=1e-9)
+    two = simulate(compose(Puck(stiffness=40.0, friction=law)), 10.0, inputs={"belt.speed": 0.2}, method=method, accuracy=1e-9)
+    grid = np.linspace(0.0, 10.0, 301)
+    np.testing.assert_allclose(two.at(grid)["puck.x"], one.at(grid)["block.x"], rtol=0, atol=2e-9)
+    assert [mode.rstrip("+-") for _, mode in switches(one, "belt")] == [mode for _, mode in switches(two)] and len(switches(two)) >= 10
+    np.testing.assert_allclose([t for t, _ in switches(two)], [t for t, _ in switches(one, "belt")], rtol=1e-7)
+    assert np.abs(two["puck.y"]).max() == 0.0
+
+
+ELLIPSE = {"puck.pull": sine(0.0, 5.5, 0.3), "puck.side": sine(0.0, 3.0, 0.2, 1.0)}
+
+
+@pytest.mark.parametrize("method", METHODS[:3])
+@pytest.mark.parametrize("puck", [Puck(stiffness=30.0), Puck(stiffness=30.0, mass_across=4.0, friction=Coulomb(0.5, 0.3))])
+def test_the_error_of_stick_and_slip_in_a_plane_falls_with_the_accuracy_asked(puck, method):
+    plant, grid = compose(puck), np.linspace(0.0, 6.0, 301)
+    fine = simulate(plant, 6.0, inputs=ELLIPSE, method="explicit", accuracy=1e-11)
+    assert len(switches(fine)) >= 8
+    truth, errors = fine.at(grid), []
+    for accuracy in (1e-4, 1e-6, 1e-8):
+        run = simulate(plant, 6.0, inputs=ELLIPSE, method=method, accuracy=accuracy)
+        assert [mode for _, mode in switches(run)] == [mode for _, mode in switches(fine)]
+        found = run.at(grid)
+        errors.append(max(np.abs(found[name] - truth[name]).max() / np.abs(truth[name]).max() for name in ("puck.x", "puck.y", "puck.v", "puck.w")))
+    check_energy(run)
+    assert (np.array(errors) < (1e-4, 1e-6, 1e-8)).all() and errors[2] < errors[0] / 30
+
+
+@pytest.mark.parametrize("speed", [0.01, 1e-4, 1e-6, 1e-8])
+def test_a_contact_creeps_as_slowly_as_it_is_told_with_the_lag_of_balanced_forces(speed):
+    """A spring holds a mass on a table that slides under it in a direction that turns with W: |x| = mu N / k, behind the table by arcsin(mu N W / (k V)).
+
+    At a rest of 4 m/s2 / V, the rate at which friction turns the slip, the equations are the stiffer the slower the table is; the inertia of the mass is
+    what the closed form leaves out.
+    """
+
+    @dataclass(frozen=True)
+    class Creeping(Component):
+        def equations(self, signal):
+            x, v = state("mass.at", "m", 2), state("mass.speed", "m/s", 2)
+            turn = 0.5 * time
+            table = DryFriction("table", v - speed * ca.vertcat(ca.cos(turn), ca.sin(turn)), Coulomb(0.4, 0.4), 10.0)
+            return Equations({x: v, v: table.force - stiffness * x - math.sqrt(stiffness) * v}, elements=[table])
+
+    stiffness = 4.0 / speed  # of a table that would turn by a radian in two seconds: sin(lag) = 0.5
+    run = simulate(compose(Creeping()), 30.0, method="stiff", accuracy=1e-6)
+    x = run["mass.at"][-1]
+    drag = math.sqrt(stiffness) * 0.5  # what the damper adds, across the spring
+    assert np.linalg.norm(x) * math.hypot(stiffness, drag) == pytest.approx(4.0, rel=1e-3 + speed)
+    lag = (0.5 * 30.0 - math.atan2(x[1], x[0]) + math.pi) % (2 * math.pi) - math.pi
+    assert lag == pytest.approx(math.asin(0.5) + math.atan(drag / stiffness), abs=2e-3 + speed)
+
+
+@dataclass(frozen=True)
+class Stack(Component):
+    """Two blocks on each other, with forces that jump at the start: on a table in two directions, or the upper one on a rail in one."""
+
+    seed: int = 0
+
+    def equations(self, signal):
+        random = np.random.default_rng(self.seed)
+        law = Coulomb(0.4, 0.4) if self.seed % 2 else Coulomb(0.5, 0.3)
+        low, high = state("low.at", "m", 2), state("high.at", "m", 2)
+        v, w = state("low.speed", "m/s", 2), state("high.speed", "m/s", 2)
+        between = DryFriction("between", w - v, law, random.uniform(2, 8))
+        table, rail = DryFriction("table", v, law, random.uniform(5, 20)), DryFriction("rail", w[0], law, random.uniform(2, 8))
+        railed = self.seed % 3 == 0
+        on_low, on_high = ([random.uniform(3, 10) * ca.sin(random.uniform(1, 6) * time + random.uniform(0, 6)) for _ in range(2)] for _ in range(2))
+        down = ca.vertcat(*on_low) - between.force - 10 * low + (0 if railed else table.force)
+        up = ca.vertcat(*on_high) + between.force - 5 * high + (ca.vertcat(rail.force, 0) if railed else 0)
+        flow = {low: v, high: w, v: np.linalg.inv([[1.5, 0.4], [0.4, 1.0]]) @ down, w: up / 0.7}
+        elements = [between, rail if railed else table]
+        gives = {f"{element.name}.t{i}": (ca.SX(element.force)[i], "N") for element in elements for i in range(element.directions)}
+        return Equations(flow, elements=elements, gives=gives)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_contacts_that_hold_each_other_keep_coulombs_law_at_every_instant(seed):
+    """In stick no slip and a force inside its cone, in slip one of kinetic size against the slip, also where several break away at one instant."""
+    plant = compose(Stack(seed=seed))
+    run = simulate(plant, 5.0, accuracy=1e-8)
+    slips = {"between": run["high.speed"] - run["low.speed"], "table": run["low.speed"]}
+    for element in plant.elements:
+        if (name := element.name) not in slips:
+            continue
+        v, force = slips[name], np.stack([run[f"{name}.t{i}"] for i in range(2)], 1)
+        static, kinetic = (float(element.load) * bound for bound in ((0.4, 0.4) if seed % 2 else (0.5, 0.3)))
+        stuck, speed = run.modes[name] == "stick", np.linalg.norm(v, axis=1)
+        assert np.abs(v[stuck]).max(initial=0.0) < 1e-14
+        size = np.linalg.norm(force, axis=1)
+        assert (size[stuck] <= static * (1 + 1e-6)).all()
+        np.testing.assert_allclose(size[~stuck], kinetic, rtol=1e-9)
+        fast = ~stuck & (speed > 1e-4 * speed.max(initial=0.0))
+        np.testing.assert_allclose(force[fast], -kinetic * v[fast] / speed[fast, None], atol=1e-9 * kinetic)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_methods_agree_on_contacts_that_hold_each_other(seed):
+    plant, grid = compose(Stack(seed=seed)), np.linspace(0.0, 5.0, 101)
+    fine = simulate(plant, 5.0, accuracy=1e-10, method="explicit").at(grid)
+    for method in ("taylor", "stiff"):
+        run = simulate(plant, 5.0, accuracy=1e-7, method=method).at(grid)
+        for name in ("low.at", "high.at"):
+            assert np.abs(run[name] - fine[name]).max() < 1e-7 * np.abs(fine[name]).max()
+
+
+@pytest.mark.parametrize("moved", [1e-4, 1e-2])
+def test_a_belt_that_jumps_sets_a_stuck_contact_slipping_in_the_direction_of_the_jump(moved):
+    """Its slip jumps with the belt; friction carries it along at mu g until it sticks again."""
+    jump = (np.array([0.0, 1.0, 1.0, 3.0]), np.array([0.0, 0.0, moved, moved]))
+    run = simulate(compose(Puck(load=G)), 3.0, inputs={"belt.speed": jump, "puck.side": 1.0}, accuracy=1e-9)
+    (_, leaves), (stop, sticks) = switches(run)
+    # the side force turns the slip: v (k + sin) falls at a constant rate, as on a slope with a pull of 1 N
+    k = 0.4 * G
+    assert (leaves, sticks) == ("slip", "stick") and stop == pytest.approx(1.0 + moved * k / (k**2 - 1.0), rel=1e-9)
+    assert run["puck.v"][-1] == moved
+
+
+def refused(work, words):
+    with pytest.raises(SceneError, match="`table` has two") as raised:
+        work()
+    for word in words:
+        assert word in str(raised.value)
+
+
+def test_what_knows_one_slip_direction_only_says_so_and_what_to_do():
+    plant = compose(Puck(stiffness=30.0))
+    run = simulate(plant, 1.0, inputs=ELLIPSE)
+    refused(lambda: simulate(plant, 1.0, method="time-stepping"), ["step_contacts"])
+    refused(lambda: simulate(plant, 1.0, method="smoothed"), ["located events"])
+    refused(lambda: smoothed(plant, 0.1), ["located events"])
+    refused(lambda: sensitivity(run, "puck.mass"), ["difference of two runs"])
+    refused(lambda: limit_cycle(plant, 2.0, inputs=ELLIPSE | {"puck.side": 0.0}), ["difference of two runs"])
+    refused(lambda: onset(plant, "puck.mass", between=(1.0, 2.0)), ["sweep"])
+    refused(lambda: running(plant, {"puck.v": 1.0}, "puck.pull"), ["equilibrium"])
+    refused(lambda: Rollout(plant, ["puck.pull"], 0.1, 2), ["each direction"])
+
+
+def test_three_slips_and_the_load_of_a_rigid_contact_are_refused():
+    with pytest.raises(SceneError, match="`slip` of `table` must be one expression or a column of two"):
+        DryFriction("table", ca.SX.sym("v", 3), Coulomb())
+
+    @dataclass(frozen=True)
+    class Bouncing(Component):
+        def equations(self, signal):
+            x, v = state("ball.at", "m", 3), state("ball.speed", "m/s", 3)
+            floor = UnilateralContact("floor", -x[2], -v[2], restitution=0.5)
+            rub = DryFriction("rub", v[:2], Coulomb(), floor.force)
+            return Equations({x: v, v: ca.vertcat(rub.force, floor.force - G)}, elements=[floor, rub])
+
+    with pytest.raises(SceneError, match="load of `rub`, which slips in two directions, must not come from the rigid contact `floor`"):
+        compose(Bouncing())
+
+
+def test_a_saved_run_and_a_sweep_know_how_long_it_stuck(tmp_path):
+    plant = compose(Puck(stiffness=30.0))
+    run = simulate(plant, 3.0, inputs=ELLIPSE)
+    assert run.error < 1e-6
+    assert run.time_in("table", "stick") > 0.1 and run.time_in("table", "stick") + run.time_in("table", "slip") == pytest.approx(3.0)
+    run.save(tmp_path / "run.npz")
+    assert Trajectory.load(tmp_path / "run.npz").time_in("table", "stick") == run.time_in("table", "stick")
+    loads = np.linspace(5.0, 15.0, 120)  # as many as would step side by side
+    stuck = sweep(plant, {"puck.load": loads}, 3.0, inputs=ELLIPSE, measures={"stuck": time_in("table", "stick")})["stuck"]
+    alone = simulate(plant, 3.0, inputs=ELLIPSE, parameters={"puck.load": loads[50]}).time_in("table", "stick")
+    assert stuck[50] == pytest.approx(alone, rel=1e-6) and stuck[-1] > stuck[0]
+
+
+def test_kinetic_friction_above_the_static_one_is_refused_by_the_name_of_the_contact_as_in_one_direction():
+    @dataclass(frozen=True)
+    class Reversed(FrictionLaw):
+        def sliding(self, speed):
+            return ca.SX(0.5)
+
+        def breakaway(self):
+            return ca.SX(0.3)
+
+    plant = compose(Puck(stiffness=5.0, friction=Reversed()))
+    for arguments in ({"start": {"puck.v": 1.0}, "inputs": {"puck.side": 4.0}}, {"inputs": {"belt.speed": 0.2}}):
+        with pytest.raises(SimulationError, match="The kinetic friction of `table` must be <= its static friction, but it is 5 against 3 at t = "):
+            simulate(plant, 10.0, **arguments)
+
+
+def test_a_sampled_law_moves_a_contact_that_sticks():
+    """A law steps its force every 0.1 s: the contact lets go at the sample at which the resultant passes the bound, and slides along it."""
+    law = Sampled(lambda t, y: (40.0 * t,), 0.1, measures="puck.v", drives="puck.side")
+    run = simulate(compose(Puck()), 0.5, inputs={"puck.pull": 2.4}, controller=law, accuracy=1e-9)
+    assert switches(run) == [(pytest.approx(0.1), "slip")]  # 4 N beside 2.4 N against 4 N
+    size = math.hypot(2.4, 4.0)
+    assert run.at(0.2)["puck.w"] == pytest.approx((size - 4.0) * 4.0 / size * 0.1, rel=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_contact_without_load_holds_nothing_and_sizes_do_not_matter(method):
+    free = simulate(compose(Puck(load=0.0)), 2.0, inputs={"puck.side": sine(0.0, 3.0, 0.5)}, method=method)
+    assert free["puck.y"][-1] == pytest.approx(3.0 / math.pi * 2.0, rel=1e-6)  # w = 3 / pi (1 - cos(pi t))
+    for mass, load, speed in ((1e-9, 1e-9, 1e-6), (1e6, 1e9, 1e3)):
+        run = simulate(compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method)
+        assert run["puck.y"][-1] == pytest.approx(0.8 * speed**2 / (2 * 0.4 * load / mass), rel=1e-6)

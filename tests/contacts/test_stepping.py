@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
-from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
+from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, sine, step_contacts, time
 
 MU, LOAD, MASS = 0.4, 10.0, 2.0
 
@@ -293,6 +293,27 @@ def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
         noise = seen(lambda law: step_contacts(at_rest, 5.0, step=0.1, controller=law), seed)
         assert noise == seen(lambda law: simulate(compose(Block()), 5.0, controller=law), seed)
         assert np.std(noise) == pytest.approx(1.0, abs=0.3)
+
+
+def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step():
+    """A weight that falls by 1 m, from whatever part of a step; and one that a pull lifts off a belt again and again, which strikes it and rubs at once."""
+    unit, gravity = np.eye(2), 9.81
+    fall = ContactProblem(unit, 0 * unit, unit[None, 1:], Coulomb(MU, MU), normal=-unit[:1], gap=[1.0], forces={"weight": unit[0]})
+    for step in (1e-3, 1.37e-3, 2e-3):
+        audit = step_contacts(fall, 1.0, step=step, inputs={"weight": -gravity}).audit()
+        assert audit["impacts"] == pytest.approx(gravity, rel=1e-9)
+        assert abs(audit["stepping"]) < 1e-9 and abs(audit["missing"]) < 1e-9
+    lifted = ContactProblem(
+        unit, np.diag([100.0, 50.0]), unit[None, 1:], Coulomb(0.3, 0.3), normal=-unit[:1], damping=np.diag([0.0, 1.0]),
+        forces={"pull": unit[0]}, surface={"belt": [[1.0]]},
+    )  # fmt: skip
+    rest = press_contacts(lifted, {"pull": -5.0})
+    runs = [step_contacts(lifted, 2.0, step=step, inputs={"pull": sine(-5.0, 12.0, 1.3), "belt": 0.4}, start=rest) for step in (2e-3, 1e-3, 5e-4)]
+    assert runs[0].modes.min() == 0 and runs[0].modes.max() == 2
+    taken = [run.audit()["stepping"] for run in runs]
+    for coarse, fine in itertools.pairwise(taken):
+        assert coarse / fine == pytest.approx(2.0, rel=0.03)
+    assert abs(runs[-1].audit()["missing"]) < 1e-12 * runs[-1].audit()["size"] + 1e-12
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------------ borders

@@ -22,7 +22,7 @@ class Energies:
     """Energies [J] at every step: kinetic and elastic as they are, all others summed up from the begin of the run.
 
     work: {input: what its force puts in}.  surface: what the counter-surface puts in.  friction is in `ContactRun.rubbed`.  damping: what the
-    damping takes.  impacts: what closing contacts take.  stepping: what the time stepping takes from motions that it cannot follow.
+    damping takes.  impacts: what closing contacts take, normal and tangential.  stepping: what the time stepping takes from motions that it cannot follow.
     """
 
     def __init__(self, rows: int, inputs: Iterable[str]):

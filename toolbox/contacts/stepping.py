@@ -195,12 +195,26 @@ class _Stepping:
         energy.damping[i] = before.damping[i - 1] + h * (v @ problem.damping @ v)
         energy.stepping[i] = before.stepping[i - 1] + (change @ problem.mass @ change + moved @ problem.stiffness @ moved) / 2
         energy.surface[i] = before.surface[i - 1] + (found.tangential * surface).sum()
-        closing = problem.normal @ moved if problem.normal is not None else np.zeros(problem.contacts)
-        energy.impacts[i] = before.impacts[i - 1] + (found.normal * closing).sum() if problem.normal is not None else 0.0
+        if problem.normal is not None:
+            taken, shared = self._impacts(i, found, moved, surface)
+            energy.impacts[i] = before.impacts[i - 1] + taken
+            energy.stepping[i] -= shared
         for name in problem.forces:
             work = acting[name] @ moved if name in acting else 0.0
             energy.work[name][i] = energy.work[name][i - 1] + work
         return True
+
+    def _impacts(self, i: int, found: Solution, moved: np.ndarray, surface: np.ndarray) -> tuple[float, float]:
+        """What closing contacts take in a step, and the part of it that the change of speed over the step has taken.
+
+        By Kelvin's theorem an impulse takes itself times the mean of the speeds before and after it: a step that ends at rest takes it all, however it falls.
+        """
+        first, last = self.h * (self.problem.normal @ self.v[i - 1]), self.problem.normal @ moved
+        strikes = (first > 0) & (found.normal > 0)
+        slip = self.h * (self.problem.tangent @ self.v[i - 1]) - surface
+        rest = (found.tangential * (found.slip - slip)).sum(axis=1) @ strikes / 2  # of the impulse of friction, beside what it rubs
+        shared = float(found.normal @ (first - last) / 2 + rest)
+        return float(found.normal @ last) + shared, shared
 
     def _solved(self, drive: np.ndarray, surface: np.ndarray, i: int) -> Solution | None:
         """Displacements of the contacts over the step, and their forces, under what drives the body."""

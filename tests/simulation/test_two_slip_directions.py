@@ -32,7 +32,8 @@ from toolbox import (
     sweep,
     time,
 )
-from toolbox.measuring.measures import time_in
+from toolbox.measuring.measure import extent
+from toolbox.measuring.measures import maximum, mean, severity, time_in
 from toolbox.prediction.rollout import Rollout
 from toolbox.steady_states.running import running
 
@@ -380,3 +381,89 @@ def test_a_contact_without_load_holds_nothing_and_sizes_do_not_matter(method):
     for mass, load, speed in ((1e-9, 1e-9, 1e-6), (1e6, 1e9, 1e3)):
         run = simulate(compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method)
         assert run["puck.y"][-1] == pytest.approx(0.8 * speed**2 / (2 * 0.4 * load / mass), rel=1e-6)
+
+
+def test_lengths_of_slip_and_force_are_measured_through_the_break_away():
+    """At rest for 1 s, then pulled by 5 N against 3 N of friction on 1 kg: |v| = 2 (t - 1), though a length has no second derivative where it leaves zero."""
+    plant = compose(Puck(friction=Coulomb(0.4, 0.3)))
+    pull = {"puck.pull": ([0, 1, 1, 2], [0, 0, 3, 3]), "puck.side": ([0, 1, 1, 2], [0, 0, 4, 4])}
+    run = simulate(plant, 2.0, inputs=pull)
+    slip, force = extent(run, "table.slip"), extent(run, "table.force")
+    assert run["table.force"][0] == 0.0 and slip.minimum == force.minimum == 0.0
+    assert (slip.maximum, slip.mean) == pytest.approx((2.0, 0.5), rel=1e-6)
+    assert (force.maximum, force.mean) == pytest.approx((3.0, 1.5), rel=1e-6)
+    measures = {"highest": maximum("table.slip"), "mean": mean("table.slip"), "severity": severity("table.slip"), "force": mean("table.force")}
+    found = sweep(plant, {"puck.mass": (1.0, 1.0)}, 2.0, inputs=pull, measures=measures)
+    for name, expected in {"highest": 2.0, "mean": 0.5, "severity": 2.0, "force": 1.5}.items():
+        assert found[name] == pytest.approx(expected, rel=1e-6), name
+
+
+@dataclass(frozen=True)
+class TurnedAxes(Component):
+    """A mass on a spring on a belt, its slip written in axes at an angle, so that the two rows of the contact hold each other in the equations."""
+
+    def equations(self, signal):
+        place, v = state("block.place", "m", 2), state("block.speed", "m/s", 2)
+        angle = state("block.angle", "rad")
+        turn = ca.vertcat(ca.horzcat(ca.cos(angle), ca.sin(angle)), ca.horzcat(-ca.sin(angle), ca.cos(angle)))
+        belt = DryFriction("table", turn @ (v - ca.vertcat(0.2, 0.1)), Exponential(1.0, 0.5, 3.0))
+        return Equations({place: v, v: turn.T @ belt.force - place, angle: 0.0}, elements=[belt])
+
+
+def test_a_single_contact_that_arrives_within_its_bound_has_no_other_choice():
+    run = simulate(compose(TurnedAxes()), 30.0)
+    assert sum(mode == "stick" for _, mode in switches(run)) >= 3
+    assert run.ambiguous == []
+
+
+@dataclass(frozen=True)
+class Table(Component):
+    """A rigid body that slides in a plane on as many feet: no more than its three motions can be held."""
+
+    feet: tuple[tuple[float, float], ...] = ((0.5, 0.0), (-0.3, 0.4), (-0.3, -0.4))
+
+    def equations(self, signal):
+        angle, v, w = state("body.angle", "rad"), state("body.speed", "m/s", 2), state("body.spin", "rad/s")
+        turn = ca.vertcat(ca.horzcat(ca.cos(angle), -ca.sin(angle)), ca.horzcat(ca.sin(angle), ca.cos(angle)))
+        arms = [turn @ ca.SX(foot) for foot in self.feet]
+        feet = [DryFriction(f"foot.{i}", v + w * ca.vertcat(-arm[1], arm[0]), Coulomb(0.4, 0.3), 10.0) for i, arm in enumerate(arms)]
+        moment = sum((arm[0] * foot.force[1] - arm[1] * foot.force[0] for arm, foot in zip(arms, feet, strict=True)), ca.SX(0))
+        return Equations({angle: w, v: sum((foot.force for foot in feet), ca.SX.zeros(2)) / 3.0, w: moment / 0.6}, elements=feet)
+
+
+def test_contacts_that_hold_more_than_the_body_can_move_are_named():
+    plant = compose(Table())
+    for start in ({}, {"body.speed": (3.0, 1.0), "body.spin": 1.0}):
+        with pytest.raises(SimulationError, match="The slips of `foot.0`.*`foot.2`.* must be independent"):
+            simulate(plant, 4.0, start=start)
+
+
+def test_a_wrong_slip_or_load_is_told_what_to_write():
+    def built(slip, load=1.0):
+        return lambda: DryFriction("wall", slip, Coulomb(), load)
+
+    v, w = ca.SX.sym("v"), ca.SX.sym("w")
+    for wrong, words in (
+        (built((v, w)), r"column of two, `casadi.vertcat\(a, b\)`, but it is a tuple"),
+        (built(ca.vertcat(v, w), ca.vertcat(1, 2)), r"Argument `load` of `wall` must be one normal force, but its shape is \(2, 1\)"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            wrong()
+
+    @dataclass(frozen=True)
+    class Half(Component):
+        def equations(self, signal):
+            speed = state("block.speed", "m/s")
+            wall = DryFriction("wall", ca.vertcat(speed, 0), Coulomb())
+            return Equations({speed: wall.force[0]}, elements=[wall])
+
+    with pytest.raises(SceneError, match=r"Element `wall` \(second slip\) cannot hold its slip"):
+        compose(Half())
+
+
+def test_pictures_show_the_contact_and_not_whose_direction_its_force_has():
+    run = simulate(compose(Puck(friction=Coulomb(0.4, 0.3))), 2.0, inputs={"puck.pull": 5.0}, start={"puck.v": 0.1})
+    names = [text.get_text() for panel in np.atleast_1d(run.plot()) for text in panel.texts] + [
+        text.get_text() for panel in np.atleast_1d(run.plot()) for text in panel.figure.findobj(lambda part: hasattr(part, "get_text"))
+    ]
+    assert any(name == "table" for name in names) and not any("direction" in name for name in names)

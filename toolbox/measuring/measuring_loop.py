@@ -143,16 +143,22 @@ def _signals_at(reader, pieces, t, x, out):
     call(reader.addresses[3], t, 0.0, x, pieces.k, reader.p, pieces.m, out)
 
 
+@inlined
+def _fits_one(a, b, h, s, count, size, tolerance):
+    """Whether the cubic of signal s through both ends of a piece is within a tolerance, in parts of the size of the signal, of the quintic."""
+    rise, d0, d1 = b[s] - a[s], h * a[count + s], h * b[count + s]
+    off = abs(h * h * a[2 * count + s] - (6.0 * rise - 4.0 * d0 - 2.0 * d1))
+    off += abs(h * h * b[2 * count + s] - (-6.0 * rise + 2.0 * d0 + 4.0 * d1))
+    return 0.0173 * off <= tolerance * max(size[s], abs(a[s]), abs(b[s]))
+
+
 @cached
 def _fits(a, b, h, count, size, tolerance):
     """Whether the cubic through both ends of a piece is near enough to the quintic."""
+    fits = True
     for s in range(count):
-        rise, d0, d1 = b[s] - a[s], h * a[count + s], h * b[count + s]
-        off = abs(h * h * a[2 * count + s] - (6.0 * rise - 4.0 * d0 - 2.0 * d1))
-        off += abs(h * h * b[2 * count + s] - (-6.0 * rise + 2.0 * d0 + 4.0 * d1))
-        if not 0.0173 * off <= tolerance * max(size[s], abs(a[s]), abs(b[s])):
-            return False
-    return True
+        fits = fits and _fits_one(a, b, h, s, count, size, tolerance)
+    return fits
 
 
 @cached
@@ -211,10 +217,11 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
 
 
 @inlined
-def _straightened(left, right, h, count):
-    """Where slopes are not finite, as of a root at zero, a piece is straight."""
+def _straightened(left, right, h, count, size):
+    """Where slopes are not finite, as of a root at zero, or so large that a signal would leave its size, as of a length that grows from zero, a piece is
+    straight."""
     for s in range(count):
-        if not np.isfinite(left[count + s] + right[count + s] + left[2 * count + s] + right[2 * count + s]):
+        if not _fits_one(left, right, h, s, count, size, 1.0):
             slope = (right[s] - left[s]) / h
             left[count + s] = right[count + s] = slope
             left[2 * count + s] = right[2 * count + s] = 0.0
@@ -271,7 +278,7 @@ def _read_piece(reader, pieces, origin, begin, end, following, found, row):
                 _state_at(reader, pieces, origin, middle - origin)
                 _signals_at(reader, pieces, middle, y, stack[top])
                 continue
-            _straightened(left, right, h, count)
+            _straightened(left, right, h, count, pieces.size)
         _take_in(left, right, at, stack_t[top], count, pieces.size, found, row)
         for j in range(3 * count):
             left[j] = right[j]

@@ -32,6 +32,7 @@ from toolbox.modelling.components import (
     symbolic_copy,
 )
 from toolbox.modelling.elements import Element, UnilateralContact, time
+from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
 
@@ -467,7 +468,7 @@ def _check_gain(system: HybridSystem) -> None:
     for element, entry in zip(holding, np.diag(matrix), strict=True):
         if not entry > 0:
             raise SceneError(
-                f"Element `{element.name}` must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
+                f"Element {element.title} must oppose its slip (d slip_rate/d force > 0, relative degree one), but the gain is {entry:g}."
             )
     if gain.sparsity().is_diag() or not held:
         return
@@ -479,14 +480,9 @@ def _check_gain(system: HybridSystem) -> None:
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]
-    values, vectors = np.linalg.eig(matrix)
-    weakest = np.argmin(np.abs(values))
-    if abs(values[weakest]) < 1e-12:
-        share = np.abs(vectors[:, weakest])
-        names = ", ".join(f"`{e.name}`" for e, part in zip(holding, share, strict=True) if part > 1e-6 * share.max())
-        raise SceneError(
-            f"The slips of {names} must be independent, but one follows from the others: nothing decides how they share the force."
-        )
+    dependent = dependent_rows(matrix)
+    if dependent:
+        raise SceneError(must_be_independent([holding[i].title for i in dependent]))
 
 
 def _composed_again(parts: tuple[Component, ...], values: np.ndarray) -> HybridSystem:

@@ -233,6 +233,11 @@ class Element:
         """Two expressions that are positive while the mode holds; multiplier and bound are zero unless the element holds."""
         return bound - multiplier + self.mode * self.slip, bound + multiplier + self.mode**2
 
+    @property
+    def title(self) -> str:
+        """What errors call it."""
+        return f"`{self.name}`"
+
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         """What the element shows in a result: {last word of the name: (expression, unit)}."""
         return {"force": (self.force, self.force_unit), "slip": (self.mode**2 * self.slip, self.slip_unit)}
@@ -267,6 +272,9 @@ class DryFriction(Element):
         slip_unit: str = "m/s",
         force_unit: str = "N",
     ):
+        if isinstance(slip, (list, tuple)):
+            kind = type(slip).__name__
+            raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {kind}.")
         slips = ca.densify(ca.SX(slip))
         if slips.shape not in ((1, 1), (2, 1)):
             raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, but its shape is {slips.shape}.")
@@ -275,6 +283,8 @@ class DryFriction(Element):
             raise SceneError(f"Argument `law` of `{name}` must be a friction law such as Coulomb(), but it is {law!r}.")
         self.law = law
         self.load = ca.SX(load)
+        if not self.load.is_scalar():
+            raise SceneError(f"Argument `load` of `{name}` must be one normal force, but its shape is {self.load.shape}.")
         self.directions = slips.numel()
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead
         speed = self.mode * self.slip
@@ -294,13 +304,18 @@ class DryFriction(Element):
         if self.directions == 1:
             return super().signals()
         slips = ca.vertcat(self.slip, self.companions[0].slip)
-        return {"force": (length(self.force), self.force_unit), "slip": (self.mode**2 * length(slips), self.slip_unit)}
+        force, slip = (ca.sumsqr(column) / length(column) for column in (self.force, slips))  # exactly zero at zero
+        return {"force": (force, self.force_unit), "slip": (self.mode**2 * slip, self.slip_unit)}
 
 
 class SecondDirection(Element):
     """The second direction of the `DryFriction` before it: its slip and its multiplier, and whose direction the force of both has."""
 
     legend: Mapping[int, str] = {0: "pull", 1: "slip"}
+
+    @property
+    def title(self) -> str:
+        return f"`{self.name.removesuffix('.direction')}` (second slip)"
 
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         return {}

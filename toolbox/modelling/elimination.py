@@ -89,6 +89,19 @@ def _rows(matrix: ca.SX) -> list[dict[int, ca.SX]]:
     return rows
 
 
+def dependent_rows(matrix: np.ndarray) -> list[int]:
+    """The rows of a matrix with ones on its diagonal of which one follows from the others; empty where it can be solved."""
+    values, vectors = np.linalg.eig(matrix)
+    weakest = int(np.argmin(np.abs(values)))
+    share = np.abs(vectors[:, weakest])
+    return [i for i in range(len(matrix)) if share[i] > 1e-6 * share.max()] if abs(values[weakest]) < 1e-12 else []
+
+
+def must_be_independent(titles: Sequence[str]) -> str:
+    """The words of the error where the slips of these elements depend on each other."""
+    return f"The slips of {', '.join(titles)} must be independent, but one follows from the others: nothing decides how they share the force."
+
+
 _NAME = "dense_solve_"
 
 

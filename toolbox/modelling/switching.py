@@ -202,7 +202,7 @@ def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain
     for i, element in enumerate(elements):
         if element.holds and not gain.has_nz(i, i):
             raise SceneError(
-                f"Element `{element.name}` cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
+                f"Element {element.title} cannot hold its slip: its force must act on the rate of its slip (relative degree one)."
             )
 
 

@@ -13,6 +13,7 @@ from toolbox.compilation import loop_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
 from toolbox.modelling.elements import SecondDirection
+from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.simulation.bottleneck import bottleneck
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
@@ -119,11 +120,13 @@ def failure(
             return SimulationError(f"The closure of the rigid contact `{inside[0]}` must be <= 0 at the start, but it is inside.", so_far)
         if (wrong := _rising_friction(program, range(len(names)), point, work, so_far)) is not None:
             return wrong
-        return SimulationError(f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s.", so_far)
+        words = f"No modes of the elements {', '.join(names)} are consistent with the forces at t = {t:.9g} s."
+        return SimulationError(words + _sharing(program, point, work, t), so_far)
     labels = [name for name, (_, size, _) in program.system.states.items() for _ in range(size or 1)]
     finite = np.isfinite(work.k[: len(labels)])
     if not finite.all():
-        return SimulationError(f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s.", so_far)
+        words = f"The rate of `{labels[int(np.argmin(finite))]}` is not finite at t = {t:.9g} s."
+        return SimulationError(words + _sharing(program, point, work, t), so_far)
     if not np.isfinite(work.y[: len(labels)]).all():
         name = labels[int(np.argmin(np.isfinite(work.y[: len(labels)])))]
         return SimulationError(
@@ -133,7 +136,21 @@ def failure(
     largest = int(np.argmax(np.abs(work.x[: len(labels)])))
     if abs(work.x[largest]) > 1e12:
         return SimulationError(f"The run diverges: `{labels[largest]}` is {work.x[largest]:.3g} at t = {t:.9g} s.", so_far)
-    return SimulationError(f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}; lower the accuracy asked.", so_far)
+    words = f"The step size fell below what double precision resolves at t = {t:.9g} s{_resolution(t)}; lower the accuracy asked."
+    return SimulationError(words + _sharing(program, point, work, t), so_far)
+
+
+def _sharing(program: Program, point: Any, work: Any, t: float) -> str:
+    """What to add where the slip of one element follows from those of others at this state; plants whose gain is constant were asked when composed."""
+    elements = program.system.elements
+    held = [i for i, element in enumerate(elements) if element.holds and not element.unilateral]
+    gain = output_function(program, "gain of elements", ca.densify(program.system.switching.gain))
+    matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(held, held)]
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    if not (np.isfinite(matrix).all() and size.all()):
+        return ""
+    dependent = dependent_rows(matrix / np.outer(size, size)) if held else []
+    return f" {must_be_independent([elements[held[i]].title for i in dependent])}" if dependent else ""
 
 
 def _resolution(t: float) -> str:

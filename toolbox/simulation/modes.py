@@ -217,7 +217,7 @@ def _other_choice(w, t, i):
         w.m_other[j] = w.m[j]
     possible = False
     for way in (-1.0, 0.0, 1.0):
-        if way == w.m_other[i] or (way != 0.0 and w.m_other[i] != 0.0) or possible:
+        if way == w.m_other[i] or (way != 0.0 and w.m_other[i] != 0.0) or possible or (way < 0.0 and two_directions(w, i)):
             continue
         for j in range(ne):
             w.m[j] = w.m_other[j]

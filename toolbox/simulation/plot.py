@@ -117,7 +117,7 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
             f"Argument `ax` must take signals of one unit, but these are in {', '.join(units)}: leave `ax` out for one panel per unit."
         )
     samples = curves.sampled(run, begin, end)
-    elements = list(run.modes)
+    elements = _shown_elements(run)
     contacts, looks = run.contacts, curves.part_colours(run)
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(units), 1.75 if len(units) > 1 else 2.3, 0.15 * len(elements))
@@ -246,7 +246,7 @@ def comparison(
             contact = shown[label]
             if contact is not None:
                 _bands(panel, run, contact, begin, last)
-            _event_lines(panel, run, begin, last, [name for name in run.modes if name != contact])
+            _event_lines(panel, run, begin, last, [name for name in _shown_elements(run) if name != contact])
             panel.set_title(label, loc="left", fontsize=9.0, pad=3.0)
             panel.set_xlim(begin, end)
             name_axis(panel.yaxis, in_words(signal), longest.unit(signal), longest.asked)
@@ -311,6 +311,11 @@ def overlay(
         rows = {label: (run, contact) for (label, run), contact in zip(runs.items(), shown.values(), strict=True) if contact is not None}
         legend_above(panels[0], _ribbon(panels[0], rows, begin, end))
         return _over_time(panels, ax)
+
+
+def _shown_elements(run: Pictured) -> list[str]:
+    """The elements of a run without those that say whose direction the force of a contact with two slips has: an instant of its break-away."""
+    return [name for name in run.modes if name.removesuffix(".direction") == name or name.removesuffix(".direction") not in run.modes]
 
 
 def _over_time(panels: list[Any], ax: Any) -> Any:

@@ -111,7 +111,7 @@ class ElasticBody:
     def on(self, face: str) -> np.ndarray:
         """Numbers of the nodes of a face, ordered by x, then y, then z; raises SceneError for a face that the body has not."""
         if face not in self.faces:
-            raise SceneError(f"There is no face `{face}`. {suggest(face, self.faces)}")
+            raise SceneError(f"There is no face `{face}`: {suggest(face, self.faces)}")
         found = np.flatnonzero(self.faces[face])
         return found if self.nodes is None else found[np.lexsort(np.round(self.nodes[found].T, 12)[::-1])]
 

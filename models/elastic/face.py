@@ -37,6 +37,8 @@ class ElasticFace(ContactBody):
     def check(self):
         if not isinstance(self.body, ReducedBody):
             raise SceneError(f"Argument `body` must be a ReducedBody, as `ElasticBody.reduced` makes it, but it is {self.body!r}.")
+        if (self.normal is None) == (self.loads is None):
+            raise SceneError("Either `normal` must be given, for contacts that open and close, or `loads`, and not both.")
         if self.held is None and (self.stiffness or self.damping):
             raise SceneError("Arguments `stiffness` and `damping` must come with `held`, the port on which they act, but there is none.")
 

@@ -50,5 +50,5 @@ def _mat(path: Path, name: str | None) -> Any:
         listed = ", ".join(f"`{key}`" for key in matrices) or "none"
         raise SceneError(f"`{path}` must hold one matrix, or `names` must say which, but it holds {listed}.")
     if name is not None and name not in matrices:
-        raise SceneError(f"`{path}` holds no matrix `{name}`. {suggest(name, matrices)}")
+        raise SceneError(f"`{path}` holds no matrix `{name}`: {suggest(name, matrices)}")
     return matrices[name] if name is not None else next(iter(matrices.values()))

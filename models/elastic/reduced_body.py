@@ -141,7 +141,7 @@ class ReducedBody:
     def index(self, port: str) -> int:
         """The coordinate that is the displacement of a port; raises SceneError for a port that the body has not."""
         if port not in self.ports:
-            raise SceneError(f"There is no port `{port}`. {suggest(port, self.ports)}")
+            raise SceneError(f"There is no port `{port}`: {suggest(port, self.ports)}")
         return self.ports.index(port)
 
     def indices(self, start: str) -> list[int]:
@@ -151,7 +151,7 @@ class ReducedBody:
             found.append(self.ports.index(f"{start}.{len(found)}"))
         if not found:
             starts = {port.rpartition(".")[0] for port in self.ports} - {""}
-            raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ... . {suggest(start, starts)}")
+            raise SceneError(f"There are no ports `{start}.0`, `{start}.1`, ...: {suggest(start, starts)}")
         return found
 
     @functools.cached_property
@@ -174,6 +174,8 @@ class ReducedBody:
 
         `frequencies` and `errors` remain those of the body without mounts.
         """
+        if not isinstance(mounts, Mapping):
+            raise SceneError(f"Argument `mounts` must map ports to (stiffness, damping), but it is {mounts!r}.")
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
             pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
@@ -220,10 +222,16 @@ class ReducedBody:
         pushed
             Ports that are pushed; the input of that name is a force [N].
         """
+        if isinstance(tangent, str):
+            raise SceneError(f"Argument `tangent` must be a tuple of words, such as ({tangent!r},), but it is one text.")
         ways = [self.indices(word) for word in tangent]
         count = len(ways[0]) if ways else 0
         if not count or any(len(way) != count for way in ways):
             raise SceneError(f"Argument `tangent` must name ports of as many contacts in every direction, but it is {tuple(tangent)!r}.")
+        if len(ways) > 2:
+            raise SceneError(f"Argument `tangent` must be one or two words, but it is {tuple(tangent)!r}.")
+        if len(set(tangent) | {normal}) <= len(ways):
+            raise SceneError(f"Arguments `tangent` and `normal` must be words that differ, but they are {tuple(tangent)!r} and {normal!r}.")
         unit = np.eye(self.size)
         if not is_finite_number(closing) or abs(closing) != 1:
             raise SceneError(f"Argument `closing` must be 1 or -1, but it is {closing!r}.")

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from models import Coulomb
+from toolbox import ContactProblem, SimulationError, press_contacts, step_contacts
 from toolbox.contacts.newton import ContactSolver, Given
 
 
@@ -77,3 +79,49 @@ def test_three_passes_suffice_from_a_neighbouring_solution_whatever_the_ratio_of
         first = solver.solve(given, None)
         given.right = given.right * (1 + 1e-4)
         assert solver.solve(given, first).passes <= 4
+
+
+def half_plane_under_a_cylinder(cells):
+    """An elastic half-plane without mass (Flamant's compliance of cells under even pressure) and a rigid cylinder that nothing but friction holds.
+
+    Returns the problem, the force at which the contact is 5 mm to either side by Hertz, and the positions of the cells.
+    """
+    modulus, radius, half, friction = 2e11, 1.0, 5e-3, 0.3
+    x = np.linspace(-2 * half, 2 * half, cells)
+    width = x[1] - x[0]
+    ends = np.abs(x[:, None] - x) + width * np.array([0.5, -0.5])[:, None, None]
+    from_zero = ends * (np.log(np.abs(ends) / (100 * half)) - 1)
+    face = np.linalg.inv(-2 / (np.pi * modulus * width) * (from_zero[0] - from_zero[1]))
+    stiffness = np.zeros((2 * cells + 2, 2 * cells + 2))
+    stiffness[:cells, :cells] = stiffness[cells:-2, cells:-2] = (face + face.T) / 2
+    unit = np.eye(2 * cells + 2)
+    problem = ContactProblem(
+        np.zeros_like(stiffness), stiffness, (unit[-1] - unit[cells:-2])[:, None], Coulomb(friction, friction), normal=unit[-2] - unit[:cells],
+        gap=x**2 / (2 * radius), forces={"press": unit[-2], "pull": unit[-1]}, areas=np.full(cells, width),
+    )  # fmt: skip
+    return problem, np.pi * half**2 * modulus / (4 * radius), x / half
+
+
+def test_a_motion_that_friction_alone_holds_is_found_stuck_and_not_lost_in_round_off():
+    """With everything slipping the equations are singular: Newton's passes came out there, 1e9 m away, with tractions 446 times the friction."""
+    problem, press, x = half_plane_under_a_cylinder(321)
+    rest = press_contacts(problem, {"press": press})
+    np.testing.assert_allclose(rest.normal[0].sum(), press, rtol=1e-9)
+    assert (np.abs(x[rest.modes[0] == 0]) < 1.01).all() and (rest.normal[0][rest.modes[0] == 2] == 0.0).all()
+    pull = 0.6 * 0.3 * press
+    run = step_contacts(problem, 2.0, step=0.05, inputs={"press": press, "pull": ([0.0, 1.0, 2.0], [0.0, pull, -pull])}, start=rest)
+    for i, slipped in ((20, pull), (30, pull / 2), (40, pull)):  # Cattaneo and Mindlin: forth, half way back (half as far counts), and back
+        stuck = np.abs(x[run.modes[i] == 0]).max()
+        assert stuck == pytest.approx(np.sqrt(1 - slipped / (0.3 * press)), abs=2 / 80)
+    assert run.audit()["missing"] == pytest.approx(0.0, abs=1e-9 * run.audit()["size"])
+    assert (np.linalg.norm(run.tangential, axis=2) <= 0.3 * run.normal * (1 + 1e-6) + 1e-9 * press).all()
+
+
+def test_what_nothing_holds_has_no_solution_without_mass():
+    problem, press, _ = half_plane_under_a_cylinder(81)
+    rest = press_contacts(problem, {"press": press})
+    with pytest.raises(SimulationError, match="at rest under these inputs: contacts, friction and springs must hold"):
+        press_contacts(problem, {"press": press, "pull": 0.36 * press})
+    with pytest.raises(SimulationError, match=r"solves the step at 0\.85 s") as caught:
+        step_contacts(problem, 1.0, step=0.05, inputs={"press": press, "pull": ([0.0, 1.0], [0.0, 0.36 * press])}, start=rest)
+    assert caught.value.run.end == pytest.approx(0.8)

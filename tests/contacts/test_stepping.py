@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from models import BristleContact, Coulomb, Drop, ElasticBody, Exponential
-from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, step_contacts, time
+from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
+from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, sine, step_contacts, time
 
 MU, LOAD, MASS = 0.4, 10.0, 2.0
 
@@ -275,6 +275,47 @@ def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
     np.testing.assert_allclose(run.inputs["surface.x"][1:], np.repeat(speeds, 5), rtol=1e-9)
 
 
+def test_the_noise_of_every_seed_is_that_of_a_run_with_located_events():
+    """Keys of channels are 64 bits: half of them, as plain numbers, drew other noise or none at all."""
+
+    def seen(run, seed):
+        noise = []
+
+        def law(_, y):
+            noise.append(float(np.ravel(y)[0]))
+            return 0.0
+
+        run(Sampled(law, 0.1, noise={"block.speed": 1.0}, seed=seed, measures="block.speed", drives="block.force"))
+        return noise
+
+    at_rest = block(forces={"block.force": [1.0]}, surface={}, outputs={"block": [1.0]})
+    for seed in range(6):
+        noise = seen(lambda law: step_contacts(at_rest, 5.0, step=0.1, controller=law), seed)
+        assert noise == seen(lambda law: simulate(compose(Block()), 5.0, controller=law), seed)
+        assert np.std(noise) == pytest.approx(1.0, abs=0.3)
+
+
+def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step():
+    """A weight that falls by 1 m, from whatever part of a step; and one that a pull lifts off a belt again and again, which strikes it and rubs at once."""
+    unit, gravity = np.eye(2), 9.81
+    fall = ContactProblem(unit, 0 * unit, unit[None, 1:], Coulomb(MU, MU), normal=-unit[:1], gap=[1.0], forces={"weight": unit[0]})
+    for step in (1e-3, 1.37e-3, 2e-3):
+        audit = step_contacts(fall, 1.0, step=step, inputs={"weight": -gravity}).audit()
+        assert audit["impacts"] == pytest.approx(gravity, rel=1e-9)
+        assert abs(audit["stepping"]) < 1e-9 and abs(audit["missing"]) < 1e-9
+    lifted = ContactProblem(
+        unit, np.diag([100.0, 50.0]), unit[None, 1:], Coulomb(0.3, 0.3), normal=-unit[:1], damping=np.diag([0.0, 1.0]),
+        forces={"pull": unit[0]}, surface={"belt": [[1.0]]},
+    )  # fmt: skip
+    rest = press_contacts(lifted, {"pull": -5.0})
+    runs = [step_contacts(lifted, 2.0, step=step, inputs={"pull": sine(-5.0, 12.0, 1.3), "belt": 0.4}, start=rest) for step in (2e-3, 1e-3, 5e-4)]
+    assert runs[0].modes.min() == 0 and runs[0].modes.max() == 2
+    taken = [run.audit()["stepping"] for run in runs]
+    for coarse, fine in itertools.pairwise(taken):
+        assert coarse / fine == pytest.approx(2.0, rel=0.03)
+    assert abs(runs[-1].audit()["missing"]) < 1e-12 * runs[-1].audit()["size"] + 1e-12
+
+
 # ------------------------------------------------------------------------------------------------------------------------------------------ borders
 @pytest.mark.parametrize(
     ("changes", "words"),
@@ -292,6 +333,8 @@ def test_a_motion_of_the_surface_that_a_law_drives_is_held_over_whole_steps():
         ({"forces": {"pull": [1.0, 2.0]}}, "pull"),
         ({"places": [[0.0], [1.0]]}, "places"),
         ({"areas": [-1.0]}, ">= 0"),
+        ({"areas": [0.0]}, "`areas` must be > 0 for one contact"),
+        ({"mass": [[-1.0]]}, "`mass` must not be negative along any motion"),
     ],
 )
 def test_problems_that_are_none_are_refused(changes, words):
@@ -348,9 +391,24 @@ def test_contacts_that_move_nothing_or_together_are_refused():
             step_contacts(block(**changes), 1.0, step=0.1)
 
 
+def test_a_part_that_no_contact_holds_rests_until_it_is_pushed():
+    chain = np.array([[0.1, -0.1, 0.0], [-0.1, 0.4, -0.3], [0.0, -0.3, 0.3]])  # free, but for round-off
+    stiffness = np.block([[chain, np.zeros((3, 3))], [np.zeros((3, 3)), chain]])
+    problem = ContactProblem(np.eye(6), stiffness, np.eye(6)[None, :1], Coulomb(MU, MU), load=[LOAD], forces={"push": np.eye(6)[5]})
+    assert np.abs(press_contacts(problem).coordinates).max() == 0.0
+    with pytest.raises(SceneError, match="hold all rigid motions, but under these inputs one is free"):
+        press_contacts(problem, {"push": 1.0})
+
+
 def test_a_body_that_slips_away_has_no_state_of_rest():
     with pytest.raises((SceneError, SimulationError)):
         press_contacts(block(), {"force.x": 1e3})
+
+
+def test_a_body_whose_stiffness_has_the_wrong_sign_is_refused_and_one_that_is_slightly_unstable_is_not():
+    with pytest.raises(SceneError, match=r"over a step of 0\.1 s one of -4\.98e\+03 N/m pushes on: is a sign wrong"):
+        step_contacts(block(-5180.0), 1.0, step=0.1)
+    assert step_contacts(block(-5.0), 1.0, step=0.1, inputs={"force.x": 3.0})["x"][-1] == 0.0  # 3 N are less than mu N = 4 N
 
 
 def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
@@ -365,9 +423,54 @@ def test_a_reduced_body_becomes_a_problem_with_named_inputs_and_outputs():
     assert run.normal[-1, 0] == pytest.approx(10.0)
     for arguments, options, words in (
         (((),), {}, "as many contacts"),
+        (("x", "z"), {}, "a tuple of words"),
+        ((("x", "y", "z"),), {"load": [1.0]}, "one or two words"),
+        ((("x", "x"), "z"), {}, "words that differ"),
+        ((("x", "y"), "y"), {}, "words that differ"),
         ((("x", "y"), "z"), {"closing": 0.5}, "1 or -1"),
         ((("x", "y"), "z"), {"pushed": "z.0"}, "tuple of ports"),
         ((("x", "y"), "z"), {"pushed": ("z.1",)}, "no port `z.1`"),
     ):
         with pytest.raises(SceneError, match=words):
             reduced.in_contact(Coulomb(0.3, 0.3), *arguments, **options)
+    with pytest.raises(SceneError, match="must map ports"):
+        reduced.mounted(["x.0"])
+
+
+@pytest.mark.parametrize("step", [0.01, 0.02])
+def test_a_push_acts_over_its_own_steps_alone_so_that_a_puck_gets_the_whole_of_it(step):
+    """A push of 0.1 s that jumps to 0, and one that jumps from 0: by the momentum F T - mu N T both throw the puck equally far."""
+    push, length = 100.0, 0.1
+    deceleration = MU * LOAD / MASS
+    speed = (push / MASS - deceleration) * length
+    far = speed * length / 2 + speed**2 / (2 * deceleration)
+    problem = block(directions=2)
+    for begin in (0.0, 0.3, 0.7):  # 3 * 0.1 and 7 * 0.1 are not 0.3 and 0.7 to the last bit
+        values = ([0.0, begin, begin, begin + length, begin + length], [0.0, 0.0, push, push, 0.0])
+        pushes = {"force.x": (values[0], [0.6 * value for value in values[1]]), "force.y": (values[0], [0.8 * value for value in values[1]])}
+        run = step_contacts(problem, 5.0, step=step, inputs=pushes)
+        assert np.hypot(run["x"][-1], run["y"][-1]) == pytest.approx(far, rel=2e-4)
+        np.testing.assert_allclose(0.8 * run["x"], 0.6 * run["y"], atol=1e-12)
+
+
+def test_a_plate_that_jumps_to_a_speed_carries_a_stuck_block_over_whole_steps():
+    held = block(stiffness=100.0)
+    run = step_contacts(held, 0.3, step=0.1, inputs={"surface.x": ([0.0, 0.1, 0.1, 0.2, 0.2, 0.3], [0.0, 0.0, 0.05, 0.05, 0.0, 0.0])})
+    np.testing.assert_allclose(run["x"], [0.0, 0.0, 0.005, 0.005], atol=1e-12)
+
+
+def test_contacts_at_rest_on_the_edge_of_their_friction_stick_and_do_not_flicker():
+    """Three nodes without mass between springs k, pulled at the last: node i lets go when the pull is the friction of all from i to the last."""
+    k, pull = 1e4, 7.5
+    unit, stiffness = np.eye(3), k * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    problem = ContactProblem(
+        0 * stiffness, stiffness, unit[:, None], Coulomb(0.5, 0.5), load=[2.0, 10.0, 4.0], forces={"pull": unit[2]}, outputs={"x.2": unit[2]}
+    )
+    run = step_contacts(problem, 3.0, step=0.01, inputs={"pull": ([0.0, 1.0, 2.0, 3.0], [0.0, pull, pull, -pull])})
+    by_hand = [  # 2 N and 7 N forth; back by twice 2 N, and until 2 N and 5 N hold what is left of 0.5 N between the first two
+        (2.0 / pull, "contact.2", "slip"), (7.0 / pull, "contact.1", "slip"), (1.0, "contact.1", "stick"), (1.0, "contact.2", "stick"),
+        (2.0 + 4.0 / (2 * pull), "contact.2", "slip"), (2.0 + 14.0 / (2 * pull), "contact.1", "slip"),
+    ]  # fmt: skip
+    assert [(event.element, event.after) for event in run.events] == [tuple(what) for _, *what in by_hand]
+    np.testing.assert_allclose([event.time for event in run.events], [at for at, *_ in by_hand], atol=0.0101)
+    assert run["x.2"][100] == pytest.approx(6.0 / k)

@@ -245,12 +245,14 @@ def test_the_command_writes_report_figure_and_data_that_agree_with_the_run(writt
         ('"surface.x"', '"surface.y"', "There is no input `surface.y`: did you mean `surface.x`"),
         ('tangent = ["x"]', 'tangent = ["w"]', "There are no ports `w.0`"),
         ('tangent = ["x"]', "", "The key `tangent` is missing in `ElasticFace`"),
+        ('tangent = ["x"]', 'tangent = ["x", "x"]', "words that differ"),
+        ('normal = "z"', "", "Either `normal` must be given, for contacts that open and close, or `loads`"),
         ('tangent = ["x"]', 'tangent = "x"', "`ElasticFace.tangent` must be a list of names"),
-        ('normal = "z"', "", "Either `normal` must be given"),
+        ('body = "feet.npz"', "body = 3", "`ElasticFace.body`: it must be the path of a file, or a table"),
         ('normal = "z"', 'loads = ["1 N"]', "Argument `load` must be finite numbers of the shape (2,)"),
         ('normal = "z"', 'loads = ["1 N", "-1 N"]', "`loads` must be >= 0"),
         ('held = "back"', "", "must come with `held`"),
-        ('held = "back"', 'held = "bak"', "There is no port `bak`. Did you mean `back`"),
+        ('held = "back"', 'held = "bak"', "There is no port `bak`: did you mean `back`"),
         ('"0.1 N/mm"', '"0.1 N"', "`ElasticFace.stiffness` must be in N/m"),
         ('"feet.npz"', '"foot.npz"', "did you mean `feet.npz`"),
         ('part = "ElasticFace"', 'part = "ElasticFac"', "did you mean `ElasticFace`"),
@@ -317,3 +319,10 @@ def test_options_of_other_methods_are_refused(written, capsys, option):
 def test_a_scene_of_a_plant_is_no_scene_of_contacts(root):
     with pytest.raises(SceneError, match="body with many contacts, such as ElasticFace, but its plant has equations"):
         ContactScene.load(root / "studies" / "scenes" / "block_on_belt.toml")
+
+
+def test_a_scene_in_python_asks_for_a_body_with_contacts():
+    scene = ContactScene("a body without contacts", ReducedBody(("x.0",), [[1.0]], [[0.0]], [[1.0]]), 1.0, 0.1)
+    for ask in (scene.check, lambda: scene.run("no controller")):
+        with pytest.raises(SceneError, match="`body` must be a body with many contacts, such as ElasticFace"):
+            ask()

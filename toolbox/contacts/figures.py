@@ -69,7 +69,7 @@ def draw_run(run: Any) -> Any:
             run.plot_map(run.time[i], "mode", ax)
             marks |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
             ax.get_legend().remove()
-            ax.set_title(f"{run.time[i]:.4g} s: {run.share()[i]:.0%} stick", fontsize=8)
+            ax.set_title(f"{run.time[i]:.4g} s: {run.share()[i]:.0%} stick", fontsize=7)
         for word, i in (("pressure", chosen[-1]), ("traction", chosen[-1]), ("rubbed", -1)):
             run.plot_map(run.time[i], word, axes[word])
             axes[word].set_title(f"{run.time[i]:.4g} s", fontsize=8)
@@ -132,9 +132,14 @@ def write_animation(path: Any, run: tuple[np.ndarray, np.ndarray, np.ndarray, np
         pictures[0].save(file, format="GIF", save_all=True, append_images=pictures[1:], duration=round(1000 * seconds / frames), loop=0)
 
 
+def _across(places: np.ndarray) -> list[int]:
+    """How many contacts the face has along x and along y."""
+    return [np.unique(np.round(places[:, i], 12)).size for i in (0, 1)]
+
+
 def _size(places: np.ndarray, ax: Any) -> float:
     """Area of a mark [points^2], so that marks of neighbours do not touch."""
-    across = max(np.unique(np.round(places[:, i], 12)).size for i in (0, 1))
+    across = max(_across(places))
     box = ax.get_window_extent().width * 72 / ax.figure.dpi
     return float(np.clip((0.55 * box / across) ** 2, 4.0, 120.0))
 
@@ -142,6 +147,7 @@ def _size(places: np.ndarray, ax: Any) -> float:
 def _framed(ax: Any, places: np.ndarray) -> Any:
     ax.set_aspect("equal" if np.ptp(places, axis=0).all() else "auto")
     ax.set(xlabel="x [mm]", ylabel="y [mm]")
+    ax.margins(*(max(0.05, 0.6 / max(count - 1, 2)) for count in _across(places)))  # the marks of a coarse face are large, and at its rim
     if ax.get_legend_handles_labels()[1]:
         ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1, handletextpad=0.2, columnspacing=0.8)
     return ax

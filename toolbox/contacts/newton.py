@@ -26,6 +26,9 @@ WEAKEST = 1e-11
 FULL, PARTS = 16, (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
 """Passes with full steps, and the parts of a step that are tried after them."""
 
+FREE = 1e-2
+"""Round-off of the forces, in parts of what acts, beyond which displacements are those of a motion that nothing holds."""
+
 PASSES = 40
 """Newton passes from one guess, before the next is tried."""
 
@@ -97,7 +100,7 @@ class ContactSolver:
     def solve(self, given: Given, guess: Solution | None) -> Solution | None:
         """The solution, None where no guess leads to one. guess: the solution of a similar problem, such as the step before."""
         stuck = np.concatenate([given.gap, given.held.ravel()]) if self.opens else given.held.ravel()
-        tolerance = 1e-11 * (np.abs(given.right).max() + np.abs(self.stiffness @ stuck - given.right).max())
+        size = np.abs(given.right).max() + np.abs(self.stiffness @ stuck - given.right).max()
         passes = 0
         begins: list[tuple[np.ndarray, _Sets | None]] = [(stuck, None)]
         if guess is not None:
@@ -105,17 +108,17 @@ class ContactSolver:
             moved[self.first :] += guess.slip.ravel()
             begins.insert(0, (moved, self._sets_of(guess, given)))
         for moved, sets in begins:
-            found = self._passes(moved, sets, given, tolerance)
+            found = self._passes(moved, sets, given, size)
             if found is not None:
                 found.passes += passes
                 return found
             passes += PASSES
-        found = self._from_stiff(stuck, given, tolerance)
+        found = self._from_stiff(stuck, given, size)
         if found is not None:
             found.passes += passes
         return found
 
-    def _from_stiff(self, stuck: np.ndarray, given: Given, tolerance: float) -> Solution | None:
+    def _from_stiff(self, stuck: np.ndarray, given: Given, size: float) -> Solution | None:
         """The solution by following that of contacts with springs of their own to the position without slip, until the springs are gone.
 
         With strong springs every contact decides alone; each weaker set of springs begins at the solution of the one before.
@@ -127,7 +130,7 @@ class ContactSolver:
             self.stiffness = plain + following * added
             held = Given(given.right + following * (added @ stuck), given.gap, given.held, given.friction, given.load)
             try:
-                found = self._passes(moved, None, held, tolerance)
+                found = self._passes(moved, None, held, size)
             finally:
                 self.stiffness = plain
             passes += PASSES if found is None else found.passes
@@ -147,7 +150,8 @@ class ContactSolver:
         slides = ~guess.is_open & ~guess.sticks & (np.linalg.norm(trial, axis=1) > 0)
         return _Sets(guess.is_open, ~guess.is_open & ~slides, trial, bound)
 
-    def _passes(self, moved: np.ndarray, sets: _Sets | None, given: Given, tolerance: float) -> Solution | None:
+    def _passes(self, moved: np.ndarray, sets: _Sets | None, given: Given, size: float) -> Solution | None:
+        """The solution from one guess, None where there is none. size: of the forces at work."""
         before = None
         for number in range(PASSES):
             point = self._point(moved, given)
@@ -155,9 +159,16 @@ class ContactSolver:
                 sets = point.sets
             state = (sets.is_open.tobytes(), sets.sticks.tobytes())
             # forces are the small rest of large ones, and their round-off is that of these
-            if state == before and np.abs(point.residual).max() <= tolerance + 1e-14 * (self.sizes @ np.abs(moved)).max():
-                point.slip[sets.sticks] = 0.0
-                return Solution(moved, np.maximum(point.normal, 0.0), point.traction, point.slip, sets.is_open, sets.sticks, number)
+            round_off = 1e-14 * (self.sizes @ np.abs(moved)).max()
+            if round_off > max(FREE * size, 1e-300):  # equations that are singular but for round-off: any residual would do
+                return None
+            if state == before and np.abs(point.residual).max() <= 1e-11 * size + round_off:
+                tiny = np.linalg.norm(point.slip, axis=1) * self.rho_tangent <= 1e-11 * size + round_off  # at rest on the edge of its cone
+                sticks = sets.sticks | (tiny & ~sets.is_open)
+                point.slip[sticks] = 0.0
+                point.traction[sets.is_open] = 0.0
+                normal = np.where(sets.is_open, 0.0, np.maximum(point.normal, 0.0)) if self.opens else point.normal
+                return Solution(moved, normal, point.traction, point.slip, sets.is_open, sticks, number)
             step = self._direction(point.force, moved, given, sets)
             if step is None:
                 return None

@@ -65,7 +65,7 @@ class ContactProblem:
     Raises
     ------
     SceneError
-        For arrays that are not finite or do not fit each other, matrices that are not symmetric, and laws with breaks.
+        For arrays that are not finite or do not fit each other, matrices that are not symmetric, a negative mass, and laws with breaks.
     """
 
     mass: Any
@@ -106,7 +106,7 @@ class ContactProblem:
             object.__setattr__(self, word, {name: _array(f"{word}[{name!r}]", given, shape) for name, given in getattr(self, word).items()})
         for name, unit in self.units.items():
             if not any(name in known for known in (self.forces, self.surface, self.outputs)):
-                raise SceneError(f"Argument `units` names `{name}`. {suggest(name, [*self.forces, *self.surface, *self.outputs])}")
+                raise SceneError(f"Argument `units` names `{name}`: {suggest(name, [*self.forces, *self.surface, *self.outputs])}")
             parse(f"1 {unit}", unit, f"units.{name}")
         if self.places is not None:
             places = finite_array(self.places)
@@ -120,6 +120,10 @@ class ContactProblem:
         for word in ("load", "areas"):
             if getattr(self, word) is not None and (getattr(self, word) < 0).any():
                 raise SceneError(f"Argument `{word}` must be >= 0, but an entry is {getattr(self, word).min():g}.")
+        if not self.areas.any():
+            raise SceneError("Argument `areas` must be > 0 for one contact at least, but all are 0.")
+        if np.linalg.eigvalsh(self.mass)[0] < -1e-9 * np.abs(self.mass).max():
+            raise SceneError(f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {np.linalg.eigvalsh(self.mass)[0]:.3g}.")
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)

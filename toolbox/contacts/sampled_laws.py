@@ -64,6 +64,7 @@ class Acting:
             raise SceneError("Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones.")
         _, given, _ = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
+        self._sides = {name: _sides(name, value, times, self.values[name]) for name, value in given.items()}
         own, updates = (*problem.forces, *problem.surface), self.system.updates
         self.driven = tuple(name for update in updates for name in update.names if name in own)
         if updates and not self.driven:
@@ -98,6 +99,11 @@ class Acting:
         self.held = np.zeros(system.held.numel())
         self.waiting: list[tuple[int, int, np.ndarray]] = []
         self.weights = np.array(list(self.problem.outputs.values())).reshape(-1, self.problem.size)
+
+    def over(self, name: str, i: int) -> tuple[float, float]:
+        """An input at the begin and at the end of the step that ends at instant i; what laws drive is the same in both."""
+        begin, end = self._sides.get(name, (self.values[name][1:],) * 2)
+        return float(begin[i - 1]), float(end[i - 1])
 
     def hold(self, i: int, q: np.ndarray, v: np.ndarray) -> None:
         """Take the samples that are due at instant i, and hold what is due over the step that begins there."""
@@ -177,3 +183,13 @@ def _at(name: str, given: Any, times: np.ndarray) -> np.ndarray:
     if not np.isfinite(values).all():
         raise SceneError(f"Argument `{name}` must be finite at all times, but it is not.")
     return values
+
+
+def _sides(name: str, given: Any, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An input at the begin and at the end of every step: where it jumps between two steps, each has the side that is its own."""
+    if times.size == 1:
+        return values[:0], values[:0]
+    near = 1e-9 * (times[1] - times[0])
+    before, after = (_at(name, given, times + shift) for shift in (-near, near))
+    jumps = np.abs(after - before) > 1e-6 * np.abs(values).max()
+    return np.where(jumps, after, values)[:-1], np.where(jumps, before, values)[1:]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+import warnings
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -105,8 +106,8 @@ def press_contacts(problem: ContactProblem, inputs: Mapping[str, float] | None =
 
     frictionless: leave friction out, as where a body settles before it is pulled. Contacts then count as slipping and carry no tangential force.
     Tangential forces follow Coulomb's law for loading in one step from the unloaded state. Needs contacts that hold all rigid motions that the stiffness
-    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown names,
-    SimulationError where no set of contacts solves the problem.
+    leaves free; a body that some motion of zero stiffness lets escape has no state of rest. Raises SceneError for that and for unknown
+    names, SimulationError where no set of contacts is at rest.
     """
     _check_problem(problem)
     return _Stepping(problem, math.inf, constants(problem, inputs), None, 0.0 if frictionless else 1.0).through()
@@ -122,6 +123,8 @@ class _Stepping:
         still = math.isinf(h)
         matrix = problem.stiffness if still else problem.mass / h**2 + problem.damping / h + problem.stiffness
         self.flexibility, self.shapes, condensed = _condensed(matrix, moves)
+        if not still:
+            _check_held(condensed, h)
         self.solver = ContactSolver(condensed, problem.contacts, problem.directions)
         self.moves, self.factor = moves, friction
         self.static, self.sliding = problem.coefficients()
@@ -146,7 +149,8 @@ class _Stepping:
             force = sum((self.values[name][0] * problem.forces[name] for name in self.values if name in problem.forces), np.zeros(problem.size))
             found = self._solved(force, np.zeros((problem.contacts, problem.directions)), 0)
             if found is None:
-                raise SimulationError("No set of open, sticking and sliding contacts is at rest under these inputs.")
+                words = "No set of open, sticking and sliding contacts is at rest under these inputs: contacts, friction and springs must hold what acts."
+                raise SimulationError(words)
             self._keep(0, self.q[0] + self.shapes @ found.moved + self.flexibility @ force, found)
             if np.abs(self.q[0]).max() * np.abs(problem.stiffness).max() > 1e13 * max(np.abs(force).max(), found.normal.max(), 1e-300):
                 raise SceneError("Argument `problem` must have contacts that hold all rigid motions, but under these inputs one is free.")
@@ -167,14 +171,13 @@ class _Stepping:
     def _step(self, i: int) -> bool:
         """The step that ends at times[i]; False where it has no solution."""
         problem, h = self.problem, self.h
-        acting = {name: self.values[name][i] * problem.forces[name] for name in self.values if name in problem.forces}
+        sides = {name: self.acting.over(name, i) for name in self.values}
+        acting = {name: end * problem.forces[name] for name, (_, end) in sides.items() if name in problem.forces}
         force = sum(acting.values(), np.zeros(problem.size))
         drive = force + problem.mass @ self.v[i - 1] / h - problem.stiffness @ self.q[i - 1]
         surface = np.zeros((problem.contacts, problem.directions))
-        for name, values in self.values.items():
-            if name in problem.surface:
-                before = values[i if name in self.acting.driven else i - 1]  # what is held is the same over the whole step
-                surface += h * (before + values[i]) / 2 * problem.surface[name]
+        for name in problem.surface.keys() & sides.keys():
+            surface += h * sum(sides[name]) / 2 * problem.surface[name]
         found = self._solved(drive, surface, i)
         if found is None:
             return False
@@ -192,12 +195,26 @@ class _Stepping:
         energy.damping[i] = before.damping[i - 1] + h * (v @ problem.damping @ v)
         energy.stepping[i] = before.stepping[i - 1] + (change @ problem.mass @ change + moved @ problem.stiffness @ moved) / 2
         energy.surface[i] = before.surface[i - 1] + (found.tangential * surface).sum()
-        closing = problem.normal @ moved if problem.normal is not None else np.zeros(problem.contacts)
-        energy.impacts[i] = before.impacts[i - 1] + (found.normal * closing).sum() if problem.normal is not None else 0.0
+        if problem.normal is not None:
+            taken, shared = self._impacts(i, found, moved, surface)
+            energy.impacts[i] = before.impacts[i - 1] + taken
+            energy.stepping[i] -= shared
         for name in problem.forces:
             work = acting[name] @ moved if name in acting else 0.0
             energy.work[name][i] = energy.work[name][i - 1] + work
         return True
+
+    def _impacts(self, i: int, found: Solution, moved: np.ndarray, surface: np.ndarray) -> tuple[float, float]:
+        """What closing contacts take in a step, and the part of it that the change of speed over the step has taken.
+
+        By Kelvin's theorem an impulse takes itself times the mean of the speeds before and after it: a step that ends at rest takes it all, however it falls.
+        """
+        first, last = self.h * (self.problem.normal @ self.v[i - 1]), self.problem.normal @ moved
+        strikes = (first > 0) & (found.normal > 0)
+        slip = self.h * (self.problem.tangent @ self.v[i - 1]) - surface
+        rest = (found.tangential * (found.slip - slip)).sum(axis=1) @ strikes / 2  # of the impulse of friction, beside what it rubs
+        shared = float(found.normal @ (first - last) / 2 + rest)
+        return float(found.normal @ last) + shared, shared
 
     def _solved(self, drive: np.ndarray, surface: np.ndarray, i: int) -> Solution | None:
         """Displacements of the contacts over the step, and their forces, under what drives the body."""
@@ -244,7 +261,7 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
 
     The matrix may be singular where the contacts hold what it leaves free.
     """
-    from scipy.linalg import LinAlgError, inv
+    from scipy.linalg import LinAlgError, LinAlgWarning, inv
 
     n, m = len(matrix), len(moves)
     rows = np.linalg.norm(moves, axis=1)
@@ -253,7 +270,9 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     scale = (np.abs(np.diag(matrix)).mean() or 1.0) / rows[:, None]  # of a body without stiffness at rest anything does
     bordered = np.block([[matrix, (scale * moves).T], [scale * moves, np.zeros((m, m))]])
     try:
-        inverse = inv(bordered, check_finite=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # whether it is an inverse is checked below
+            inverse = inv(bordered, check_finite=False)
     except LinAlgError:
         inverse = None
     shapes = None if inverse is None else inverse[:n, n:] * scale.T
@@ -262,6 +281,18 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
     condensed = -inverse[n:, n:] * scale * scale.T
     flexibility = inverse[:n, :n]
     return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
+
+
+def _check_held(condensed: np.ndarray, h: float) -> None:
+    """Raise SceneError where a push on the contacts moves them against it: then nothing says which of several answers a step has."""
+    try:
+        np.linalg.cholesky(condensed + 1e-9 * np.abs(condensed).max() * np.eye(len(condensed)))
+    except np.linalg.LinAlgError:
+        least = np.linalg.eigvalsh(condensed)[0]
+        raise SceneError(
+            f"Arguments `mass`, `damping` and `stiffness` of the problem must hold its contacts against every push, but over a step of {h:.3g} s "
+            f"one of {least:.3g} N/m pushes on: is a sign wrong, or the step too long for a body that is unstable?"
+        ) from None
 
 
 def _check_problem(problem: Any) -> None:

@@ -18,6 +18,7 @@ from toolbox.files.units import parse
 from toolbox.scenes import catalogue, keys, scene_file
 from toolbox.scenes.cases import Case, Waveform
 from toolbox.scenes.scene import Scene
+from toolbox.simulation.samples import short
 
 
 @dataclass(frozen=True)
@@ -72,13 +73,13 @@ class ContactScene:
 
     def run(self, label: str) -> ContactRun:
         """Run one case, by its label. Raises what `step_contacts` raises, and SceneError where the body has no state of rest to begin from."""
-        case, problem = self.case(label), self.body.problem()
+        case, problem = self.case(label), self._problem()
         rest = self._rest(problem, case)
         return step_contacts(problem, self.duration, step=self.step, inputs=self._inputs(case), controller=case.controller, start=rest)
 
     def check(self) -> None:
         """Raise SceneError unless every case can be stepped and has a state of rest to begin from; nothing is run."""
-        problem = self.body.problem()
+        problem = self._problem()
         times, _ = instants(self.duration, self.step)
         if not self.cases:
             raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
@@ -91,6 +92,11 @@ class ContactScene:
                 self._rest(problem, case)
             except SceneError as error:
                 raise SceneError(f"Controller `{case.label}`: {error}") from None
+
+    def _problem(self) -> ContactProblem:
+        if not isinstance(self.body, ContactBody):
+            raise SceneError(f"Argument `body` must be a body with many contacts, such as ElasticFace, but it is {short(self.body)}.")
+        return self.body.problem()
 
     def _rest(self, problem: ContactProblem, case: Case) -> ContactRun:
         """The body under the forces at its beginning."""

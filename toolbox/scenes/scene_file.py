@@ -145,6 +145,8 @@ def _loaded(kind: Any, value: Any, name: str, folder: Path) -> Any:
     try:
         if isinstance(value, str):
             return kind.load(folder / _text(value, name))
+        if not isinstance(value, dict):
+            raise SceneError(f"it must be the path of a file, or a table, but it is {value!r}.")
         specs = dataclasses.fields(kind)
         required = [spec.name for spec in specs if spec.default is dataclasses.MISSING]
         return kind(**_keys(value, name, [spec.name for spec in specs], required))

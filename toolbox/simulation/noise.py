@@ -18,9 +18,13 @@ def scrambled(z):
 
 
 @cached
-def channel_key(seed, name):
-    """The key of a noise channel from a seed and the number of its name."""
+def _key(seed, name):
     return scrambled(scrambled(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15)) ^ np.uint64(name))
+
+
+def channel_key(seed: int, name: int) -> np.uint64:
+    """The key of a noise channel from a seed and the number of its name. A numpy scalar: a plain int would reach compiled code as a signed number."""
+    return np.uint64(_key(seed, name))
 
 
 @cached

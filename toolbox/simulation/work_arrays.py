@@ -128,7 +128,7 @@ def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.nd
     updates = run.system.updates
     samplers = np.zeros((len(updates), loop_layout.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float)
-    keys: list[int] = []
+    keys: list[int | np.uint64] = []
     for c, update in enumerate(updates):
         size, first_output = update.memory.numel(), program.held_slot + update.first_held
         address = 0 if update.external else program.kernel.updates[c]

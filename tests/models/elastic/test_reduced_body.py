@@ -75,7 +75,7 @@ def test_a_scene_may_hold_the_matrices_of_a_body(scene):
         ('"chian.npz"', r"no file .*chain\.npz"),
         ('"row.toml"', "must end in .npz"),
         ('"broken.npz"', "broken.npz"),
-        ("3", "must be a table"),
+        ("3", "must be the path of a file, or a table"),
         ('{ ports = ["contact.0"] }', "`mass` is missing"),
         ("{ prots = [] }", "did you mean `ports`"),
         ('{ ports = ["a"], mass = [[1, 2]], damping = [[0]], stiffness = [[1]] }', "`mass` must be a square"),

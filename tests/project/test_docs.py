@@ -42,10 +42,13 @@ def command(line, folder):
     return done.stdout
 
 
+LONG = ("first_hour", "elastic_contact")
+
+
 @pytest.mark.timeout(300)  # commands are processes of their own, and import everything anew
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(p, marks=pytest.mark.slow if p.stem == "first_hour" else ()) for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))],
+    [pytest.param(p, marks=pytest.mark.slow if p.stem in LONG else ()) for p in PAGES if BLOCK.search(p.read_text(encoding="utf-8"))],
     ids=lambda path: path.stem,
 )
 def test_a_page_runs_from_top_to_bottom_in_a_folder_of_its_own(path, tmp_path, monkeypatch):

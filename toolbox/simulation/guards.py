@@ -32,6 +32,17 @@ def two_directions(w, i):
 
 
 @inlined
+def _grow(w):
+    """Take the states into their sizes so far, and into those of their units."""
+    for i in range(w.ints[N]):
+        size = abs(w.x[i])
+        if size > w.scale[i]:
+            w.scale[i] = size
+            if size > w.group_scale[w.group[i]]:
+                w.group_scale[w.group[i]] = size
+
+
+@inlined
 def refresh(w):
     """Slopes, guards and armed flags at the current point.
 
@@ -42,11 +53,7 @@ def refresh(w):
     call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(n):
         w.k[i] = w.z[n + i]
-        size = abs(w.x[i])
-        if size > w.scale[i]:
-            w.scale[i] = size
-            if size > w.group_scale[w.group[i]]:
-                w.group_scale[w.group[i]] = size
+    _grow(w)
     for j in range(2 * ng):
         w.g[j] = w.z[2 * n + j]
     for j in range(ng):
@@ -115,11 +122,7 @@ def accept(w):
     for i in range(n):
         w.x[i] = w.y[i]
         w.k[i] = w.y[n + i]
-        size = abs(w.x[i])
-        if size > w.scale[i]:
-            w.scale[i] = size
-            if size > w.group_scale[w.group[i]]:
-                w.group_scale[w.group[i]] = size
+    _grow(w)
     for j in range(2 * ng):
         w.g[j] = w.y[2 * n + j]
     for j in range(ng):

@@ -13,13 +13,11 @@ from toolbox.compilation.loop_layout import (
     ADDRESS,
     CUT_SHORT,
     END,
-    FIELD,
     FRICTION,
     IMPLICIT,
     JUMP,
     LONGEST,
     NE,
-    NG,
     OUTPUT,
     RECORDS,
     REJECTED,
@@ -28,12 +26,11 @@ from toolbox.compilation.loop_layout import (
     STEP_OLD,
     STEP_SIZE,
     TIME,
-    N,
 )
 from toolbox.compilation.numba_cache import called, inlined
 from toolbox.simulation.calendar import next_stop, record, samples
 from toolbox.simulation.crossings import watch
-from toolbox.simulation.guards import accept, guard_size, project
+from toolbox.simulation.guards import accept, held_quietly, project
 from toolbox.simulation.step_control import scaled_error
 
 REFRESHED = 32
@@ -61,31 +58,6 @@ def samples_rule(w):
     return cut_short(next_stop(w) - w.reals[TIME], min(w.reals[STEP_SIZE], w.reals[LONGEST]))
 
 
-@inlined
-def _renewed(w):
-    """Slopes and guards with the outputs that are held from now on; whether no guard is negative with them, so that no mode changes."""
-    n, ng = w.ints[N], w.ints[NG]
-    call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(n):
-        w.k[i] = w.z[n + i]
-        size = abs(w.x[i])
-        if size > w.scale[i]:
-            w.scale[i] = size
-            if size > w.group_scale[w.group[i]]:
-                w.group_scale[w.group[i]] = size
-    quiet = True
-    for j in range(ng):
-        value = w.z[2 * n + j]
-        w.g[j], w.g[ng + j] = value, w.z[2 * n + ng + j]
-        size = abs(value)
-        if size > guard_size(w, j):
-            w.guard_scale[w.slot[j]] = size
-        value *= w.side[j]
-        w.armed[j] = value > 1e-13 * guard_size(w, j)
-        quiet = quiet and value >= 0.0
-    return quiet
-
-
 @called
 def from_sample_to_sample(w, every_node, budget):
     """Step from sample to sample as long as nothing else happens.
@@ -94,8 +66,6 @@ def from_sample_to_sample(w, every_node, budget):
     """
     w = lent(w)
     wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
-    for i in range(w.ints[NE]):
-        w.zero[i] = w.m[i] == 0.0
     last = w.reals[END]
     if w.ints[JUMP] < w.jump_t.size:
         last = min(last, w.jump_t[w.ints[JUMP]])
@@ -123,7 +93,7 @@ def from_sample_to_sample(w, every_node, budget):
         accept(w)
         project(w, stop)
         _, changed = samples(w, stop)
-        if changed and not _renewed(w):
+        if changed and not held_quietly(w):
             return True
         if every_node:
             record(w, stop, w.x)

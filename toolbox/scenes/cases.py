@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from toolbox.errors import SceneError
+from toolbox.errors import SceneError, suggest
 from toolbox.modelling import inputs as shapes
 from toolbox.modelling.laws import Controller, Sampled
 
@@ -76,3 +76,29 @@ class Case:
             c = controller
             return Case(label, c.law, c.period, c.delay, noise=c.noise, resolution=c.resolution, seed=c.seed)  # type: ignore[arg-type]
         raise SceneError(f"Argument `controller` must be a Controller, or Sampled with one, but it is {controller!r}.")
+
+
+class Labelled:
+    """What scenes of every kind know of their cases."""
+
+    cases: tuple[Case, ...]
+
+    @property
+    def labels(self) -> list[str]:
+        """Labels of the cases, in order."""
+        return [case.label for case in self.cases]
+
+    def case(self, label: str) -> Case:
+        """The case of that label; raises SceneError where there is none."""
+        for case in self.cases:
+            if case.label == label:
+                return case
+        raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
+
+    def _check_cases(self) -> None:
+        """Raise SceneError unless there is a case, and no two have one label."""
+        if not self.cases:
+            raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
+        twice = [label for label in self.labels if self.labels.count(label) > 1]
+        if twice:
+            raise SceneError(f"The labels of controllers must differ, but `{twice[0]}` is there {self.labels.count(twice[0])} times.")

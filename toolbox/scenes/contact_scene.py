@@ -13,16 +13,16 @@ from toolbox.contacts.contact_run import ContactRun
 from toolbox.contacts.problem import ContactBody, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, signals_of
 from toolbox.contacts.stepping import instants, press_contacts, step_contacts
-from toolbox.errors import SceneError, SimulationError, suggest
+from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import parse
 from toolbox.scenes import catalogue, keys, scene_file
-from toolbox.scenes.cases import Case, Waveform
+from toolbox.scenes.cases import Case, Labelled, Waveform
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.samples import short
 
 
 @dataclass(frozen=True)
-class ContactScene:
+class ContactScene(Labelled):
     """A body with many contacts, and the cases to be compared on it; everything in SI.
 
     Every run begins at rest under the forces that act at its beginning (`press_contacts`): a body that is to be loaded in time gets a force that begins at 0.
@@ -59,18 +59,6 @@ class ContactScene:
             raise SceneError(f"Scene `{path}`: {error}") from None
         return scene
 
-    @property
-    def labels(self) -> list[str]:
-        """Labels of the cases, in order."""
-        return [case.label for case in self.cases]
-
-    def case(self, label: str) -> Case:
-        """The case of that label; raises SceneError where there is none."""
-        for case in self.cases:
-            if case.label == label:
-                return case
-        raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
-
     def run(self, label: str) -> ContactRun:
         """Run one case, by its label. Raises what `step_contacts` raises, and SceneError where the body has no state of rest to begin from."""
         case, problem = self.case(label), self._problem()
@@ -81,11 +69,7 @@ class ContactScene:
         """Raise SceneError unless every case can be stepped and has a state of rest to begin from; nothing is run."""
         problem = self._problem()
         times, _ = instants(self.duration, self.step)
-        if not self.cases:
-            raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
-        twice = [label for label in self.labels if self.labels.count(label) > 1]
-        if twice:
-            raise SceneError(f"The labels of controllers must differ, but `{twice[0]}` is there {len(twice)} times.")
+        self._check_cases()
         for case in self.cases:
             try:
                 Acting(problem, self._inputs(case), times, case.controller)

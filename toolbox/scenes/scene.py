@@ -18,7 +18,7 @@ from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import Controller, Sampled
 from toolbox.modelling.start import place_start
 from toolbox.scenes import scene_file
-from toolbox.scenes.cases import Case, Number, Waveform, _reference
+from toolbox.scenes.cases import Case, Labelled, Number, Waveform, _reference
 from toolbox.scenes.judged import judged_effort, judged_element, judged_signal
 from toolbox.simulation.request import Request
 from toolbox.simulation.simulate import simulate
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Labelled):
     """A plant, the controllers to be compared on it, and what to look at; everything in SI.
 
     Attributes
@@ -194,18 +194,6 @@ class Scene:
         inputs = (self.inputs, *(case.inputs for case in self.cases))
         return asked_units(self.reference, self.standstill, inputs, self.parameters, fields=(laws, self.parts))
 
-    @property
-    def labels(self) -> list[str]:
-        """Labels of the cases, in order."""
-        return [case.label for case in self.cases]
-
-    def case(self, label: str) -> Case:
-        """The case of that label; raises SceneError where there is none."""
-        for case in self.cases:
-            if case.label == label:
-                return case
-        raise SceneError(f"There is no controller `{label}`: {suggest(label, self.labels)}")
-
     def run(self, case: str | Case) -> Trajectory:
         """Simulate one case, by its label, or another one than the scene has. Raises what `simulate` raises."""
         if not isinstance(case, (str, Case)):
@@ -271,11 +259,7 @@ class Scene:
             raise SceneError(
                 f"Argument `verdict.after` must be >= 0 s and before the end at {self.duration:g} s, but it is {self.after:g}."
             )
-        if not self.cases:
-            raise SceneError("Argument `cases` must hold at least one case, but it is empty.")
-        if len(set(self.labels)) < len(self.labels):
-            twice = next(label for label in self.labels if self.labels.count(label) > 1)
-            raise SceneError(f"The labels of controllers must differ, but `{twice}` is there {self.labels.count(twice)} times.")
+        self._check_cases()
         for name, value in self.start.items():
             place_start(plant, np.zeros(plant.x.numel()), name, value)
         for case in self.cases:

@@ -32,7 +32,9 @@ class BrakeMPC(BrakeLaw):
     measures: ClassVar[tuple[str, ...]] = ("disc.speed", "brake.torque")
 
     margin: OptionalQuantity = quantity(0.8, "1", "part of the border force that the law allows itself", above=0)
-    period: Quantity = quantity(0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0)
+    period: Quantity = quantity(
+        0.03, "s", "sample time; 1.5 periods of the default pad, which steps at its own period would excite", above=0
+    )
     horizon: int = 60
     speed_size: Quantity = quantity(0.2, "rad/s", "deviation of the speed that counts", above=0)
     angle_size: Quantity = quantity(0.05, "rad", "deviation of the angle that counts", above=0)

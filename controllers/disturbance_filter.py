@@ -56,7 +56,9 @@ class DisturbanceFilter:
         walk = over @ both[: n + 1, n + 1 :]
         R = np.diag(np.asarray(noise, float) ** 2)
         if not (np.isfinite(R).all() and (R.diagonal() > 0.0).all()):
-            raise SceneError(f"The standard deviations of measurement noise must have squares that are numbers > 0, but they are {noise!r}.")
+            raise SceneError(
+                f"The standard deviations of measurement noise must have squares that are numbers > 0, but they are {noise!r}."
+            )
         P = solve_discrete_are(over.T, H.T, 0.5 * (walk + walk.T), R)
         gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
         self.gain, self.covariance = unit[:, None] * gain, np.outer(unit, unit) * (P - gain @ H @ P)

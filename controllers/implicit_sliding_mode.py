@@ -24,7 +24,9 @@ class ImplicitSlidingMode(SlidingSurface):
     file.
     """
 
-    learning: Quantity = quantity(0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1)
+    learning: Quantity = quantity(
+        0.2, "1", "part of what is left of s that is taken for an acceleration that the model lacks", at_least=0, at_most=1
+    )
 
     def sampled(self, signal, period):
         angle, lacked = state("slidingmode.angle", "rad"), state("slidingmode.acceleration", "rad/s2")
@@ -39,10 +41,18 @@ class ImplicitSlidingMode(SlidingSurface):
         inside = (ca.fabs(sign) < 1) * (1 if command is wanted else command == wanted)
         learned = self._cut(lacked + inside * self.learning * s / period)
         update = Update(
-            memory={angle: angle + period * self.taken_up(rate, wanted, command), lacked: learned, before: reference, **sent(command), **memory},
+            memory={
+                angle: angle + period * self.taken_up(rate, wanted, command),
+                lacked: learned,
+                before: reference,
+                **sent(command),
+                **memory,
+            },
             outputs={"top.torque": (command, "N m"), "slidingmode.surface": (s, "rad/s")},
         )
-        return self.started(update, signal, {before: reference, angle: self.angle_at(signal, self.reaching * period * self.lacking(signal))})
+        return self.started(
+            update, signal, {before: reference, angle: self.angle_at(signal, self.reaching * period * self.lacking(signal))}
+        )
 
     def _cut(self, acceleration):
         return ca.fmin(ca.fmax(acceleration, -self.reaching), self.reaching)

@@ -32,7 +32,9 @@ class Lifting(Controller):
     law: Controller = field(default_factory=Controller)
     reference: Quantity = quantity(8.0, "rad/s", "set-point of the speed", above=0, usual=(0.05, 40.0))
     to: Quantity = quantity(12.0, "rad/s", "set-point that is lifted to", above=0, usual=(0.05, 40.0))
-    swing: Quantity = quantity(0.1, "1", "how far below the lifted set-point the top speed counts as swinging, in parts of it", above=0, at_most=1)
+    swing: Quantity = quantity(
+        0.1, "1", "how far below the lifted set-point the top speed counts as swinging, in parts of it", above=0, at_most=1
+    )
     hold: Quantity = quantity(15.0, "s", "time after the last swing for which the set-point stays up", above=0)
     rise: Quantity = quantity(1.0, "rad/s2", "rate at which the set-point is lifted", above=0)
     fall: Quantity = quantity(0.2, "rad/s2", "rate at which it is lowered", above=0)

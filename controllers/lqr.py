@@ -59,7 +59,9 @@ class LQR(TorqueLimits):
         gain = self.torque_size**2 * (G.T @ P).ravel()
         poles = np.linalg.eigvals(F - G @ gain[None, :])
         if not poles.real.max() < -1e-12 * np.abs(poles).max():
-            raise SceneError(f"LQR found no law that steers the whole string at {self.reference:g} rad/s: a pole is left at {poles.real.max():.3g} 1/s.")
+            raise SceneError(
+                f"LQR found no law that steers the whole string at {self.reference:g} rad/s: a pole is left at {poles.real.max():.3g} 1/s."
+            )
         tangent = np.linalg.lstsq(
             np.vstack([np.column_stack([A, model.B]), np.append(model.top, 0.0)]), np.append(np.zeros(n), 1.0), rcond=1e-13
         )[0]

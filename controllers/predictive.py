@@ -59,7 +59,9 @@ class Predictive(TorqueLimits):
     soft: bool = True
     priority: Quantity = quantity(1e3, "1", "cost of a limit of speed or twist that is passed by one size", above=0)
     torque_walk: Quantity = quantity(2000.0, "N m s^-1/2", "wandering of the bit torque in a second", above=0)
-    drive_walk: Quantity = quantity(400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0)
+    drive_walk: Quantity = quantity(
+        400.0, "N m s^1/2", "white noise that stands for the error of the drive's torque and inertia", at_least=0
+    )
     patience: Quantity = quantity(5.0, "s", "how long the string may stand, or the motor swing, before the soft drive takes over", above=0)
     solver: str = "daqp"
     warm: bool = True

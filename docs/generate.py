@@ -140,7 +140,12 @@ def reference_page(package: str, title: str, says: str, names: Sequence[str]) ->
 def scene_page() -> str:
     """The page of the keys of a scene file."""
     keys = importlib.import_module("toolbox.scenes.keys")
-    lines = ["# Keys of a scene file", "", "Numbers are SI, or text with a unit. `stickslip list scene` prints this page on a terminal.", ""]
+    lines = [
+        "# Keys of a scene file",
+        "",
+        "Numbers are SI, or text with a unit. `stickslip list scene` prints this page on a terminal.",
+        "",
+    ]
     for table, entries in keys.KEYS.items():
         heading = "At the head of the file" if table == "scene" else f"`{table}`" if table.startswith("[") else table
         lines += [f"## {heading}", "", "| key | unit | without it | meaning |", "|---|---|---|---|"]
@@ -171,7 +176,14 @@ def field_table(thing: Any) -> list[str]:
     rows = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     for field in fields:
         unit, words = field.metadata.get("unit", ""), [field.metadata.get(key, "") for key in ("meaning", "source")]
-        cells = [f"`{field.name}`", _default(field), "" if unit == "1" else unit, _bounds(field.metadata), _usual(field.metadata.get("usual")), *words]
+        cells = [
+            f"`{field.name}`",
+            _default(field),
+            "" if unit == "1" else unit,
+            _bounds(field.metadata),
+            _usual(field.metadata.get("usual")),
+            *words,
+        ]
         rows.append("| " + " | ".join(cell.replace("|", chr(92) + "|") for cell in cells[: len(heads)]) + " |")
     return rows
 
@@ -195,7 +207,11 @@ def _said(value: Any) -> str:
 
 def _bounds(metadata: Mapping[str, Any]) -> str:
     words = (("at_least", ">="), ("above", ">"), ("at_most", "<="))
-    return ", ".join(f"{sign} {metadata[key]:g}" for key, sign in words if metadata.get(key) is not None).replace(">", "&gt;").replace("<", "&lt;")
+    return (
+        ", ".join(f"{sign} {metadata[key]:g}" for key, sign in words if metadata.get(key) is not None)
+        .replace(">", "&gt;")
+        .replace("<", "&lt;")
+    )
 
 
 def _usual(usual: tuple[float, float] | None) -> str:
@@ -208,7 +224,9 @@ def _usual(usual: tuple[float, float] | None) -> str:
 def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
     folder = FOLDER / "reference"
-    references = {folder / f"{page}.md": reference_page("toolbox", title, says, names.split()) for page, (title, says, names) in THEMES.items()}
+    references = {
+        folder / f"{page}.md": reference_page("toolbox", title, says, names.split()) for page, (title, says, names) in THEMES.items()
+    }
     for package, (title, says) in SHELVES.items():
         module = importlib.import_module(package)
         references[folder / f"{package}.md"] = reference_page(package, title, says, sorted(module.__all__, key=str.lower))

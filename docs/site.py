@@ -90,7 +90,11 @@ def gallery_page() -> str:
     assert spec is not None and spec.loader is not None
     listing = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(listing)
-    lines = ["# Gallery", "", "Every picture is made by a notebook or a study that you can run; each answers a question with numbers that tests hold."]
+    lines = [
+        "# Gallery",
+        "",
+        "Every picture is made by a notebook or a study that you can run; each answers a question with numbers that tests hold.",
+    ]
     lines += ["", "## Notebooks", ""]
     cards = []
     for path in NOTEBOOKS:

@@ -185,4 +185,12 @@ _FILES = {
 }
 """{file: what is imported from it, when it is first asked for}: a script pays for what it uses."""
 
-__getattr__, __dir__ = face(globals(), _FILES, ("closed_forms", "oscillators", "wells",))
+__getattr__, __dir__ = face(
+    globals(),
+    _FILES,
+    (
+        "closed_forms",
+        "oscillators",
+        "wells",
+    ),
+)

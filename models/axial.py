@@ -34,7 +34,9 @@ class AxialChain(Component):
     damping: Quantities = quantity((4e4,), "N s/m", "damping beside every stiffness", at_least=0)
     drag: Quantity = quantity(0.0, "1/s", "viscous drag per mass", at_least=0)
     gravity: Quantity = quantity(9.81, "m/s2", "gravity, less buoyancy where that counts", at_least=0)
-    hook_load: OptionalQuantity = quantity(None, "N", "imposed load on the hook; none behind hoisting lines", at_least=0, usual=(500.0, 1e8))
+    hook_load: OptionalQuantity = quantity(
+        None, "N", "imposed load on the hook; none behind hoisting lines", at_least=0, usual=(500.0, 1e8)
+    )
 
     def check(self):
         n = len(self.mass)

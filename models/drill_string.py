@@ -42,7 +42,9 @@ class TorsionalChain(Component):
     def check(self):
         n = len(self.inertia)
         if n < 2:
-            raise SceneError(f"Argument `chain.inertia` must hold at least 2 inertias, but it has {n}: one under a table is a `TorsionalPendulum`.")
+            raise SceneError(
+                f"Argument `chain.inertia` must hold at least 2 inertias, but it has {n}: one under a table is a `TorsionalPendulum`."
+            )
         for name in ("stiffness", "damping"):
             if len(getattr(self, name)) != n - 1:
                 raise SceneError(

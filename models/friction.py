@@ -44,7 +44,9 @@ class Exponential(FrictionLaw):
 
     static: Quantity = quantity(0.8, "1", "static coefficient", at_least=0, source="Navarro-Lopez and Cortes (2007)")
     kinetic: Quantity = quantity(0.5, "1", "kinetic coefficient at high speed", at_least=0, source="Navarro-Lopez and Cortes (2007)")
-    decay: Quantity = quantity(0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0, source="Navarro-Lopez and Cortes (2007)")
+    decay: Quantity = quantity(
+        0.9, "s/rad", "decay with slip speed (s/m for translation)", at_least=0, source="Navarro-Lopez and Cortes (2007)"
+    )
 
     def sliding(self, speed):
         return self.kinetic + (self.static - self.kinetic) * ca.exp(-self.decay * speed)

@@ -31,7 +31,9 @@ class Survey:
             values = getattr(self, name)
             array = finite_array(values)
             if array is None or array.ndim != 1 or (size is not None and array.size != size):
-                raise SceneError(f"Argument `{name}` of Survey must be {'' if size is None else f'{size} '}finite numbers, but it is {values!r}.")
+                raise SceneError(
+                    f"Argument `{name}` of Survey must be {'' if size is None else f'{size} '}finite numbers, but it is {values!r}."
+                )
             size = array.size
             object.__setattr__(self, name, tuple(array.tolist()))
         fault = _fault(self.depth, self.inclination, self.azimuth)

@@ -70,7 +70,9 @@ class TopDrive(Component):
             return {}
         motor = (-self.torque_limit, self.torque_limit)
         direct = self.motor_inertia is None and self.efficiency is None
-        return {f"{self.name or 'drive'}.torque": motor} | ({"top.torque": (self.ratio * motor[0], self.ratio * motor[1])} if direct else {})
+        return {f"{self.name or 'drive'}.torque": motor} | (
+            {"top.torque": (self.ratio * motor[0], self.ratio * motor[1])} if direct else {}
+        )
 
     def equations(self, signal):
         top_speed = signal("top.speed", "rad/s")

@@ -79,7 +79,13 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
     SceneError
         For numbers that are not finite or out of range, and at rest, where friction is whatever holds.
     """
-    for word, value in (("friction", friction), ("load", load), ("axial_speed", axial_speed), ("turning_speed", turning_speed), ("radius", radius)):
+    for word, value in (
+        ("friction", friction),
+        ("load", load),
+        ("axial_speed", axial_speed),
+        ("turning_speed", turning_speed),
+        ("radius", radius),
+    ):
         if not is_finite_number(value) or (word in ("friction", "load") and value < 0) or (word == "radius" and value <= 0):
             raise SceneError(f"Argument `{word}` must be a finite number in its range, but it is {value!r}.")
     speed = math.hypot(axial_speed, radius * turning_speed)
@@ -127,7 +133,9 @@ def string_on_wall(
     if axial.hook_load is not None:
         raise SceneError("Argument `axial` must hang on hoisting lines: leave its `hook_load` out.")
     if len(torsional.inertia) != n + 1:
-        raise SceneError(f"Argument `torsional` must have {n + 1} inertias, the top drive and one for each mass, but it has {len(torsional.inertia)}.")
+        raise SceneError(
+            f"Argument `torsional` must have {n + 1} inertias, the top drive and one for each mass, but it has {len(torsional.inertia)}."
+        )
     if not is_finite_number(radius) or not radius > 0:
         raise SceneError(f"Argument `radius` must be a finite number > 0 m, but it is {radius!r}.")
     side = finite_array(loads)
@@ -138,7 +146,9 @@ def string_on_wall(
     first = 0 if top_drive else 1  # of the inertias that are coordinates: behind a top drive that is told its speed the twists are relative
     twists = [_free_chain(row)[first:, first:] for row in (torsional.stiffness, torsional.damping)]
     twists[1][0, 0] += torsional.top_drag if top_drive else 0.0
-    stiffness, damping = (_block(_free_chain(row)[1:, 1:], twist) for row, twist in zip((axial.stiffness, axial.damping), twists, strict=True))
+    stiffness, damping = (
+        _block(_free_chain(row)[1:, 1:], twist) for row, twist in zip((axial.stiffness, axial.damping), twists, strict=True)
+    )
     mass = np.diag([*axial.mass, *torsional.inertia[first:]])
     unit = np.eye(len(mass))
     along, turn = unit[:n], unit[len(mass) - n :]
@@ -158,7 +168,9 @@ def string_on_wall(
         forces={"bit.weight": -along[-1], "bit.torque": -turn[-1]} | (torque if top_drive else {}),
         surface={"hook.speed": -ones * [1.0, 0.0]} | ({} if top_drive else told),
         outputs=outputs,
-        units={"bit.torque": "N m"} | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"}) | dict.fromkeys([*outputs][n:], "rad"),
+        units={"bit.torque": "N m"}
+        | ({"top.torque": "N m"} if top_drive else {"top.speed": "rad/s"})
+        | dict.fromkeys([*outputs][n:], "rad"),
     )
 
 

@@ -64,6 +64,7 @@ UFRJ_2 = TorsionalChain(
     top_drag=425.0,
 )
 
+
 @cache
 def __getattr__(name: str) -> DrillString:
     from importlib.resources import as_file, files  # here, because who asks for another well needs neither
@@ -77,5 +78,7 @@ def __getattr__(name: str) -> DrillString:
             )  # fmt: skip
     if name == "UFRJ":
         with as_file(files("models") / "tables") as folder:
-            return DrillString.from_tables(folder / "ufrj_sections.csv", top_inertia=2122.0, drag_rate=0.35, internal_damping=0.06, band=1.0)
+            return DrillString.from_tables(
+                folder / "ufrj_sections.csv", top_inertia=2122.0, drag_rate=0.35, internal_damping=0.06, band=1.0
+            )
     raise AttributeError(f"There is no well `{name}`: {suggest(name, __all__)}")

@@ -66,11 +66,23 @@ FAMILIES: dict[str, Family] = {
     ),
     "H-infinity": Family(
         lambda reference, q: HInfinity(reference=reference, **q, **LIMITS),
-        {"bit_size": (0.1, 10.0), "angle_size": (1.0, 100.0), "disturbance": (200.0, 20_000.0), "speed_noise": (0.003, 0.3), "margin": (1.02, 3.0)},
+        {
+            "bit_size": (0.1, 10.0),
+            "angle_size": (1.0, 100.0),
+            "disturbance": (200.0, 20_000.0),
+            "speed_noise": (0.003, 0.3),
+            "margin": (1.02, 3.0),
+        },
     ),
     "LQG": Family(
         lambda reference, q: LQG(reference=reference, late=LATE, **q, **LIMITS),
-        {"top_size": (0.3, 30.0), "bit_size": (0.1, 10.0), "angle_size": (1.0, 100.0), "torque_walk": (200.0, 20_000.0), "drive_walk": (20.0, 1000.0)},
+        {
+            "top_size": (0.3, 30.0),
+            "bit_size": (0.1, 10.0),
+            "angle_size": (1.0, 100.0),
+            "torque_walk": (200.0, 20_000.0),
+            "drive_walk": (20.0, 1000.0),
+        },
     ),
 }
 
@@ -135,7 +147,13 @@ def searched(label: str, points: int, seed: int = 1) -> Found:
 
     size = max(5, 40 // len(names))
     differential_evolution(
-        value, list(zip(low, high, strict=True)), popsize=size, maxiter=max(1, points // (size * len(names))), seed=seed, polish=False, init="sobol"
+        value,
+        list(zip(low, high, strict=True)),
+        popsize=size,
+        maxiter=max(1, points // (size * len(names))),
+        seed=seed,
+        polish=False,
+        init="sobol",
     )
     return Found(best[1], int(best[0]), tried[0], time.process_time() - began)
 

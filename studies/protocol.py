@@ -79,7 +79,10 @@ class Rig:
     def parameters(self) -> dict[str, tuple[float, ...]]:
         """Its parameters as `simulate` and `margins` take them; the weight is an input."""
         numbers = self.numbers
-        return {"chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]), "chain.stiffness": (numbers["chain.stiffness.0"],)}
+        return {
+            "chain.inertia": (numbers["chain.inertia.0"], numbers["chain.inertia.1"]),
+            "chain.stiffness": (numbers["chain.stiffness.0"],),
+        }
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,8 @@ SINGLES = (
     Rig("commands 60 ms late", delay=0.06),
 )
 CORNERS = tuple(
-    Rig(f"drive {a:g}, bit {b:g}, stiffness {c:g}", drive=a, bit=b, stiffness=c) for a, b, c in ((0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8))
+    Rig(f"drive {a:g}, bit {b:g}, stiffness {c:g}", drive=a, bit=b, stiffness=c)
+    for a, b, c in ((0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8))
 )
 ROCKS: dict[str, BitRock] = {
     "exponential": ROCK,
@@ -226,7 +230,9 @@ def _window(reference: float, way: str) -> tuple[dict[str, Any], float, Any, flo
     return start, period, given, last + SETTLING, last + SETTLING + JUDGED
 
 
-def _in_lanes(law: Law, made: Controller, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[list[str], int]]:
+def _in_lanes(
+    law: Law, made: Controller, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str
+) -> Iterator[tuple[list[str], int]]:
     start, period, given, after, end = _window(reference, way)
     both = Takeover(StiffPI(reference=reference, **LIMITS), made, at=period, name="takeover")
     rows = [(rig, phase) for rig in rigs for phase in group.phases]
@@ -247,14 +253,18 @@ def _in_lanes(law: Law, made: Controller, rigs: Sequence[Rig], group: Group, see
     yield failed, len(rows)
 
 
-def _one_by_one(law: Law, made: Any, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str) -> Iterator[tuple[list[str], int]]:
+def _one_by_one(
+    law: Law, made: Any, rigs: Sequence[Rig], group: Group, seed: int, reference: float, way: str
+) -> Iterator[tuple[list[str], int]]:
     start, period, given, after, end = _window(reference, way)
     states = {name: value for name, value in start.items() if not name.startswith("before.")}
     grid = np.arange(after, end, law.period / 2) + law.period / 4
     noise = {"top.speed": group.noise} if group.noise else {}
     for rig in rigs:
         for phase in group.phases:
-            taken = TakenOver(made, law.period, np.ceil(period * (1.0 + phase) / law.period) * law.period, reference, start["before.pi.angle"])
+            taken = TakenOver(
+                made, law.period, np.ceil(period * (1.0 + phase) / law.period) * law.period, reference, start["before.pi.angle"]
+            )
             inputs = {"top.reference": given, "bit.weight": rig.numbers["bit.weight"]}
             parameters = {
                 "chain.inertia": (rig.numbers["chain.inertia.0"], rig.numbers["chain.inertia.1"]), "chain.stiffness": (rig.numbers["chain.stiffness.0"],)
@@ -335,7 +345,9 @@ class Cells:
     def outcome(self, law: Law, group: Group, reference: float, way: str) -> Outcome:
         """The outcome at a set-point, known or new."""
         made = law.of(reference)
-        key = json.dumps([law.label, repr(getattr(made, "law", made) if not isinstance(made, Controller) else made), repr(group), way, reference])
+        key = json.dumps(
+            [law.label, repr(getattr(made, "law", made) if not isinstance(made, Controller) else made), repr(group), way, reference]
+        )
         if key not in self.known:
             found = judged(law, group, reference, way)
             self.known[key] = found
@@ -356,7 +368,9 @@ class Lowest:
     why: str
 
 
-def lowest(law: Law, group: Group, way: str, cells: Cells | None = None, lower: float = LOWEST, higher: float = HIGHEST, step: float = STEP) -> Lowest:
+def lowest(
+    law: Law, group: Group, way: str, cells: Cells | None = None, lower: float = LOWEST, higher: float = HIGHEST, step: float = STEP
+) -> Lowest:
     """The lowest set-point by bisection between `lower` (taken to fail) and `higher`, confirmed at three set-points above it.
 
     Where one of these fails, the search goes on above it: what is printed is the lowest from which on nothing that was tried failed.

@@ -7,7 +7,9 @@ from importlib import import_module
 from typing import Any
 
 
-def face(package: dict[str, Any], files: Mapping[str, str], modules: Sequence[str] = ()) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def face(
+    package: dict[str, Any], files: Mapping[str, str], modules: Sequence[str] = ()
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the `__getattr__` and `__dir__` of a package or module.
 
     Parameters

@@ -34,7 +34,9 @@ class StringObserver(Observer):
     units: tuple[str, ...] = ()
     places: tuple[int, ...] = ()
     model: OptionalQuantities = quantity(
-        None, "1", "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design"
+        None,
+        "1",
+        "rows of A, B', and the rows of top speed, bit speed and top load, where `places` says (everywhere if empty); filled in by design",
     )
     gain: OptionalQuantities = quantity(None, "1", "L, the disturbance last; filled in by design")
     begins: OptionalQuantities = quantity(

@@ -61,7 +61,14 @@ class ElasticBody:
         for name, areas in faces.items():
             if areas is None or areas.shape != (len(entries),) or (areas < 0).any() or not areas.any():
                 raise SceneError(f"Argument `faces` must give `{name}` {len(entries)} areas >= 0, one for each node, that are not all 0.")
-        for word, value in (("mass", mass), ("stiffness", stiffness), ("damping", damping), ("nodes", nodes), ("entries", entries), ("faces", faces)):
+        for word, value in (
+            ("mass", mass),
+            ("stiffness", stiffness),
+            ("damping", damping),
+            ("nodes", nodes),
+            ("entries", entries),
+            ("faces", faces),
+        ):
             object.__setattr__(self, word, value)
 
     def _placed(self, nodes: np.ndarray | None, n: int) -> np.ndarray:
@@ -69,7 +76,9 @@ class ElasticBody:
         if self.entries is None:
             axes = 1 if nodes is None else nodes.shape[1]
             if nodes is not None and nodes.size != n:
-                raise SceneError(f"Argument `nodes` must come with `entries`, because {n} rows are not one for each of {nodes.size} coordinates.")
+                raise SceneError(
+                    f"Argument `nodes` must come with `entries`, because {n} rows are not one for each of {nodes.size} coordinates."
+                )
             return np.arange(n).reshape(-1, axes)
         entries = np.asarray(self.entries)
         if entries.dtype.kind not in "iu" or entries.ndim != 2 or (nodes is not None and len(nodes) != len(entries)):
@@ -81,7 +90,13 @@ class ElasticBody:
 
     @classmethod
     def from_files(
-        cls, mass: Path | str, stiffness: Path | str, damping: Path | str | None = None, *, names: Mapping[str, str] | None = None, **places: Any
+        cls,
+        mass: Path | str,
+        stiffness: Path | str,
+        damping: Path | str | None = None,
+        *,
+        names: Mapping[str, str] | None = None,
+        **places: Any,
     ) -> ElasticBody:
         """A body from files of a finite-element program: Matrix Market (.mtx, .mtx.gz) or MAT (.mat), one matrix each, in SI units.
 
@@ -208,5 +223,7 @@ def _matrix(word: str, given: Any, singular: bool = False) -> Any:
     if not singular and not largest > 0:
         raise SceneError(f"Argument `{word}` must have entries other than 0, but it has none.")
     if abs(matrix - matrix.T).max() > 1e-8 * largest:
-        raise SceneError(f"Argument `{word}` must be symmetric, but entries differ by {abs(matrix - matrix.T).max():.2g}: does its file hold one half only?")
+        raise SceneError(
+            f"Argument `{word}` must be symmetric, but entries differ by {abs(matrix - matrix.T).max():.2g}: does its file hold one half only?"
+        )
     return (matrix + matrix.T) / 2

@@ -23,8 +23,12 @@ class ElasticFace(ContactBody):
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})
-    tangent: tuple[str, ...] = field(metadata={"meaning": "one or two words: the ports word.0, word.1, ... are the displacements along the plate"})
-    normal: str | None = field(default=None, metadata={"meaning": "the word of the displacements off the plate, for contacts that open and close"})
+    tangent: tuple[str, ...] = field(
+        metadata={"meaning": "one or two words: the ports word.0, word.1, ... are the displacements along the plate"}
+    )
+    normal: str | None = field(
+        default=None, metadata={"meaning": "the word of the displacements off the plate, for contacts that open and close"}
+    )
     loads: OptionalQuantities = quantity(None, "N", "given normal load of every contact, in place of `normal`", at_least=0)
     gap: OptionalQuantities = quantity(None, "m", "gap of every contact at q = 0; none without")
     closing: Quantity = quantity(-1.0, "1", "-1 where a positive normal displacement opens the contact, 1 where it closes it")

@@ -45,7 +45,11 @@ def _mat(path: Path, name: str | None) -> Any:
         raise SceneError(f"`{path}` is a MAT file of version 7.3, which is not read: save it with -v7, or as Matrix Market.") from None
     except Exception as error:  # a damaged file may fail anywhere in the reader
         raise SceneError(f"`{path}` is no sound MAT file: {error}") from None
-    matrices = {key: value for key, value in held.items() if not key.startswith("__") and getattr(value, "ndim", 0) == 2 and value.dtype.kind in "iuf"}
+    matrices = {
+        key: value
+        for key, value in held.items()
+        if not key.startswith("__") and getattr(value, "ndim", 0) == 2 and value.dtype.kind in "iuf"
+    }
     if name is None and len(matrices) != 1:
         listed = ", ".join(f"`{key}`" for key in matrices) or "none"
         raise SceneError(f"`{path}` must hold one matrix, or `names` must say which, but it holds {listed}.")

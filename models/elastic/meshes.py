@@ -23,7 +23,9 @@ def block_mesh(size: Sequence[NumberOrText], divisions: Sequence[int | Sequence[
     mesh = _skfem()
     lengths = finite_array(in_si(size, "m", "size"))
     if lengths is None or lengths.ndim != 1 or len(lengths) not in (2, 3) or not (lengths > 0).all() or len(divisions) != len(lengths):
-        raise SceneError(f"Argument `size` must be 2 or 3 lengths > 0 m, with as many `divisions`, but they are {size!r} and {divisions!r}.")
+        raise SceneError(
+            f"Argument `size` must be 2 or 3 lengths > 0 m, with as many `divisions`, but they are {size!r} and {divisions!r}."
+        )
     ticks = [length * _places(given) for length, given in zip(lengths, divisions, strict=True)]
     kind = mesh.MeshQuad if len(lengths) == 2 else mesh.MeshHex
     names = (("left", "right"), ("bottom", "top")) if len(lengths) == 2 else (("left", "right"), ("back", "front"), ("bottom", "top"))
@@ -91,7 +93,9 @@ def body_of_mesh(
     mass = plane * density * skfem.BilinearForm(lambda u, v, w: dot(u, v)).assemble(basis)
     area = skfem.LinearForm(lambda v, w: v)
     areas = {name: plane * area.assemble(skfem.FacetBasis(mesh, scalar, facets=name)) for name in (mesh.boundaries or {})}
-    faces = {name: np.where(values > 1e-9 * values.max(), values, 0.0) for name, values in areas.items()}  # nodes beside a face get round-off
+    faces = {
+        name: np.where(values > 1e-9 * values.max(), values, 0.0) for name, values in areas.items()
+    }  # nodes beside a face get round-off
     return ElasticBody(mass, stiffness, damping_time * stiffness, mesh.p.T, basis.nodal_dofs.T.astype(int), faces)
 
 
@@ -99,7 +103,14 @@ def _places(given: Any) -> np.ndarray:
     if isinstance(given, (int, np.integer)) and not isinstance(given, bool) and given >= 1:
         return np.linspace(0.0, 1.0, int(given) + 1)
     places = finite_array(given)
-    if places is None or places.ndim != 1 or len(places) < 2 or places[0] != 0 or abs(places[-1] - 1) > 1e-12 or not (np.diff(places) > 0).all():
+    if (
+        places is None
+        or places.ndim != 1
+        or len(places) < 2
+        or places[0] != 0
+        or abs(places[-1] - 1) > 1e-12
+        or not (np.diff(places) > 0).all()
+    ):
         raise SceneError(f"Argument `divisions` must be whole numbers >= 1, or places that rise from 0 to 1, but it holds {given!r}.")
     return places
 
@@ -121,4 +132,3 @@ def _skfem() -> Any:
     except ImportError:
         raise SceneError("Bodies from meshes need scikit-fem: install the extra `fe` (pip install stickslip-toolbox[fe]).") from None
     return skfem
-

@@ -61,11 +61,11 @@ class ElasticPad(Component):
             UnilateralContact(f"touch.{i}", q[j] + self.approach[i], v[j], stiffness=self.contact_stiffness, damping=self.contact_damping)
             for i, j in enumerate(into)
         ]
-        pad = [
-            DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)
-        ]
+        pad = [DryFriction(f"pad.{i}", v[j] - disc_speed, self.friction, touch[i].force) for i, j in enumerate(along)]
         places = [*into, *along] + ([self._body.index(self.pushed)] if self.pushed is not None else [])
-        forces = ca.vertcat(*(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.pushed is not None else []))
+        forces = ca.vertcat(
+            *(-contact.force for contact in touch), *(contact.force for contact in pad), *([push] if self.pushed is not None else [])
+        )
         compliance = np.linalg.inv(self._body.mass)
         compliance = (compliance + compliance.T) / 2
         inner = -ca.DM(compliance @ self._body.stiffness) @ q - ca.DM(compliance @ self._body.damping) @ v
@@ -78,7 +78,8 @@ class ElasticPad(Component):
             flow={q: v, v: inner + ca.DM(compliance[:, places]) @ forces},
             gives={"pad.normal_force": (normal, "N"), "pad.friction_force": (drag, "N")},
             elements=[*touch, *pad],
-            stored=(ca.bilin(ca.DM(self._body.mass), v, v) + ca.bilin(ca.DM(self._body.stiffness), q, q)) / 2 + sum(contact.stored for contact in touch),
+            stored=(ca.bilin(ca.DM(self._body.mass), v, v) + ca.bilin(ca.DM(self._body.stiffness), q, q)) / 2
+            + sum(contact.stored for contact in touch),
             losses={
                 "friction": -sum(contact.force * slip for contact, slip in zip(pad, slips, strict=True)),
                 "damping": ca.bilin(ca.DM(self._body.damping), v, v),
@@ -117,7 +118,9 @@ class ElasticPad(Component):
             if (should == closed).all():
                 return q
             closed = should
-        raise SceneError("Argument `approach` must press the pad somewhere, in a way that can last, but no set of closed contacts is at rest.")
+        raise SceneError(
+            "Argument `approach` must press the pad somewhere, in a way that can last, but no set of closed contacts is at rest."
+        )
 
     def poles(self, friction: float | None = None) -> np.ndarray:
         """Eigenvalues [1/s] of steady sliding with all its contacts slipping, shape (2 n,), for a constant coefficient of friction, by growth downwards.
@@ -133,7 +136,9 @@ class ElasticPad(Component):
                 matrix[into[i], into[i]] += contact
                 matrix[along[i], into[i]] -= mu * contact
         n = self._body.size
-        system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self._body.mass, stiffness), -np.linalg.solve(self._body.mass, damping)]])
+        system = np.block(
+            [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(self._body.mass, stiffness), -np.linalg.solve(self._body.mass, damping)]]
+        )
         found = np.linalg.eigvals(system)
         return found[np.argsort(-found.real)]
 
@@ -143,6 +148,7 @@ class ElasticPad(Component):
         Found by a scan in 200 steps and halving, with the poles as they are, so that an instability narrower than a step may be missed.
         Without damping the poles of a stable pad lie on the imaginary axis; growth counts above 1e-7 of the fastest pole.
         """
+
         def unstable(mu: float) -> bool:
             poles = self.poles(mu)
             return bool(poles[0].real > 1e-7 * np.abs(poles).max())

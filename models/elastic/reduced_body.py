@@ -74,14 +74,20 @@ class ReducedBody:
                 raise SceneError(f"Argument `{word}` must be finite numbers >= 0 in one row, but it is {getattr(self, word)!r}.")
             object.__setattr__(self, word, values)
         if len(self.frequencies) != len(self.errors):
-            raise SceneError(f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}.")
+            raise SceneError(
+                f"Argument `errors` must have {len(self.frequencies)} entries, one for each frequency, but it has {len(self.errors)}."
+            )
         if not is_finite_number(self.band) or self.band < 0 or not is_finite_number(self.rigid) or self.rigid < 0 or self.rigid % 1:
-            raise SceneError(f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}.")
+            raise SceneError(
+                f"Arguments `band` and `rigid` must be >= 0 Hz and a whole number, but they are {self.band!r} and {self.rigid!r}."
+            )
         for word, axes in (("places", 2), ("areas", 1)):
             given = getattr(self, word)
             values = None if given is None else finite_array(given)
             if given is not None and (values is None or values.ndim != axes):
-                raise SceneError(f"Argument `{word}` must be finite numbers, one {'row' if word == 'places' else 'number'} for each contact.")
+                raise SceneError(
+                    f"Argument `{word}` must be finite numbers, one {'row' if word == 'places' else 'number'} for each contact."
+                )
             object.__setattr__(self, word, values)
         object.__setattr__(self, "band", float(self.band))
         object.__setattr__(self, "rigid", int(self.rigid))
@@ -104,7 +110,9 @@ class ReducedBody:
         Of a matrix that is symmetric to the last bit the file holds the upper triangle alone, above zeros.
         """
         path = _npz(path)
-        arrays: dict[str, Any] = {spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self) if getattr(self, spec.name) is not None}
+        arrays: dict[str, Any] = {
+            spec.name: np.asarray(getattr(self, spec.name)) for spec in fields(self) if getattr(self, spec.name) is not None
+        }
         arrays |= {word: np.triu(arrays[word]) for word in MATRICES if np.array_equal(arrays[word], arrays[word].T)}
         with replaced(path) as file:
             np.savez_compressed(file, **arrays)
@@ -179,7 +187,10 @@ class ReducedBody:
         stiffness, damping = self.stiffness.copy(), self.damping.copy()
         for port, given in mounts.items():
             pair = given if isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2 else (None, None)
-            i, numbers = self.index(port), finite_array([in_si(one, unit, f"mounts.{port}") for one, unit in zip(pair, ("N/m", "N s/m"), strict=True)])
+            i, numbers = (
+                self.index(port),
+                finite_array([in_si(one, unit, f"mounts.{port}") for one, unit in zip(pair, ("N/m", "N s/m"), strict=True)]),
+            )
             if numbers is None or numbers.shape != (2,) or (numbers < 0).any():
                 raise SceneError(f"Argument `mounts` must give `{port}` a stiffness and a damping >= 0, but it is {given!r}.")
             stiffness[i, i] += numbers[0]
@@ -271,7 +282,9 @@ class ReducedBody:
         return f"ReducedBody({len(self.ports)} ports, {self.modes} modes, band {self.band:g} Hz)"
 
     def __str__(self) -> str:
-        worst = f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.errors.max():.2g} %" if self.errors.size else ""
+        worst = (
+            f", frequencies up to {self.frequencies[-1]:.4g} Hz right within {100 * self.errors.max():.2g} %" if self.errors.size else ""
+        )
         return f"{self.size} coordinates: {len(self.ports)} ports and {self.modes} modes{worst}; {self.rigid} rigid-body motions"
 
 

@@ -58,7 +58,9 @@ def _weights(ports: Mapping[str, Any], n: int) -> np.ndarray:
     for name, given in ports.items():
         weights = finite_array(given)
         if weights is None or weights.shape != (n,) or not weights.any():
-            raise SceneError(f"Argument `ports` must give `{name}` {n} finite weights, one for each entry of the displacement, that are not all 0.")
+            raise SceneError(
+                f"Argument `ports` must give `{name}` {n} finite weights, one for each entry of the displacement, that are not all 0."
+            )
         columns.append(weights)
     return np.column_stack(columns)
 
@@ -142,7 +144,9 @@ class _Held:
     def reduced(self, modes: np.ndarray, damping: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness in the coordinates (ports, modes), symmetric to the last bit."""
         basis = np.hstack([self.shapes, modes])
-        mass, damped, stiffness = ((found + found.T) / 2 for found in (basis.T @ (matrix @ basis) for matrix in (self.mass, damping, self.stiffness)))
+        mass, damped, stiffness = (
+            (found + found.T) / 2 for found in (basis.T @ (matrix @ basis) for matrix in (self.mass, damping, self.stiffness))
+        )
         p, free = self.shapes.shape[1], self.free.shape[1]
         stiffness[:p, p:] = stiffness[p:, :p] = 0.0
         stiffness[p:, p:] = np.diag(np.diag(stiffness[p:, p:]))

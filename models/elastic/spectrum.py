@@ -29,12 +29,16 @@ def natural_frequencies(mass: Any, stiffness: Any, band: float) -> np.ndarray:
     if n <= DENSE or isinstance(mass, np.ndarray):
         squares = eigh(_dense(stiffness), _dense(mass), eigvals_only=True)
         return _up_to(squares, band, floor)
-    shift = -max((2 * math.pi * band) ** 2 / 10, SAFE * (2 * math.pi * floor) ** 2)  # not an eigenvalue: the matrix of a free body can be factorised, too
+    shift = -max(
+        (2 * math.pi * band) ** 2 / 10, SAFE * (2 * math.pi * floor) ** 2
+    )  # not an eigenvalue: the matrix of a free body can be factorised, too
     factor = splu(csc_matrix(stiffness - shift * mass), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     inverse = LinearOperator((n, n), matvec=factor.solve)
     count = 16
     while True:
-        squares = np.sort(eigsh(stiffness, k=min(count, n - 2), M=mass, sigma=shift, OPinv=inverse, return_eigenvectors=False, v0=np.cos(np.arange(n))))
+        squares = np.sort(
+            eigsh(stiffness, k=min(count, n - 2), M=mass, sigma=shift, OPinv=inverse, return_eigenvectors=False, v0=np.cos(np.arange(n)))
+        )
         if squares[-1] > (2 * math.pi * band) ** 2 or count >= n - 2:
             return _up_to(squares, band, floor)
         count *= 2

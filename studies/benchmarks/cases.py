@@ -42,7 +42,9 @@ def cases() -> dict[str, Case]:
         "belt": Case("block on belt", compose(BlockOnBelt()), 100.0, reference.belt),
         "rig": Case("JANSEN_2 with PI", compose(wells.JANSEN_2, rock, DRIVE), 100.0, reference.rig),
         "disks": Case("two-disk stop", compose(TwoDisks()), 3.0, reference.two_disks, {"start": {"disks.rotor_speed": 2.0}}),
-        "bit": Case("ten inertias, bit", compose(TorsionalChain(**TEN), rock), 60.0, reference.chain_bit, {"inputs": {"top.torque": 12_000.0}}),
+        "bit": Case(
+            "ten inertias, bit", compose(TorsionalChain(**TEN), rock), 60.0, reference.chain_bit, {"inputs": {"top.torque": 12_000.0}}
+        ),
         "all": Case("ten inertias, friction on all", compose(dry), 60.0, reference.chain_all, {"inputs": drive}),
         "sampled": Case(
             "sampled PI at 100 Hz", compose(wells.JANSEN_2, rock), 120.0, reference.sampled_rig, {"controller": DRIVE, "sample_time": 0.01}

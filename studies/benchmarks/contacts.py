@@ -47,7 +47,9 @@ def rows(band: float) -> Face:
     body = cube((10, 4, 4), damping_time=1e-6).clamped("bottom", "yz")
     ports = {f"x.{i}": row for i, row in enumerate(body.rows("bottom", "x", "x"))} | {"back": body.mean("left", "x")}
     areas = body.row_areas("bottom", "x")
-    return Face("11 rows", body.reduced(ports, band).moved, {"tangent": ("x",), "load": PRESSURE * areas, "pushed": ("back",), "areas": areas}, {})
+    return Face(
+        "11 rows", body.reduced(ports, band).moved, {"tangent": ("x",), "load": PRESSURE * areas, "pushed": ("back",), "areas": areas}, {}
+    )
 
 
 def nodes(divisions: tuple[int, int, int], band: float) -> Face:
@@ -56,7 +58,13 @@ def nodes(divisions: tuple[int, int, int], band: float) -> Face:
     face = body.on("bottom")
     ports = {f"{axis}.{i}": body.point(node, axis) for axis in "xyz" for i, node in enumerate(face)}
     ports |= {"back": body.mean("left", "x"), "top": body.mean("top", "z")}
-    options = {"tangent": ("x", "y"), "normal": "z", "pushed": ("back", "top"), "places": body.nodes[face], "areas": body.faces["bottom"][face]}
+    options = {
+        "tangent": ("x", "y"),
+        "normal": "z",
+        "pushed": ("back", "top"),
+        "places": body.nodes[face],
+        "areas": body.faces["bottom"][face],
+    }
     return Face(f"{len(face)} nodes", body.reduced(ports, band), options, {"top": -PRESSURE * SIDE**2})
 
 
@@ -103,7 +111,9 @@ def errors(run: ContactRun, exact: ContactRun) -> tuple[float, float]:
     """Largest error of the force in parts of the largest force, and mean error of the share."""
     times = np.linspace(0.0, exact.end - exact.time[0], 241)[1:]
     largest = np.abs(force(exact, times)).max()
-    return float(np.abs(force(run, times) - force(exact, times)).max() / largest), float(np.abs(share(run, times) - share(exact, times)).mean())
+    return float(np.abs(force(run, times) - force(exact, times)).max() / largest), float(
+        np.abs(share(run, times) - share(exact, times)).mean()
+    )
 
 
 def timed(drive: Any, *arguments: Any, times: int = 2) -> tuple[Any, float]:

@@ -76,7 +76,9 @@ def arguments_of(one: Trial) -> dict[str, Any]:
 
 def with_numbers_of(plant: HybridSystem, one: Trial) -> HybridSystem:
     """The plant of the first draw with the numbers of another one."""
-    values = {name: getattr(one.machine, name.partition(".")[2]) for name in plant.parameters if hasattr(one.machine, name.partition(".")[2])}
+    values = {
+        name: getattr(one.machine, name.partition(".")[2]) for name in plant.parameters if hasattr(one.machine, name.partition(".")[2])
+    }
     return plant.with_parameters({name: np.array(value) for name, value in values.items()})
 
 
@@ -90,7 +92,10 @@ def judged(plant: HybridSystem, one: Trial, right: np.ndarray, times: np.ndarray
         return {"end": "refused", "words": f"{type(failed).__name__}: {failed}"}
     except Exception as failed:
         return {"end": "crash", "words": f"{type(failed).__name__}: {failed}"}
-    error, found = _apart(run.states[:, : right.shape[1]][:, _order(run, right.shape[1])], right), {"steps": run.steps[0], "events": len(run.events)}
+    error, found = (
+        _apart(run.states[:, : right.shape[1]][:, _order(run, right.shape[1])], right),
+        {"steps": run.steps[0], "events": len(run.events)},
+    )
     if error > max(how["accuracy"], 1e-8):
         began = clock.perf_counter()
         try:
@@ -116,7 +121,9 @@ def judged_in_lanes(plant: HybridSystem, one: Trial, right: np.ndarray, accuracy
     rows = [{"machine.damping.0": one.machine.damping[0] + 1e-3 * k} for k in range(LANES)]
     names = [f"machine.{kind}{i}" for kind in "xv" for i in range(len(one.machine.mass))]
     try:
-        found = sweep(plant, rows, one.duration, accuracy=accuracy, measures={name: measures.final(name) for name in names}, **arguments_of(one))
+        found = sweep(
+            plant, rows, one.duration, accuracy=accuracy, measures={name: measures.final(name) for name in names}, **arguments_of(one)
+        )
     except (SceneError, SimulationError) as failed:
         return {"end": "refused", "words": f"{type(failed).__name__}: {failed}"}
     except Exception as failed:

@@ -85,7 +85,9 @@ class Reference:
         value = self.trial.inputs.get(name, default)
         if isinstance(value, Sine):
             turn = 2 * math.pi * value.frequency
-            return value.mean + value.amplitude * math.sin(turn * t + value.phase), value.amplitude * turn * math.cos(turn * t + value.phase)
+            return value.mean + value.amplitude * math.sin(turn * t + value.phase), value.amplitude * turn * math.cos(
+                turn * t + value.phase
+            )
         if isinstance(value, Table):
             last = bisect.bisect_right(value.times, self.side) - 1
             if last < 0:
@@ -209,7 +211,11 @@ class Reference:
             if (self.on[i] and seen < machine.low[i] - ZERO) or (not self.on[i] and seen > machine.high[i] + ZERO):  # type: ignore[index]
                 self.on[i] = not self.on[i]
         _, slip, _ = self._without(t, y)
-        leaving = {k: int(self.mode[k]) for k in range(len(slip)) if k not in zero and self.mode[k] != 0 and abs(slip[k]) < 1e-13 and self.loaded(k)}
+        leaving = {
+            k: int(self.mode[k])
+            for k in range(len(slip))
+            if k not in zero and self.mode[k] != 0 and abs(slip[k]) < 1e-13 and self.loaded(k)
+        }
         forced = leaving | forced  # released at this very instant
         zero = {k for k in [*zero, *leaving] if self.loaded(k)}
         if zero:
@@ -269,7 +275,10 @@ class Reference:
     def run(self, times: np.ndarray) -> np.ndarray:
         """States at times from 0 to the duration; raises LeftOut."""
         trial, out = self.trial, np.empty((len(times), 2 * self.n))
-        stops = sorted({t for value in trial.inputs.values() if isinstance(value, Table) for t in value.times if 0 < t < trial.duration} | {trial.duration})
+        stops = sorted(
+            {t for value in trial.inputs.values() if isinstance(value, Table) for t in value.times if 0 < t < trial.duration}
+            | {trial.duration}
+        )
         y = np.array([trial.start[f"machine.{kind}{i}"] for kind in "xv" for i in range(self.n)])
         t, taken, applied, queue = 0.0, 0, 0, []
         for i in range(len(self.walls)):
@@ -341,7 +350,9 @@ class Reference:
         first: tuple[float, tuple[str, int]] | None = None
         for name in values[0]:
             row = [value[name][0] for value in values]
-            slopes = [(near[name][0] - value[name][0]) * (1 if i == 0 else -1) for i, (near, value) in enumerate(zip(beside, values, strict=True))]
+            slopes = [
+                (near[name][0] - value[name][0]) * (1 if i == 0 else -1) for i, (near, value) in enumerate(zip(beside, values, strict=True))
+            ]
             for i in range(len(points)):
                 if first is not None and i and points[i - 1] > first[0]:
                     break

@@ -227,7 +227,11 @@ def plants() -> dict[str, tuple[Run, dict[str, tuple[float, float]], int]]:
     brake = dataclasses.replace(DiscBrake(), force=1000.0)
     blocks = BlocksOnBelt(mass=(1.0, 1.2, 0.9, 1.1, 1.05), stiffness=(1.0,) * 5, damping=(0.0,) * 5, tie=(0.5,) * 4, load=(1.0,) * 5)
     return {
-        "JANSEN_2 with PI, 60 s": (Request(rig, 60.0, controller=DRIVE).checked(), {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)}, 1),
+        "JANSEN_2 with PI, 60 s": (
+            Request(rig, 60.0, controller=DRIVE).checked(),
+            {"bit.weight": (0.5, 1.5), "pi.reference": (0.5, 2.0)},
+            1,
+        ),
         "block on belt": (case("belt"), {"block.mass": (0.8, 1.2), "block.belt_speed": (0.5, 1.5)}, 2),
         "five tied blocks on belt": (Request(compose(blocks), 60.0).checked(), {"blocks.mass": (0.8, 1.2)}, 10),
         "ideal sliding mode": (Request(rig, 60.0, controller=IdealSlidingMode(reference=12.0)).checked(), {"bit.weight": (0.5, 1.0)}, 2),
@@ -253,7 +257,9 @@ def map_row(shape: tuple[int, int] = (50, 50)) -> str:
             seconds[work] = min(time.process_time() - began, seconds.get(work, math.inf))
     finally:
         batch.LANES_WORK = usual
-    differ = sum(int((getattr(found[math.inf], name).verdict != getattr(found[usual], name).verdict).sum()) for name in ("smooth", "sticking"))
+    differ = sum(
+        int((getattr(found[math.inf], name).verdict != getattr(found[usual], name).verdict).sum()) for name in ("smooth", "sticking")
+    )
     return (
         f"severity map, {shape[0]} x {shape[1]} points twice and its borders, {found[usual].runs} runs of 120 s at 100 Hz: {seconds[math.inf]:.1f} s of the "
         f"processors one by one, {seconds[usual]:.1f} s in lanes, ratio {seconds[math.inf] / seconds[usual]:.2f}; verdicts that differ: {differ}"
@@ -273,7 +279,9 @@ def main() -> None:
     for title, (run, spread, part) in plants().items():
         if not words or any(word in title for word in words):
             print(row(title, run, spread, count // part), flush=True)
-    chosen = {title: plant for title, plant in plants().items() if (not words or any(word in title for word in words)) and has_series(plant[0])}
+    chosen = {
+        title: plant for title, plant in plants().items() if (not words or any(word in title for word in words)) and has_series(plant[0])
+    }
     if chosen:
         print(f"\nat an error of {TARGET:g}:")
         print(f"{'':<30}{'DOP853':^30}{'Taylor':^30}")

@@ -34,7 +34,11 @@ def belt(random: np.random.Generator) -> tuple[HybridSystem, float, dict]:
         )
     )  # fmt: skip
     force = sine(random.uniform(-0.5, 0.5), random.uniform(0.0, 2.0), 10 ** random.uniform(-1, 0.7))
-    return plant, 60.0, {"start": {"block.position": random.uniform(-2, 2)}, "inputs": {"block.force": force} if random.random() < 0.5 else None}
+    return (
+        plant,
+        60.0,
+        {"start": {"block.position": random.uniform(-2, 2)}, "inputs": {"block.force": force} if random.random() < 0.5 else None},
+    )
 
 
 def rig(random: np.random.Generator) -> tuple[HybridSystem, float, dict]:
@@ -70,7 +74,9 @@ def main(seed: int = 1, runs: int = 1000) -> None:
             plant, duration, arguments = kind(random)
             ratios.append(simulate(plant, duration, accuracy=ACCURACY, **arguments).error / ACCURACY)
         kept = np.mean(np.array(ratios) <= 10.0)
-        print(f"{kind.__name__:<8}{runs:7d}{np.median(ratios):10.2g}{np.quantile(ratios, 0.9):10.2g}{max(ratios):10.2g}   {100 * kept:.1f} %")
+        print(
+            f"{kind.__name__:<8}{runs:7d}{np.median(ratios):10.2g}{np.quantile(ratios, 0.9):10.2g}{max(ratios):10.2g}   {100 * kept:.1f} %"
+        )
 
 
 if __name__ == "__main__":

@@ -86,7 +86,9 @@ class Machine(Component):
         for i, words in enumerate(self.walls):
             body, against = words.split()
             closure = relative(x, body, against) - self.gap[i]
-            wall = UnilateralContact(f"machine.wall{i}", closure, relative(v, body, against), stiffness=self.stiffness[i], damping=self.drag[i])
+            wall = UnilateralContact(
+                f"machine.wall{i}", closure, relative(v, body, against), stiffness=self.stiffness[i], damping=self.drag[i]
+            )
             elements.append(wall)
             act(body, against, -wall.force)
         for i, words in enumerate(self.switches):
@@ -196,7 +198,9 @@ def layout(seed: int, number: int) -> dict[str, tuple[str, ...]]:
             rubs += [f"{body()} {random.choice(['ground', 'belt'])} {random.choice(all_laws)} one"]
     if kind == "breaks and switches" or (some and random.random() < 0.5):
         rubs += [f"{body()} belt Drop one"]
-        switches = [f"{read} {body()} {body()}" for read in random.choice(["input", "speed", "position"], size=random.integers(1, 3), replace=False)]
+        switches = [
+            f"{read} {body()} {body()}" for read in random.choice(["input", "speed", "position"], size=random.integers(1, 3), replace=False)
+        ]
     if kind == "rubbing pairs":
         rubs += [f"{i} {random.choice(['ground', 'belt'])} {random.choice(all_laws)} one" for i in range(int(random.integers(1, n + 1)))]
         rubs += [f"{i + 1} {i} {random.choice(all_laws)} one" for i in range(n - 1)]
@@ -217,7 +221,13 @@ def layout(seed: int, number: int) -> dict[str, tuple[str, ...]]:
     for words in rubs[:4]:  # no contact whose slip the slips of others give: no force tells which of them holds
         if np.linalg.matrix_rank([_span(n, *one.split()[:2]) for one in [*relays, *kept, words]]) == len(relays) + len(kept) + 1:
             kept.append(words)
-    return {"bodies": tuple(map(str, range(n))), "rubs": tuple(kept), "relays": tuple(relays), "walls": tuple(walls), "switches": tuple(switches)}
+    return {
+        "bodies": tuple(map(str, range(n))),
+        "rubs": tuple(kept),
+        "relays": tuple(relays),
+        "walls": tuple(walls),
+        "switches": tuple(switches),
+    }
 
 
 def _span(n: int, body: str, against: str) -> list[int]:
@@ -230,7 +240,12 @@ def _push(random: np.random.Generator, kind: int, size: float, duration: float) 
     if kind == 0:
         return float(random.normal() * size)
     if kind == 1:
-        return Sine(float(random.normal() * size / 2), float(random.uniform(0.3, 1.5) * size), float(random.uniform(0.1, 1.0)), float(random.uniform(0, 6)))
+        return Sine(
+            float(random.normal() * size / 2),
+            float(random.uniform(0.3, 1.5) * size),
+            float(random.uniform(0.1, 1.0)),
+            float(random.uniform(0, 6)),
+        )
     nodes = np.sort(random.uniform(0.05, 0.95, int(random.integers(2, 6)))) * duration
     if kind == 2 and random.random() < 0.5:  # pulses shorter than a step
         nodes = np.sort(np.concatenate([nodes, nodes + random.uniform(1e-3, 2e-2, nodes.size)]))
@@ -265,7 +280,9 @@ def trial(seed: int, number: int, draw: int) -> Trial:
         coupled = len(made["rubs"]) + len(made["relays"]) > 1
         lowest = 0.97 if coupled and random.random() < 0.9 else 0.3
         kinetic = tuple(
-            s if law == "Coulomb" and coupled and random.random() < 0.8 else s * float(random.uniform(lowest if law == "Coulomb" else 0.3, 1.0))
+            s
+            if law == "Coulomb" and coupled and random.random() < 0.8
+            else s * float(random.uniform(lowest if law == "Coulomb" else 0.3, 1.0))
             for s, law in zip(static, (words.split()[2] for words in made["rubs"]), strict=True)
         )
     low = row(len(made["switches"]), -0.8, 0.2)
@@ -284,12 +301,16 @@ def trial(seed: int, number: int, draw: int) -> Trial:
         start |= {f"machine.x{words.split()[0]}": -0.2 for words in machine.walls}
     strength = float(random.choice([0.3, 1.0, 2.0, 4.0]))  # N: far within the bounds of the contacts to far above
     how = np.random.default_rng([seed, number, 0])  # what an input is, is structure
-    inputs = {f"machine.push{i}": _push(random, int(how.integers(4)), strength, duration) for i in range(n) if i == n - 1 or how.random() < 0.5}
+    inputs = {
+        f"machine.push{i}": _push(random, int(how.integers(4)), strength, duration) for i in range(n) if i == n - 1 or how.random() < 0.5
+    }
     if any(" belt " in words for words in machine.rubs):
         inputs["machine.belt"] = _push(random, int(how.integers(4)), 0.4, duration)
     if any(words.startswith("input") for words in machine.switches):
         inputs["machine.signal"] = _push(random, int(how.integers(4)), 1.0, duration)
-    inputs |= {f"machine.load{i}": _load(random, int(how.integers(4)), duration) for i, words in enumerate(machine.rubs) if words.endswith("input")}
+    inputs |= {
+        f"machine.load{i}": _load(random, int(how.integers(4)), duration) for i, words in enumerate(machine.rubs) if words.endswith("input")
+    }
     law = None
     if KINDS[number % len(KINDS)] in ("samples", "everything"):
         period = float(random.choice([0.02, 0.1, 0.13, 0.5]))

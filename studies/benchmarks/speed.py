@@ -116,7 +116,9 @@ def row(name: str, case: Case, target: float = TARGET) -> str:
     calls += [(lambda: ours(taylor.setting).wall_time) if taylor else (lambda: np.nan)]
     calls += [(lambda: compiled[heyoka.setting](case.duration).wall_time) if heyoka else (lambda: np.nan)]
     kernel, whole, series, theirs = least(calls, TURNS)
-    line = f"{case.title:<30}{event.error:9.1e}{1e3 * kernel:9.3f}{1e3 * whole:9.3f}{scipy.seconds / kernel:8.0f}{scipy.seconds / whole:8.0f}"
+    line = (
+        f"{case.title:<30}{event.error:9.1e}{1e3 * kernel:9.3f}{1e3 * whole:9.3f}{scipy.seconds / kernel:8.0f}{scipy.seconds / whole:8.0f}"
+    )
     line += f"{taylor.error:10.1e}{1e3 * series:9.3f}{scipy.seconds / series:8.0f}" if taylor else f"{'-':>10}{'-':>9}{'-':>8}"
     best = min(kernel, series) if taylor else kernel
     return f"{line}{1e3 * scipy.seconds:10.1f}" + (f"{1e3 * theirs:9.3f}{best / theirs:8.2f}" if heyoka else f"{'-':>9}{'-':>8}")
@@ -130,7 +132,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--only", nargs="+", choices=list(known), default=list(known), metavar="CASE", help=f"some of: {', '.join(known)}")
     given = parser.parse_args(arguments)
     print(f"{'':<30}{'explicit formulas':^43}{'Taylor series':^27}{'scipy':>10}{'heyoka':>9}{'best/':>8}")
-    print(f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy/k':>8}{'/call':>8}{'error':>10}{'kernel':>9}{'scipy/k':>8}{'':>10}{'':>9}{'heyoka':>8}")
+    print(
+        f"{'case':<30}{'error':>9}{'kernel':>9}{'call':>9}{'scipy/k':>8}{'/call':>8}{'error':>10}{'kernel':>9}{'scipy/k':>8}{'':>10}{'':>9}{'heyoka':>8}"
+    )
     print(f"{'':<30}{'':>9}{'[ms]':>9}{'[ms]':>9}{'':>16}{'':>10}{'[ms]':>9}{'':>8}{'[ms]':>10}{'[ms]':>9}")
     for name in given.only:
         print(row(name, known[name], given.target), flush=True)

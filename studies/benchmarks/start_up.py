@@ -69,7 +69,9 @@ print(composed - began, time.perf_counter() - composed, resource.getrusage(resou
 
 def fresh(program: str, *arguments: str, **environment: str) -> list[list[float]]:
     """Numbers that a program prints in a process of its own, a list per line."""
-    result = subprocess.run([sys.executable, "-c", program, *arguments], env={**os.environ, **environment}, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", program, *arguments], env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
     return [[float(word) for word in line.split()] for line in result.stdout.splitlines()]
 
 

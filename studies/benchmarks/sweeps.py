@@ -54,7 +54,10 @@ def alone(runs: int, out: Path | None) -> subprocess.Popen[str]:
 def line(title: str, process: subprocess.Popen[str]) -> None:
     """Print what a process has measured."""
     found = json.loads(process.communicate()[0])
-    print(f"{title:<34}{found['seconds']:>9.1f}{found['memory']:>9.0f}{found['files']:>8}{found['size']:>9.1f}{found['failed']:>8}", flush=True)
+    print(
+        f"{title:<34}{found['seconds']:>9.1f}{found['memory']:>9.0f}{found['files']:>8}{found['size']:>9.1f}{found['failed']:>8}",
+        flush=True,
+    )
 
 
 def killed(runs: int) -> None:

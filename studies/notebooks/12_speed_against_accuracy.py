@@ -92,10 +92,7 @@ with plt.rc_context(plot.PAPER):
 # than fifty times as often as two.
 
 # %%
-best = {
-    method: min(point.error for point in trade.points if point.method == method)
-    for method in methods
-}
+best = {method: min(point.error for point in trade.points if point.method == method) for method in methods}
 answer = {
     "least error": best,
     "by detail": dict(zip(levels, by_detail, strict=False)),

@@ -60,7 +60,14 @@ class Case:
 
 CASES = (
     Case("4 inertias, torque, end", wells.NAVARRO_LOPEZ_4, None, 10_300.0, ((9000.0, 12_000.0), (10_550.0, 13_000.0), (6000.0, 20_000.0))),
-    Case("4 inertias, torque, stall", wells.NAVARRO_LOPEZ_4, None, 10_300.0, ((9000.0, 12_000.0), (9900.0, 10_500.0), (8000.0, 10_400.0)), stalls=True),
+    Case(
+        "4 inertias, torque, stall",
+        wells.NAVARRO_LOPEZ_4,
+        None,
+        10_300.0,
+        ((9000.0, 12_000.0), (9900.0, 10_500.0), (8000.0, 10_400.0)),
+        stalls=True,
+    ),
     Case("Jansen, stiff PI", wells.JANSEN_2, StiffPI(), 10.0, ((2.0, 16.0), (12.0, 13.0), (11.0, 30.0))),
     Case("Jansen, soft torque", wells.JANSEN_2, SoftTorque(), 6.0, ((2.0, 16.0), (8.0, 9.0), (7.0, 30.0))),
     Case("Jansen, sliding mode", wells.JANSEN_2, SlidingMode(), 6.0, ((2.0, 16.0), (7.5, 9.0), (7.0, 20.0))),

@@ -140,9 +140,15 @@ def _alone(label: str, factors: tuple[tuple[str, float], ...], load: float) -> t
     rig = next(each for each in dither.RIGS if each.label == label)
     duration = (SETTLED + 20.0) / rig.natural
     given = {name: factor * float(np.ravel(rig.plant.parameter(name))[0]) for name, factor in factors}
-    run = simulate(rig.plant, duration, parameters=given, inputs={**rig.run.get("inputs", {}), rig.load: load * rig.mean - rig.offset}, **_start(rig))
+    run = simulate(
+        rig.plant, duration, parameters=given, inputs={**rig.run.get("inputs", {}), rig.load: load * rig.mean - rig.offset}, **_start(rig)
+    )
     extent = measure.extent(run, rig.position, SETTLED / rig.natural)
-    begins = [event.time for event in run.events if event.element == rig.contact and event.before == "stick" and event.time > SETTLED / rig.natural]
+    begins = [
+        event.time
+        for event in run.events
+        if event.element == rig.contact and event.before == "stick" and event.time > SETTLED / rig.natural
+    ]
     period = float(np.mean(np.diff(begins))) if len(begins) > 2 else 1.0 / rig.natural
     return run, extent.maximum - extent.minimum, period
 
@@ -215,7 +221,9 @@ def dither_table(rows: Sequence[Dithered]) -> str:
     lines = []
     for row in rows:
         bands = ["none" if low != low else f"{low:.2f} to {high:.2f}" for low, high in (row.band, row.robust)]
-        lines.append(f"{row.label}: dither at {row.frequency:.2f} x natural, depth {row.depth:g}; swing below a half: declared {bands[0]}, robust {bands[1]}")
+        lines.append(
+            f"{row.label}: dither at {row.frequency:.2f} x natural, depth {row.depth:g}; swing below a half: declared {bands[0]}, robust {bands[1]}"
+        )
         lines += [f"  {word:<18}{value:>8.3f}" for word, value in row.swing.items()]
     return "\n".join(lines)
 

@@ -77,7 +77,10 @@ def late_torques() -> dict[str, np.ndarray]:
 
 def late_table(found: dict[str, np.ndarray]) -> str:
     """The changes of the torque under late commands as text."""
-    lines = [f"{'torque, kN m/s':<18}" + "".join(f"{name:>28}" for name in found), f"{'samples late':<18}" + f"{'not known':>18}{'known':>10}" * len(found)]
+    lines = [
+        f"{'torque, kN m/s':<18}" + "".join(f"{name:>28}" for name in found),
+        f"{'samples late':<18}" + f"{'not known':>18}{'known':>10}" * len(found),
+    ]
     for i, late in enumerate(LATE):
         lines.append(f"{late:>6}{'':<12}" + "".join(f"{rows[i, 0] / 1e3:>18.2f}{rows[i, 1] / 1e3:>10.2f}" for rows in found.values()))
     return "\n".join(lines)

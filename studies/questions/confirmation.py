@@ -95,7 +95,9 @@ def machine(law: Law, reference: float, folder: Path) -> Machine:
         export_c(each, PLANT, law.period, folder / name)
     library = folder / "machine.so"
     sources = [str(Path(__file__).with_suffix(".c")), str(folder / "before.c"), str(folder / "law.c")]
-    subprocess.run([compiler, "-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{folder}", *sources, "-lm", "-o", str(library)], check=True)
+    subprocess.run(
+        [compiler, "-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{folder}", *sources, "-lm", "-o", str(library)], check=True
+    )
     return Machine(law, reference, ctypes.CDLL(str(library)))
 
 
@@ -153,7 +155,9 @@ def _room(folder: str, reference: float) -> Path:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line per label, group and way."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--only", nargs="+", choices=list(CONFIRMED), default=list(CONFIRMED), metavar="LABEL", help=f"some of: {', '.join(CONFIRMED)}")
+    parser.add_argument(
+        "--only", nargs="+", choices=list(CONFIRMED), default=list(CONFIRMED), metavar="LABEL", help=f"some of: {', '.join(CONFIRMED)}"
+    )
     names = list(next(iter(CONFIRMED.values())))
     parser.add_argument("--groups", nargs="+", choices=names, default=names, metavar="NAME", help=f"some of: {', '.join(names)}")
     parser.add_argument("--step", type=float, default=STEP, help=f"step of the method [s] ({STEP:g})")

@@ -165,7 +165,10 @@ def draw(found: list[Answers]) -> Any:
         panel.set_xlabel("time [s]")
         free, cost = figure.add_subplot(grid[:, 1]), figure.add_subplot(grid[:, 2])
         unit = along[0].seconds
-        for levels, label, style, marker in ((along, "friction along the string", plot.LINES[0], "o"), (bit, "all friction at the bit", plot.LINES[1], "s")):
+        for levels, label, style, marker in (
+            (along, "friction along the string", plot.LINES[0], "o"),
+            (bit, "all friction at the bit", plot.LINES[1], "s"),
+        ):
             number = [a.elements for a in levels]
             free.plot(number, [a.free_from for a in levels], marker=marker, markersize=4.0, label=label, **style)
             cost.plot(number, [a.seconds / unit for a in levels], marker=marker, markersize=4.0, label=label, **style)

@@ -297,7 +297,9 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
         "corners": {"marker": "s", "color": "tab:red"},
     }  # fmt: skip
     with pyplot.rc_context(plot.PAPER):
-        figure, (left, right) = pyplot.subplots(1, 2, figsize=(10.0, 0.19 * len(rows) + 1.1), layout="constrained", width_ratios=(1.25, 1.0))
+        figure, (left, right) = pyplot.subplots(
+            1, 2, figsize=(10.0, 0.19 * len(rows) + 1.1), layout="constrained", width_ratios=(1.25, 1.0)
+        )
         for k, each in enumerate(rows):
             speeds = {name: each.lowest[name][0] for name in marks if name in each.lowest}
             known = [value for value in speeds.values() if value == value]
@@ -307,7 +309,13 @@ def picture(rows: Sequence[Row], path: Path, shown: Sequence[str] = SHOWN) -> No
                 if value == value:
                     left.plot(value, k, linestyle="", markersize=5.0, zorder=2, **marks[name])
             if none:
-                left.text(HIGHEST + 0.7, k, "none: " + ", ".join(name for name, value in speeds.items() if value != value), va="center", fontsize=7.0)
+                left.text(
+                    HIGHEST + 0.7,
+                    k,
+                    "none: " + ", ".join(name for name, value in speeds.items() if value != value),
+                    va="center",
+                    fontsize=7.0,
+                )
         for name, style in marks.items():
             left.plot([], [], linestyle="", markersize=5.0, label=name, **style)
         left.set(xlim=(LOWEST, HIGHEST + 5.5), xlabel="lowest set-point of a direct takeover [rpm]")  # what drillers read
@@ -344,8 +352,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, help="folder for drives.csv and for what is known of the cells")
     parser.add_argument("--only", nargs="+", choices=list(every), default=list(every), metavar="LABEL", help=f"some of: {', '.join(every)}")
-    parser.add_argument("--groups", nargs="+", choices=list(GROUPS), default=list(GROUPS), metavar="NAME", help=f"some of: {', '.join(GROUPS)}")
-    parser.add_argument("--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}")
+    parser.add_argument(
+        "--groups", nargs="+", choices=list(GROUPS), default=list(GROUPS), metavar="NAME", help=f"some of: {', '.join(GROUPS)}"
+    )
+    parser.add_argument(
+        "--tune", nargs="+", choices=list(gains.FAMILIES), metavar="FAMILY", help=f"search gains of: {', '.join(gains.FAMILIES)}"
+    )
     parser.add_argument("--runs", type=int, default=240, help="points that a search tries (240)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes that judge laws side by side (one a core)")
     given = parser.parse_args(arguments)

@@ -29,7 +29,9 @@ CONTACTS = 5
 
 def lining(friction: float = 0.5, damping_time: float = 2e-6) -> ElasticPad:
     """The pad: modulus 1 GPa, 2500 kg/m3, mount 1e8 N/m in both directions with 1 % damping, contacts 2e8 N/m in all, at 2 m/s. All numbers are chosen."""
-    body = body_of_mesh(block_mesh((0.08, 0.02), (CONTACTS - 1, 4)), density=2500.0, modulus=1e9, poisson=0.25, thickness=0.04, damping_time=damping_time)
+    body = body_of_mesh(
+        block_mesh((0.08, 0.02), (CONTACTS - 1, 4)), density=2500.0, modulus=1e9, poisson=0.25, thickness=0.04, damping_time=damping_time
+    )
     mount, face = 1e8, body.on("bottom")
     ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)}
     ports |= {f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)}
@@ -47,7 +49,9 @@ def stiff_block(modulus: float = 1e13) -> ElasticPad:
     k, a = np.array(minimal.stiffness), np.array(minimal.angle)
     body = body_of_mesh(block_mesh((0.05, 0.02), (2, 1)), density=1000.0, modulus=modulus)
     face = body.on("bottom")
-    ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)}
+    ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {
+        f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)
+    }
     ports |= {"x": body.mean("top", "x"), "y": -body.mean("top", "y"), "turn": body.mean("left", "y") - body.mean("right", "y")}
     reduced = body.reduced(ports)
     x, y, turn = (np.eye(reduced.size)[reduced.index(port)] for port in ("x", "y", "turn"))
@@ -82,7 +86,12 @@ def draw(run: Trajectory, shown: float = 1.5e-3) -> Any:
 
     times = np.linspace(run.end - shown, run.end, 1500)
     samples = run.at(times)
-    modes = np.array([np.where(samples.modes[f"touch.{i}"] == "open", 1.0, np.where(samples.modes[f"pad.{i}"] == "stick", 0.1, 0.7)) for i in range(CONTACTS)])
+    modes = np.array(
+        [
+            np.where(samples.modes[f"touch.{i}"] == "open", 1.0, np.where(samples.modes[f"pad.{i}"] == "stick", 0.1, 0.7))
+            for i in range(CONTACTS)
+        ]
+    )
     with plt.rc_context(plot.PAPER):
         figure, (face, force) = plt.subplots(2, 1, figsize=(0.75 * plot.WIDTH, 3.4), sharex=True, layout="constrained")
         span = (0.0, 1e3 * shown, -0.5, CONTACTS - 0.5)
@@ -106,7 +115,9 @@ def main() -> None:
     for modulus in (1e13, 1e11, 1e9, 1e8):
         print(f"  {modulus:7.0e} Pa {stiff_block(modulus).flutter_friction(1.2):8.4f}")
     onset = lining().flutter_friction()
-    print(f"elastic pad: flutter from mu = {onset:.4f}, at {abs(lining().poles(onset)[0].imag) / 2 / math.pi:.0f} Hz; by the damping of its material:")
+    print(
+        f"elastic pad: flutter from mu = {onset:.4f}, at {abs(lining().poles(onset)[0].imag) / 2 / math.pi:.0f} Hz; by the damping of its material:"
+    )
     for damping_time in (1e-6, 2e-6, 4e-6, 8e-6, 16e-6):
         print(f"  {1e6 * damping_time:4.0f} us {lining(damping_time=damping_time).flutter_friction():8.4f}")
     words = "swing of a contact [m/s], lowest load / mean, share of time open, stuck"

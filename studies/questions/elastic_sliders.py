@@ -76,7 +76,9 @@ def face_body(divisions: int = 10, band: float = 0.0) -> ReducedBody:
     return replace(body.reduced(ports, band), places=body.nodes[nodes], areas=body.faces["bottom"][nodes])
 
 
-def face_problem(divisions: int = 10, band: float = 0.0, pull: Pull = Pull(), mount: tuple[float, float] = (STIFFNESS, DAMPING)) -> ContactProblem:
+def face_problem(
+    divisions: int = 10, band: float = 0.0, pull: Pull = Pull(), mount: tuple[float, float] = (STIFFNESS, DAMPING)
+) -> ContactProblem:
     """The cube on its plate with a contact under every node of its face, in the modes of a band [Hz]."""
     friction = Exponential(static=pull.friction * MU, kinetic=pull.friction * 0.25, decay=1.0)
     return ElasticFace(
@@ -101,7 +103,9 @@ def row_slider() -> ElasticSlider:
 
 def row_run(accuracy: float = 1e-5) -> Trajectory:
     """Eleven rows on the plate that speeds up, with located events."""
-    return simulate(compose(row_slider()), 0.24, inputs={"plate.speed": ramp(0.0, 4 * ACCELERATION, 0.0, 4.0)}, method="stiff", accuracy=accuracy)
+    return simulate(
+        compose(row_slider()), 0.24, inputs={"plate.speed": ramp(0.0, 4 * ACCELERATION, 0.0, 4.0)}, method="stiff", accuracy=accuracy
+    )
 
 
 def incline_run(divisions: int = 5, angle: float = math.radians(22.0), step: float = 2e-3) -> ContactRun:
@@ -218,7 +222,9 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     rows, rigid = row_run(), Pull().rigid_time()
     slips = first_slips(rows)
-    print(f"rows: first slips at {slips.min():.4f} s, the last at {slips.max():.4f} s; rigid slider {rigid:.4f} s ({slips.max() / rigid - 1:+.1e})")
+    print(
+        f"rows: first slips at {slips.min():.4f} s, the last at {slips.max():.4f} s; rigid slider {rigid:.4f} s ({slips.max() / rigid - 1:+.1e})"
+    )
     nodes = face_run(face_problem(), 5e-4)
     print(f"nodes: {nodes}")
     for word, value in measures(nodes).items():
@@ -228,7 +234,9 @@ def main() -> None:
     print("  energy [J]: " + ", ".join(f"{word} {value:.3g}" for word, value in audit.items()))
     incline = incline_run()
     angle, full = 22.0 * incline.last("stick"), 22.0 * full_friction(incline)
-    print(f"incline: the last node lets go at {angle:.2f} deg, all friction is used at {full:.2f} deg; rigid slider {math.degrees(math.atan(MU)):.2f} deg")
+    print(
+        f"incline: the last node lets go at {angle:.2f} deg, all friction is used at {full:.2f} deg; rigid slider {math.degrees(math.atan(MU)):.2f} deg"
+    )
     print("\nEnd of adhesion [s] where one number is halved, kept, doubled: nodes (rigid)\n")
     found = trends()
     for name in dict.fromkeys(row[0] for row in found):

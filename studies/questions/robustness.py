@@ -128,7 +128,9 @@ def working_table(speed: float = WORKING) -> str:
         phase = math.degrees(found.loops[0].phase_margin)
         gain = f"{shown(row.lowest_gain)} .. {shown(row.highest_gain)}"
         cells = [shown(found.disk_margin), shown(found.peak_sensitivity), gain, shown(phase, " deg"), shown(1e3 * delay, " ms")]
-        lines.append(f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}" + (" measured" if found.measured else ""))
+        lines.append(
+            f"{label:<32}{cells[0]:>8}{cells[1]:>8}{cells[2]:>16}{cells[3]:>10}{cells[4]:>10}" + (" measured" if found.measured else "")
+        )
     return "\n".join(lines)
 
 
@@ -185,7 +187,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"\n{worst_table()}")
         print(f"\n{working_table()}")
     absorbing = absorbers()
-    print(f"\nAn ideal absorber at the top reaches down to {absorbing[0]:.2f} rad/s, on the inertia of the drive to {absorbing[1]:.2f} rad/s.")
+    print(
+        f"\nAn ideal absorber at the top reaches down to {absorbing[0]:.2f} rad/s, on the inertia of the drive to {absorbing[1]:.2f} rad/s."
+    )
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         headings = ["law", *(f"disk margin at {speed:g} rad/s" for speed in SPEEDS)]

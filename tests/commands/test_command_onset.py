@@ -63,7 +63,13 @@ def test_a_scene_gives_both_borders_of_every_controller_that_has_the_parameter(r
     # a second search takes the place of the first, and files of the user stay
     (out / "mine.txt").write_text("keep")
     assert main(["onset", rig, *RANGE, "--controller", "soft torque", "--out", str(out)]) == 0
-    assert {path.name for path in out.iterdir()} == {"onset.png", "onset.txt", "01_soft_torque_onset.csv", "01_soft_torque_borders.csv", "mine.txt"}
+    assert {path.name for path in out.iterdir()} == {
+        "onset.png",
+        "onset.txt",
+        "01_soft_torque_onset.csv",
+        "01_soft_torque_borders.csv",
+        "mine.txt",
+    }
 
 
 def test_the_printed_hopf_speed_is_that_of_the_closed_form(root, capsys):

@@ -177,7 +177,18 @@ def tune_arguments(folder):
 
 def map_arguments(folder):
     (folder / "rig.toml").write_text(RIG.replace("duration = 60", "duration = 20").replace("30 s", "10 s"))
-    return ["map", folder / "rig.toml", "--x", "top.reference=4:12", "--y", "bit.weight=60kN:100kN", "--shape", "3x3", "--out", folder / "out"]
+    return [
+        "map",
+        folder / "rig.toml",
+        "--x",
+        "top.reference=4:12",
+        "--y",
+        "bit.weight=60kN:100kN",
+        "--shape",
+        "3x3",
+        "--out",
+        folder / "out",
+    ]
 
 
 def swept(folder):

@@ -132,7 +132,21 @@ def test_an_interrupt_while_the_result_takes_its_place_comes_too_late(tmp_path):
         assert len(list(out.iterdir())) == 9 and all(not path.name.startswith(".") for path in out.iterdir())
 
 
-TUNE = ("tune", "rig.toml", "again.toml", "--law", "pi", "--free", "integral=100:4000", "--objective", "severity", "--processes", "2", "--out", "out")
+TUNE = (
+    "tune",
+    "rig.toml",
+    "again.toml",
+    "--law",
+    "pi",
+    "--free",
+    "integral=100:4000",
+    "--objective",
+    "severity",
+    "--processes",
+    "2",
+    "--out",
+    "out",
+)
 RIG = """
 title = "rig"
 duration = 20
@@ -244,7 +258,9 @@ def interrupted_at(tmp_path, patch, latest, times, seed):
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize(("patch", "latest", "times"), [(BEGUN, 1.2, 200), (LOADING, 0.15, 50)], ids=["any instant", "while the event loop is loaded"])
+@pytest.mark.parametrize(
+    ("patch", "latest", "times"), [(BEGUN, 1.2, 200), (LOADING, 0.15, 50)], ids=["any instant", "while the event loop is loaded"]
+)
 def test_an_interrupt_at_random_instants_ends_the_study(tmp_path, patch, latest, times, exhaustive):
     times = times if exhaustive else times // 10
     count, longest = interrupted_at(tmp_path, patch, latest, times, seed=5)

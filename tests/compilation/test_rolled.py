@@ -70,7 +70,9 @@ def test_functions_in_loops_are_those_of_numpy_and_the_same_in_every_row(name, n
     t, x, p, m = ca.SX.sym("t"), ca.SX.sym("x", n), ca.SX.sym("p", 1), ca.SX.sym("m", 1)
     function = ca.Function("f", [t, x, p, m], [ca.vertcat(*[getattr(ca, name)(p * x[i]) for i in range(n)])])
     (call,) = functions(("f", rolled_body("f", function, 0)))
-    arguments = np.concatenate([np.random.default_rng(0).normal(scale=10.0, size=60), [0.0, -0.0, 5e-324, 1e-310, 750.0, -750.0, np.inf, -np.inf, np.nan]])
+    arguments = np.concatenate(
+        [np.random.default_rng(0).normal(scale=10.0, size=60), [0.0, -0.0, 5e-324, 1e-310, 750.0, -750.0, np.inf, -np.inf, np.nan]]
+    )
     with np.errstate(all="ignore"):
         for value in arguments:
             found = values(call, (0.0, np.full(n, value), [1.0], [0.0]), n)
@@ -216,7 +218,9 @@ def test_all_methods_agree_where_forces_are_solved_for_in_calls(monkeypatch):
     push = {"masses.push": ([0.0, 2.0, 6.0], [0.0, 4.0, -4.0])}
     monkeypatch.setattr(elimination, "LARGE", 4)
     grid = np.linspace(0.0, 6.0, 61)
-    runs = {method: simulate(compose(Pulled()), 6.0, inputs=push, method=method, accuracy=1e-7) for method in ("explicit", "stiff", "taylor")}
+    runs = {
+        method: simulate(compose(Pulled()), 6.0, inputs=push, method=method, accuracy=1e-7) for method in ("explicit", "stiff", "taylor")
+    }
     assert isinstance(runs["taylor"].program.pair, Taylor)
     monkeypatch.setattr(elimination, "LARGE", 1000)
     monkeypatch.setattr(bodies, "ROLLED", 10**9)

@@ -42,7 +42,9 @@ class PressedBlock(Component):
         flow = {x: v, v: (belt.force - LATERAL * x - DRAG * v) / MASS, y: w, w: (push - DRAG * w - touch.force) / MASS}
         stored = (MASS * (v**2 + w**2) + LATERAL * x**2) / 2 + touch.stored
         losses = {"damping": DRAG * (v**2 + w**2), "friction": -belt.force * (v - belt_speed), "contact": touch.loss}
-        return Equations(flow, elements=[touch, belt], stored=stored, losses=losses, supplies={"push": push * w, "belt": belt.force * belt_speed})
+        return Equations(
+            flow, elements=[touch, belt], stored=stored, losses=losses, supplies={"push": push * w, "belt": belt.force * belt_speed}
+        )
 
 
 @dataclass(frozen=True)

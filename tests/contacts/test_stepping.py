@@ -130,7 +130,9 @@ def test_bristles_of_the_event_loop_are_the_limit_of_a_body_without_mass_at_its_
     model = BristleContact(n)
     shares = np.linspace(0.5, 1.5, n) / n
     base = 4e-6
-    exact = simulate(compose(BristleContact(n, shares=tuple(shares))), 2.5, inputs={"plate.speed": base * 2 * math.pi * ca_cos()}, accuracy=1e-10)
+    exact = simulate(
+        compose(BristleContact(n, shares=tuple(shares))), 2.5, inputs={"plate.speed": base * 2 * math.pi * ca_cos()}, accuracy=1e-10
+    )
     stiffness = k / n * np.eye(n)
     problem = ContactProblem(
         0 * stiffness, stiffness, np.eye(n)[:, None, :], Coulomb(model.friction, model.friction), load=shares * model.load,
@@ -162,7 +164,9 @@ def dropped(elements, speed=1.0, gap=1e-4, length=0.5, area=1e-4, density=7800.0
     stiffness = modulus * area / h * (np.diag(inside) - np.diag(side, 1) - np.diag(side, -1))
     mass = density * area * h * np.diag(inside) / 2
     tip = np.eye(elements + 1)[-1]
-    problem = ContactProblem(mass, stiffness, 0 * tip[None, None] + np.eye(elements + 1)[:1][None] * 1e-9, Coulomb(0.0, 0.0), normal=tip[None], gap=[gap])
+    problem = ContactProblem(
+        mass, stiffness, 0 * tip[None, None] + np.eye(elements + 1)[:1][None] * 1e-9, Coulomb(0.0, 0.0), normal=tip[None], gap=[gap]
+    )
     begin = step_contacts(problem, 1e-12, step=1e-12)
     begin.rates[-1] = speed
     return problem, begin, math.sqrt(modulus / density)
@@ -224,9 +228,7 @@ def test_a_state_of_rest_is_the_begin_of_a_run_in_which_nothing_happens():
         np.eye(3), body, np.eye(3)[:1][None], Coulomb(0.3, 0.3), normal=np.eye(3)[1:2], gap=[1e-4], forces={"press": np.eye(3)[2]}
     )
     rest = press_contacts(problem, {"press": 50.0})
-    np.testing.assert_allclose(
-        body @ rest.coordinates[0], [rest.tangential[0, 0, 0], -rest.normal[0, 0], 50.0], atol=1e-9
-    )
+    np.testing.assert_allclose(body @ rest.coordinates[0], [rest.tangential[0, 0, 0], -rest.normal[0, 0], 50.0], atol=1e-9)
     run = step_contacts(problem, 0.1, step=1e-3, inputs={"press": 50.0}, start=rest)
     np.testing.assert_allclose(run.coordinates, np.tile(rest.coordinates[0], (len(run.time), 1)), atol=1e-15)
 
@@ -239,7 +241,9 @@ def test_events_name_contact_time_and_modes():
 
 
 def test_units_may_be_typed_and_positions_and_speeds_of_outputs_are_read_by_name():
-    typed = step_contacts(block(500.0), "1 s", step="10 ms", inputs={"force.x": ramp("8 N", "0 N", "0 s", "500 ms"), "surface.x": "10 mm/s"})
+    typed = step_contacts(
+        block(500.0), "1 s", step="10 ms", inputs={"force.x": ramp("8 N", "0 N", "0 s", "500 ms"), "surface.x": "10 mm/s"}
+    )
     plain = step_contacts(block(500.0), 1.0, step=0.01, inputs={"force.x": ramp(8.0, 0.0, 0.0, 0.5), "surface.x": 0.01})
     assert (typed["x"] == plain["x"]).all()
     assert np.ptp(typed["x"]) > 0
@@ -308,7 +312,10 @@ def test_impacts_take_what_falls_and_the_stepping_only_what_falls_with_the_step(
         forces={"pull": unit[0]}, surface={"belt": [[1.0]]},
     )  # fmt: skip
     rest = press_contacts(lifted, {"pull": -5.0})
-    runs = [step_contacts(lifted, 2.0, step=step, inputs={"pull": sine(-5.0, 12.0, 1.3), "belt": 0.4}, start=rest) for step in (2e-3, 1e-3, 5e-4)]
+    runs = [
+        step_contacts(lifted, 2.0, step=step, inputs={"pull": sine(-5.0, 12.0, 1.3), "belt": 0.4}, start=rest)
+        for step in (2e-3, 1e-3, 5e-4)
+    ]
     assert runs[0].modes.min() == 0 and runs[0].modes.max() == 2
     taken = [run.audit()["stepping"] for run in runs]
     for coarse, fine in itertools.pairwise(taken):
@@ -447,7 +454,10 @@ def test_a_push_acts_over_its_own_steps_alone_so_that_a_puck_gets_the_whole_of_i
     problem = block(directions=2)
     for begin in (0.0, 0.3, 0.7):  # 3 * 0.1 and 7 * 0.1 are not 0.3 and 0.7 to the last bit
         values = ([0.0, begin, begin, begin + length, begin + length], [0.0, 0.0, push, push, 0.0])
-        pushes = {"force.x": (values[0], [0.6 * value for value in values[1]]), "force.y": (values[0], [0.8 * value for value in values[1]])}
+        pushes = {
+            "force.x": (values[0], [0.6 * value for value in values[1]]),
+            "force.y": (values[0], [0.8 * value for value in values[1]]),
+        }
         run = step_contacts(problem, 5.0, step=step, inputs=pushes)
         assert np.hypot(run["x"][-1], run["y"][-1]) == pytest.approx(far, rel=2e-4)
         np.testing.assert_allclose(0.8 * run["x"], 0.6 * run["y"], atol=1e-12)
@@ -464,7 +474,13 @@ def test_contacts_at_rest_on_the_edge_of_their_friction_stick_and_do_not_flicker
     k, pull = 1e4, 7.5
     unit, stiffness = np.eye(3), k * np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     problem = ContactProblem(
-        0 * stiffness, stiffness, unit[:, None], Coulomb(0.5, 0.5), load=[2.0, 10.0, 4.0], forces={"pull": unit[2]}, outputs={"x.2": unit[2]}
+        0 * stiffness,
+        stiffness,
+        unit[:, None],
+        Coulomb(0.5, 0.5),
+        load=[2.0, 10.0, 4.0],
+        forces={"pull": unit[2]},
+        outputs={"x.2": unit[2]},
     )
     run = step_contacts(problem, 3.0, step=0.01, inputs={"pull": ([0.0, 1.0, 2.0, 3.0], [0.0, pull, pull, -pull])})
     by_hand = [  # 2 N and 7 N forth; back by twice 2 N, and until 2 N and 5 N hold what is left of 0.5 N between the first two

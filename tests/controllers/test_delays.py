@@ -37,14 +37,22 @@ LAWS = {kind.__name__: lambda late, kind=kind: kind(late=late, **NUMBERS) for ki
 LAWS |= {
     f"{kind.__name__} on estimates": lambda late, kind=kind: OnEstimates(kind(**NUMBERS), Kalman(), late=late) for kind in (*SLIDING, LQR)
 }
-LAWS |= {kind.__name__: lambda late, kind=kind: kind(**NUMBERS) for kind in (StiffPI, PI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR)}
+LAWS |= {
+    kind.__name__: lambda late, kind=kind: kind(**NUMBERS) for kind in (StiffPI, PI, SoftTorque, ActiveDamping, ZTorque, HInfinity, LQR)
+}
 LAWS["LQG"] = lambda late: LQG(late=late, **NUMBERS)
 
 
 def variation(law, late, period=0.01):
     """How much the torque moves in a second [N m/s] while the weight on bit sways, commands so many samples late."""
     inputs = {"bit.weight": sine(97_347.0, 5000.0, 0.3), "top.reference": 12.0}
-    run = simulate(RIG, 60.0, controller=Sampled(law, period, delay=late * period), start={"chain.speed": (12.0, 12.0), "chain.twist": 18.0}, inputs=inputs)
+    run = simulate(
+        RIG,
+        60.0,
+        controller=Sampled(law, period, delay=late * period),
+        start={"chain.speed": (12.0, 12.0), "chain.twist": 18.0},
+        inputs=inputs,
+    )
     assert run.time_in("bit", "stick", after=30.0) == 0.0
     torque = run.at((np.arange(round(20.0 / period)) + 0.5) * period + 40.0)["top.torque"]
     return float(np.abs(np.diff(torque)).sum()) / 20.0
@@ -97,7 +105,9 @@ def test_a_step_of_the_set_point_asks_for_no_more_than_the_reaching_rate():
     law = ImplicitSlidingMode(reference=8.0).design(RIG)
     _, x, _, _ = drilling_point(RIG, 8.0)
     start = {"chain.twist": x[0], "chain.speed": (8.0, 8.0)}
-    run = simulate(RIG, 6.0, controller=law, sample_time=0.01, start=start, inputs={"top.reference": ((0.0, 5.0, 5.0, 6.0), (8.0, 8.0, 9.0, 9.0))})
+    run = simulate(
+        RIG, 6.0, controller=law, sample_time=0.01, start=start, inputs={"top.reference": ((0.0, 5.0, 5.0, 6.0), (8.0, 8.0, 9.0, 9.0))}
+    )
     torque = run.at(np.arange(490, 510) * 0.01 + 0.005)["top.torque"]
     assert np.abs(np.diff(torque)).max() < 2.5 * 2122.0 * law.reaching
 

@@ -165,7 +165,9 @@ def test_z_torque_reflects_what_its_impedance_lacks_and_no_more(share):
     zeta = pipe_impedance(*PIPE)
     om = np.array([0.1, 1.0, 5.0])
     law = ZTorque.for_string(share * zeta, 2900.0, filter_time=1e-8)
-    np.testing.assert_allclose(np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)), abs(share - 1) / (share + 1), atol=2e-3)
+    np.testing.assert_allclose(
+        np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)), abs(share - 1) / (share + 1), atol=2e-3
+    )
     # its twin without compensation is inertia, and a stiff drive a wall
     bare = replace(law, inertia=0.0)
     assert np.abs(reflection(impedance(bare, frequency=[5.0], inertia=2900.0), zeta)) > 0.9
@@ -232,7 +234,9 @@ def test_a_wave_that_comes_up_a_pipe_leaves_it_through_z_torque_and_returns_from
     om = np.linspace(0.05, 60.0, 1200)
     share = np.abs(np.trapezoid(bump[1] * np.exp(-1j * om[:, None] * bump[0]), bump[0], axis=1)) ** 2
     for name, law in laws.items():
-        expected = np.trapezoid(share * np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)) ** 2, om) / np.trapezoid(share, om)
+        expected = np.trapezoid(share * np.abs(reflection(impedance(law, frequency=om, inertia=2900.0), zeta)) ** 2, om) / np.trapezoid(
+            share, om
+        )
         assert left[name] == pytest.approx(expected, rel=0.1)
     assert left["matched"] < 0.15 < 0.9 < left["stiff"]
 

@@ -105,7 +105,9 @@ def test_designed_observers_copy_and_pickle_with_their_memory():
     for k in range(5):
         law(0.05 * k, np.array([0.1 * k, 0.0, 8.0]))
     torques = [twin(0.25, np.array([0.6, 0.0, 8.0])) for twin in (copy.deepcopy(law), pickle.loads(pickle.dumps(law)), law)]
-    assert torques[0] == torques[1] == pytest.approx(torques[2], rel=1e-12)  # whose solver starts from its last active set, that of a copy cold
+    assert (
+        torques[0] == torques[1] == pytest.approx(torques[2], rel=1e-12)
+    )  # whose solver starts from its last active set, that of a copy cold
 
 
 def test_bad_arguments_are_named():

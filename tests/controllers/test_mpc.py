@@ -281,7 +281,9 @@ def test_a_warm_start_changes_nothing_but_time(solver):
     ]
     answers = [np.array(run.answers[0]).ravel() for run in runs]
     failed = [[t for t, _ in run.laws[0].record.fallbacks] for run in runs]
-    assert failed[0] == failed[1] and len(failed[0]) <= (1 if solver == "hpipm" else 0)  # hpipm misses one program in some forty, and is found out
+    assert failed[0] == failed[1] and len(failed[0]) <= (
+        1 if solver == "hpipm" else 0
+    )  # hpipm misses one program in some forty, and is found out
     assert answers[0].max() > 19_999.0  # the limit is active
     assert np.abs(answers[0] - answers[1]).max() < 1.0  # N m
 

@@ -58,7 +58,9 @@ assert_type(compare(run, run)["bit.speed, maximum"].change, float | None)
 rest = equilibrium(rig, inputs={"top.torque": "20 kN m"})
 steady: float = rest["bit.speed"]
 
-found = onset(rig, "top.reference", ("100 rpm", "130 rpm"), controller=StiffPI(), values=3, duration="40 s", tolerance="5 rpm", at="125 rpm")
+found = onset(
+    rig, "top.reference", ("100 rpm", "130 rpm"), controller=StiffPI(), values=3, duration="40 s", tolerance="5 rpm", at="125 rpm"
+)
 assert_type(found.end, float)
 assert_type(found.values, Floats)
 assert_type(found.bistable, list[tuple[float, float]])
@@ -81,7 +83,9 @@ assert_type(swept["severity"], Floats)
 assert_type(swept.points, Floats)
 assert_type(swept.errors, dict[int, str])
 
-tuned = tune(rig, PI(reference="95 rpm", proportional=900.0, integral=600.0), "peak", {"integral": (100.0, 2000.0)}, duration="5 s", runs=10)
+tuned = tune(
+    rig, PI(reference="95 rpm", proportional=900.0, integral=600.0), "peak", {"integral": (100.0, 2000.0)}, duration="5 s", runs=10
+)
 assert_type(tuned, Tuned)
 assert_type(tuned.best.numbers, tuple[float | None, ...])
 assert_type(tuned.counted(tuned.best), tuple[float, ...])

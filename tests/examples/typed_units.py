@@ -34,7 +34,9 @@ rig = compose(wells.JANSEN_2, BitRock(weight="97.347 kN"))
 stiff = StiffPI(reference="80 rpm")
 
 weight = ([0.0, "5 s"], ["97 kN", 98e3])
-run = simulate(rig, "0.2 min", start={"top.speed": "20 rpm"}, inputs={"top.torque": "10 kN m", "bit.weight": weight}, budget=Budget(seconds="1 min"))
+run = simulate(
+    rig, "0.2 min", start={"top.speed": "20 rpm"}, inputs={"top.torque": "10 kN m", "bit.weight": weight}, budget=Budget(seconds="1 min")
+)
 stuck: float = run.time_in("bit", "stick", after="2 s", until="10 s")
 speed_then: float = run.at("9.5 s")["bit.speed"]
 swing: float = measure.severity(run, "bit.speed", after="5 s")
@@ -52,7 +54,13 @@ impedance(stiff, frequency=[1.0], speed="60 rpm", inertia="2 t m2")
 
 found = onset(rig, "top.reference", ("60 rpm", "140 rpm"), controller=stiff, at="120 rpm", duration="20 s", tolerance="10 rpm", values=3)
 charted = severity_map(
-    rig, {"top.reference": ("60 rpm", "140 rpm"), "bit.weight": ("50 kN", 110e3)}, controller=stiff, duration="10 s", after="5 s", shape=(2, 2), halvings=0
+    rig,
+    {"top.reference": ("60 rpm", "140 rpm"), "bit.weight": ("50 kN", 110e3)},
+    controller=stiff,
+    duration="10 s",
+    after="5 s",
+    shape=(2, 2),
+    halvings=0,
 )
 swept = sweep(rig, {"bit.weight": ["50 kN", 60e3]}, "5 s", controller=stiff, sample_time="10 ms")
 listed = sweep(rig, [{"bit.weight": "50 kN", "top.reference": "60 rpm"}], "5 s", controller=stiff)

@@ -181,7 +181,9 @@ def test_the_c_of_the_linear_mpc_plans_each_sample_like_the_law_in_python_with_w
         assert np.allclose(exported.memory[: 4 + waiting], (*planned.filter.z, *planned.filter.waiting), rtol=1e-6, atol=1e-4)
         assert exported.memory[14 + waiting] == 0.0  # the plan passed its check
     assert not planned.record.fallbacks
-    assert max(wanted) == pytest.approx(18_000.0, rel=1e-12) and np.abs(np.diff(wanted)).max() == pytest.approx(2000.0)  # limits of torque and rate bind
+    assert max(wanted) == pytest.approx(18_000.0, rel=1e-12) and np.abs(np.diff(wanted)).max() == pytest.approx(
+        2000.0
+    )  # limits of torque and rate bind
     assert np.abs(np.subtract(torques, wanted)).max() < 1e-6 * 20_000.0
 
 

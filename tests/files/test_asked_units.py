@@ -167,7 +167,9 @@ def test_the_table_of_a_plant_shows_what_was_typed():
 
 
 def test_a_sweep_and_its_files_answer_in_the_units_of_its_values_and_of_the_run(tmp_path):
-    found = sweep(RIG, {"bit.weight": ["50 kN", "60 kN"]}, 5.0, inputs={"top.torque": "10 kN m"}, measures={"peak": measures.maximum("top.torque")})
+    found = sweep(
+        RIG, {"bit.weight": ["50 kN", "60 kN"]}, 5.0, inputs={"top.torque": "10 kN m"}, measures={"peak": measures.maximum("top.torque")}
+    )
     assert re.search(r"50 \.\. 60 +kN$", line(str(found), "bit.weight")) and " kN m " in line(str(found), "peak")
     assert found["bit.weight"].tolist() == [50e3, 60e3] and found["peak"].tolist() == [1e4, 1e4]
     for path in (tmp_path / "sweep.npz", tmp_path / "sweep.zarr"):

@@ -28,7 +28,13 @@ def run_file(folder):
 
 def run_read(path):
     run = Trajectory.load(path)
-    return run.time.tobytes(), {name: run[name].tobytes() for name in run.names}, run.events, {n: w.tolist() for n, w in run.modes.items()}, run.end
+    return (
+        run.time.tobytes(),
+        {name: run[name].tobytes() for name in run.names},
+        run.events,
+        {n: w.tolist() for n, w in run.modes.items()},
+        run.end,
+    )
 
 
 def sweep_file(folder):
@@ -44,7 +50,18 @@ def sweep_read(path):
     found = Sweep.load(path)
     values = {name: each.tobytes() for name, each in found.measures.items()}
     axes = tuple(axis.tobytes() for axis in found.axes)
-    return values, found.points.tobytes(), axes, found.errors, found.names, found.units, found.measure_units, found.duration, found.accuracy, found.title
+    return (
+        values,
+        found.points.tobytes(),
+        axes,
+        found.errors,
+        found.names,
+        found.units,
+        found.measure_units,
+        found.duration,
+        found.accuracy,
+        found.title,
+    )
 
 
 def map_file(folder):
@@ -132,7 +149,10 @@ def tried(kind, folder, copies, seed):
             assert str(copy) in str(error), (number, error)
         else:
             if kind == "journal":  # a line that was being written when the process was killed is dropped
-                assert found.items() <= expected.items() and len(found) >= sum(line in before.splitlines() for line in victim.read_bytes().splitlines()) - 2
+                assert (
+                    found.items() <= expected.items()
+                    and len(found) >= sum(line in before.splitlines() for line in victim.read_bytes().splitlines()) - 2
+                )
             else:
                 assert found == expected, number
         shutil.rmtree(copy.parent)
@@ -179,7 +199,18 @@ def test_stores_of_format_2_and_of_other_codecs_are_refused_before_their_code_ru
     (old / ".zgroup").write_text('{"zarr_format": 2}')
     codec = {"id": "pickle"}
     (old / "status" / ".zarray").write_text(
-        json.dumps({"zarr_format": 2, "shape": [1], "chunks": [1], "dtype": "|O", "filters": [codec], "compressor": None, "fill_value": None, "order": "C"})
+        json.dumps(
+            {
+                "zarr_format": 2,
+                "shape": [1],
+                "chunks": [1],
+                "dtype": "|O",
+                "filters": [codec],
+                "compressor": None,
+                "fill_value": None,
+                "order": "C",
+            }
+        )
     )
     (old / "status" / "0").write_bytes(b"")
     with pytest.raises(SceneError, match="There is no sweep in"):
@@ -204,7 +235,10 @@ def test_stores_of_format_2_and_of_other_codecs_are_refused_before_their_code_ru
 
 def test_a_journal_of_an_early_version_goes_on(tmp_path):
     path = tmp_path / "journal"
-    lines = [{"format": "stickslip journal 1", "arguments": ARGUMENTS}, {"numbers": [0.5, None], "result": {"values": [[1.0]], "failures": []}}]
+    lines = [
+        {"format": "stickslip journal 1", "arguments": ARGUMENTS},
+        {"numbers": [0.5, None], "result": {"values": [[1.0]], "failures": []}},
+    ]
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     journal = Journal(path, ARGUMENTS)
     journal.add((0.25, 1.0), {"values": [[2.0]], "failures": []})

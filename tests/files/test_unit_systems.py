@@ -80,7 +80,9 @@ def test_reports_say_the_same_in_other_units_and_numbers_stay_si():
 
 
 def test_an_onset_answers_in_rpm():
-    found = onset(RIG, "top.reference", ("60 rpm", "140 rpm"), controller=StiffPI(), at="120 rpm", duration="40 s", tolerance="5 rpm", values=3)
+    found = onset(
+        RIG, "top.reference", ("60 rpm", "140 rpm"), controller=StiffPI(), at="120 rpm", duration="40 s", tolerance="5 rpm", values=3
+    )
     text, picture = str(found), found.plot()  # it was asked in rpm, and nothing else was chosen
     with units("metric"):
         assert str(found) == text

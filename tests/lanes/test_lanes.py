@@ -382,7 +382,13 @@ def test_the_error_of_series_in_lanes_falls_with_the_accuracy(order):
     errors = []
     for accuracy in (1e-4, 1e-6, 1e-8, 1e-10):
         found = batch(
-            compose(Oscillator()), 20.0, {"mass.frequency": frequency}, 12, {"mass.position": 1.0}, accuracy=accuracy, method=TaylorSeries(order)
+            compose(Oscillator()),
+            20.0,
+            {"mass.frequency": frequency},
+            12,
+            {"mass.position": 1.0},
+            accuracy=accuracy,
+            method=TaylorSeries(order),
         )
         errors.append(np.abs(found.states[:, 0] - np.cos(frequency * 20.0)).max())
         assert errors[-1] < 10 * accuracy
@@ -392,7 +398,9 @@ def test_the_error_of_series_in_lanes_falls_with_the_accuracy(order):
 def test_series_in_lanes_agree_with_explicit_lanes_far_below_the_accuracy_of_either():
     plant, duration, _, arguments = PLANTS["drill string with a drive"]
     weights = {"bit.weight": np.linspace(5e4, 1.5e5, 40)}
-    series, pairs = (batch(plant, duration, weights, 40, most_events=60, method=m, accuracy=1e-9, **arguments) for m in ("taylor", "explicit"))
+    series, pairs = (
+        batch(plant, duration, weights, 40, most_events=60, method=m, accuracy=1e-9, **arguments) for m in ("taylor", "explicit")
+    )
     np.testing.assert_array_equal(series.switches, pairs.switches)
     np.testing.assert_array_equal(series.event_modes, pairs.event_modes)
     np.testing.assert_allclose(series.event_times, pairs.event_times, atol=1e-7)

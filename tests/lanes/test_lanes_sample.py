@@ -122,7 +122,9 @@ class Throw(Controller):
 
     def sampled(self, signal, period):
         count = state("throw.count", "1")
-        return Update(memory={count: ca.if_else(count >= 3, 0, count + 1)}, outputs={"hammer.force": (ca.if_else(count >= 3, 25.0, 0.0), "N")})
+        return Update(
+            memory={count: ca.if_else(count >= 3, 0, count + 1)}, outputs={"hammer.force": (ca.if_else(count >= 3, 25.0, 0.0), "N")}
+        )
 
 
 @dataclass(frozen=True)
@@ -407,7 +409,12 @@ def test_sweeps_of_sampled_laws_pay_in_lanes_unless_they_are_python():
 
 
 def test_a_sweep_gives_the_same_table_with_lanes_and_without(monkeypatch):
-    given = {"duration": 30.0, "controller": ImpedanceSuperTwisting(), "sample_time": 0.01, "measures": ("severity", "stuck_ratio", "events")}
+    given = {
+        "duration": 30.0,
+        "controller": ImpedanceSuperTwisting(),
+        "sample_time": 0.01,
+        "measures": ("severity", "stuck_ratio", "events"),
+    }
     weights = {"bit.weight": np.linspace(50e3, 110e3, FEWEST_LANES)}
     monkeypatch.setattr(batch, "LANES_WORK", math.inf)
     alone = sweep(RIG, weights, **given)
@@ -419,7 +426,13 @@ def test_a_sweep_gives_the_same_table_with_lanes_and_without(monkeypatch):
 
 
 def test_a_map_gives_the_same_verdicts_with_lanes_and_without(monkeypatch):
-    given = {"over": {"bit.weight": (4e4, 1.2e5), "top.reference": (3.0, 14.0)}, "duration": 40.0, "controller": PI(), "sample_time": 0.05, "shape": (8, 8)}
+    given = {
+        "over": {"bit.weight": (4e4, 1.2e5), "top.reference": (3.0, 14.0)},
+        "duration": 40.0,
+        "controller": PI(),
+        "sample_time": 0.05,
+        "shape": (8, 8),
+    }
     monkeypatch.setattr(batch, "LANES_WORK", math.inf)
     alone = severity_map(RIG, **given)
     monkeypatch.setattr(batch, "LANES_WORK", 0.0)

@@ -51,7 +51,8 @@ class Stack(Component):
         n = len(self.inertia)
         w, angle = state("stack.speed", "rad/s", n), state("stack.angle", "rad")
         contacts = [
-            DryFriction(f"stack.{i}", w[i] - w[i + 1], self.friction, self.load[i], slip_unit="rad/s", force_unit="N m") for i in range(n - 1)
+            DryFriction(f"stack.{i}", w[i] - w[i + 1], self.friction, self.load[i], slip_unit="rad/s", force_unit="N m")
+            for i in range(n - 1)
         ]
         rates = []
         for i in range(n):
@@ -189,7 +190,9 @@ def test_a_symmetric_stack_is_released_at_both_interfaces_together():
 
 @pytest.mark.parametrize("kinetic", [1.0, 0.8, 0.3])
 def test_a_symmetric_release_stays_symmetric_whatever_the_drop_of_friction(kinetic):
-    run = simulate(compose(Stack(friction=Coulomb(static=1.0, kinetic=kinetic))), 2.0, inputs={"disk.1": ((0.0, 2.0), (0.0, 6.0))}, accuracy=1e-10)
+    run = simulate(
+        compose(Stack(friction=Coulomb(static=1.0, kinetic=kinetic))), 2.0, inputs={"disk.1": ((0.0, 2.0), (0.0, 6.0))}, accuracy=1e-10
+    )
     assert [event.time for event in run.events] == pytest.approx([1.0, 1.0], rel=1e-9)
     np.testing.assert_allclose(run.at(2.0)["stack.speed"], [0.5 + kinetic, 0.5 + 4.5 - 2 * kinetic, 0.5 + kinetic], rtol=1e-8)
 
@@ -326,7 +329,9 @@ def test_a_stack_of_five_under_random_sines_agrees_with_the_enumeration_of_all_m
     plant = compose(Stack(inertia=tuple(inertia), load=tuple(load), friction=Coulomb(static=1.0, kinetic=kinetic)))
     run = simulate(plant, 5.0, inputs=inputs, accuracy=1e-10)
     mode_is_consistent(run, load, kinetic * load)
-    assert [(event.element, event.before, event.after) for event in run.events] == [(f"stack.{i}", NAMES[a], NAMES[b]) for _, i, a, b in switches]
+    assert [(event.element, event.before, event.after) for event in run.events] == [
+        (f"stack.{i}", NAMES[a], NAMES[b]) for _, i, a, b in switches
+    ]
     assert len(switches) >= 6
     np.testing.assert_allclose([event.time for event in run.events], [t for t, *_ in switches], atol=1e-6)
     np.testing.assert_allclose(run.at(5.0)["stack.speed"], end, atol=1e-6)

@@ -116,7 +116,7 @@ def test_a_type_checker_has_nothing_to_say_about_text_with_units_where_it_is_tak
     wrong.write_text("from controllers import PI\nspeed: str = PI(reference='60 rpm').reference\n")
     words = ["--config-file", str(root / "pyproject.toml"), "--cache-dir", str(tmp_path)]
     said, _, code = api.run([*words, str(SCRIPT), str(wrong)])
-    assert "expression has type \"float\", variable has type \"str\"" in said and said.count("error:") == 1 and code == 1, said
+    assert 'expression has type "float", variable has type "str"' in said and said.count("error:") == 1 and code == 1, said
 
 
 @pytest.mark.slow
@@ -145,7 +145,9 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
     assert found["speed"] == pytest.approx(95 * RPM, rel=1e-15) and found["first"] == 4244.0
     assert np.allclose(found["charted"].axes, [[60 * RPM, 140 * RPM], [50e3, 110e3]], rtol=1e-14, atol=0)
     assert np.allclose([found["found"].values[0], found["found"].at], [60 * RPM, 120 * RPM], rtol=1e-14, atol=0)
-    assert found["swept"].points.ravel().tolist() == [50e3, 60e3] and np.allclose(found["listed"].points, [[50e3, 60 * RPM]], rtol=1e-14, atol=0)
+    assert found["swept"].points.ravel().tolist() == [50e3, 60e3] and np.allclose(
+        found["listed"].points, [[50e3, 60 * RPM]], rtol=1e-14, atol=0
+    )
     rig, stiff = found["rig"], found["stiff"]
     plain = sweep(rig, {"bit.weight": [50e3, 60e3]}, 5.0, controller=stiff, sample_time=0.01)
     assert all(np.array_equal(plain[name], found["swept"][name], equal_nan=True) for name in plain.measures)

@@ -94,4 +94,7 @@ def test_a_command_says_it_in_one_line(tmp_path):
         '[[plant]]\npart = "wells.JANSEN_2"\n[[plant]]\npart = "BitRock"\n[[controllers]]\nlabel = "PI"\nlaw = "PI"\n'
     )
     done = subprocess.run([sys.executable, "-m", "toolbox", "simulate", str(scene)], capture_output=True, text=True, check=True)
-    assert done.stderr.startswith("stickslip: warning: Argument `PI.reference` is 95 rad/s, which is 907 rpm;") and done.stderr.count("\n") == 1
+    assert (
+        done.stderr.startswith("stickslip: warning: Argument `PI.reference` is 95 rad/s, which is 907 rpm;")
+        and done.stderr.count("\n") == 1
+    )

@@ -50,7 +50,9 @@ def state_of(run, t):
     return np.concatenate([np.atleast_1d(samples["chain.twist"]), samples["chain.speed"]])
 
 
-@pytest.mark.parametrize("chain", [wells.JANSEN_2, wells.NAVARRO_LOPEZ_2, wells.NAVARRO_LOPEZ_4], ids=["jansen 2", "navarro 2", "navarro 4"])
+@pytest.mark.parametrize(
+    "chain", [wells.JANSEN_2, wells.NAVARRO_LOPEZ_2, wells.NAVARRO_LOPEZ_4], ids=["jansen 2", "navarro 2", "navarro 4"]
+)
 def test_a_string_turning_with_constant_friction_follows_the_matrix_exponential(chain):
     n = len(chain.inertia)
     plant = compose(chain, BitRock(weight=50_000.0, friction=Coulomb(static=0.6, kinetic=0.5)))

@@ -242,7 +242,9 @@ def test_the_parameters_of_a_law_are_named_after_its_contact():
 
 
 def test_laws_complain_of_fields_that_they_have():
-    with pytest.raises(SceneError, match="Argument `coefficients` must begin with at most the static coefficient 0.4, but it begins with 0.5"):
+    with pytest.raises(
+        SceneError, match="Argument `coefficients` must begin with at most the static coefficient 0.4, but it begins with 0.5"
+    ):
         compose(BlockOnBelt(friction=Tabulated(coefficients=(0.5, 0.3, 0.2, 0.2))))
     with pytest.raises(SceneError, match="Argument `minimum` must be <= the static coefficient 0.1"):
         compose(BlockOnBelt(friction=CubicStribeck(static=0.1)))

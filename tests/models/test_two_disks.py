@@ -52,7 +52,9 @@ def test_slip_of_sticking_disks_is_exactly_zero_though_both_speeds_change():
 
 def test_a_locked_pair_of_disks_swings_as_one_inertia():
     # stick: (I1 + I2) th'' + k th = 0
-    plant = compose(TwoDisks(rotor_inertia=3.0, stator_inertia=1.0, stiffness=100.0, damping=0.0, friction=Coulomb(static=0.5, kinetic=0.4)))
+    plant = compose(
+        TwoDisks(rotor_inertia=3.0, stator_inertia=1.0, stiffness=100.0, damping=0.0, friction=Coulomb(static=0.5, kinetic=0.4))
+    )
     run = simulate(plant, 10.0, start={"disks.stator_angle": 0.1}, accuracy=1e-10)
     assert run.time_in("disks", "stick") == 10.0
     times = np.linspace(0, 10, 200)
@@ -132,9 +134,7 @@ def test_the_braking_stop_agrees_with_an_independent_integration():
     assert len(mine) == len(times) > 20
     np.testing.assert_allclose(mine, times, atol=1e-7)
     last = run.at(1.2)
-    np.testing.assert_allclose(
-        [last["disks.rotor_speed"], last["disks.stator_angle"], last["disks.stator_speed"]], end, atol=1e-7
-    )
+    np.testing.assert_allclose([last["disks.rotor_speed"], last["disks.stator_angle"], last["disks.stator_speed"]], end, atol=1e-7)
 
 
 def test_a_stop_ends_in_stick_and_without_falling_friction_it_has_no_stick_slip():

@@ -26,16 +26,22 @@ def test_lowering_and_hoisting_with_rotation_take_the_force_and_the_torque_of_th
     if hook_speed == top_speed == 0:
         return
     run = step_contacts(string(), 60.0, step=0.02, inputs={"hook.speed": hook_speed, "top.speed": top_speed})
-    force, torque = (sum(part) for part in zip(*(sliding_resultant(MU, load, hook_speed, top_speed, RADIUS) for load in LOADS), strict=True))
+    force, torque = (
+        sum(part) for part in zip(*(sliding_resultant(MU, load, hook_speed, top_speed, RADIUS) for load in LOADS), strict=True)
+    )
     total = MU * sum(LOADS)
-    assert -4e6 * run["axial.0"][-1] == pytest.approx(force, abs=1e-4 * total)  # what the lines carry less, of hoisting what they carry more
+    assert -4e6 * run["axial.0"][-1] == pytest.approx(
+        force, abs=1e-4 * total
+    )  # what the lines carry less, of hoisting what they carry more
     assert -2000.0 * run["twist.0"][-1] == pytest.approx(torque, abs=1e-4 * total * RADIUS)
     size = np.linalg.norm(run.tangential[-1], axis=1)
     np.testing.assert_allclose(size, MU * np.array(LOADS), rtol=1e-9)
 
 
 def test_turning_takes_nearly_all_axial_drag_away_and_two_cones_would_not():
-    lowered, turned = (step_contacts(string(), 60.0, step=0.02, inputs={"hook.speed": 0.05, "top.speed": w})["axial.0"][-1] for w in (0.0, 10.0))
+    lowered, turned = (
+        step_contacts(string(), 60.0, step=0.02, inputs={"hook.speed": 0.05, "top.speed": w})["axial.0"][-1] for w in (0.0, 10.0)
+    )
     assert turned / lowered == pytest.approx(0.05 / math.hypot(0.05, RADIUS * 10.0), rel=1e-3)
 
 
@@ -64,7 +70,12 @@ def test_weight_and_torque_on_the_bit_reach_hook_and_top():
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"radius": 0.0}, "radius"), ({"loads": (1.0, 2.0, -1.0)}, "loads"), ({"loads": (0.0, 0.0, 0.0)}, "not all 0"), ({"loads": "much"}, "loads")],
+    [
+        ({"radius": 0.0}, "radius"),
+        ({"loads": (1.0, 2.0, -1.0)}, "loads"),
+        ({"loads": (0.0, 0.0, 0.0)}, "not all 0"),
+        ({"loads": "much"}, "loads"),
+    ],
 )
 def test_numbers_out_of_range_are_refused(changes, words):
     axial = AxialChain(mass=(1.0,) * 3, stiffness=(1.0,) * 3, damping=(0.0,) * 3)
@@ -97,7 +108,14 @@ TORSION = TorsionalChain(inertia=(2000.0, 100.0, 100.0), stiffness=(2000.0, 2000
 
 def test_a_turning_string_under_a_sampled_law_with_delay_and_noise_converges_to_the_run_with_located_events_with_first_order():
     """Where nothing moves along the hole one direction of the cone is all there is: dry friction with the load N R at every inertia."""
-    law = Sampled(PI(proportional=900.0, integral=300.0, reference=2.0), 0.02, delay=0.04, noise={"top.speed": 0.02}, resolution={"top.speed": 0.01}, seed=3)
+    law = Sampled(
+        PI(proportional=900.0, integral=300.0, reference=2.0),
+        0.02,
+        delay=0.04,
+        noise={"top.speed": 0.02},
+        resolution={"top.speed": 0.01},
+        seed=3,
+    )
     chain = TorsionalChain(
         inertia=TORSION.inertia, stiffness=TORSION.stiffness, damping=TORSION.damping, top_drag=TORSION.top_drag, friction=Coulomb(MU, MU),
         friction_load=tuple(RADIUS * load for load in LOADS[:2]), friction_at=(1, 2),
@@ -115,7 +133,9 @@ def test_a_turning_string_under_a_sampled_law_with_delay_and_noise_converges_to_
 
 def test_a_law_keeps_the_speed_of_a_string_that_slides_and_slides_with_less_torque():
     law = PI(proportional=3000.0, integral=2500.0)
-    turned, slid = (driven(law, speed, step=0.02, duration=24.0, sample_time="20 ms", inputs_of={"top.reference": "2 rad/s"}) for speed in (0.0, 0.2))
+    turned, slid = (
+        driven(law, speed, step=0.02, duration=24.0, sample_time="20 ms", inputs_of={"top.reference": "2 rad/s"}) for speed in (0.0, 0.2)
+    )
     for run, speed in ((turned, 0.0), (slid, 0.2)):
         assert run["top.speed"][-1] == pytest.approx(2.0, abs=1e-3)
         torque = sum(sliding_resultant(MU, load, speed, 2.0, RADIUS)[1] for load in LOADS[:2])

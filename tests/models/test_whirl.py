@@ -419,7 +419,9 @@ STEP, SHORT, LONG, *INSIDE = whirl.WAYS
 @pytest.mark.slow
 def test_a_step_from_rest_strikes_at_some_gains_and_a_ramp_of_a_minute_at_none():
     stiff = whirl.row(whirl.driven(None))
-    assert stiff["severity"] > 1.0 and stiff["stuck"] > 1.0 and stiff["impacts"] > 500  # without a sliding mode it sticks, slips and strikes
+    assert (
+        stiff["severity"] > 1.0 and stiff["stuck"] > 1.0 and stiff["impacts"] > 500
+    )  # without a sliding mode it sticks, slips and strikes
     gains = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8)
     ramped, stepped = whirl.outcomes(gains, (LONG, STEP)).T
     assert (ramped == 0).all() and stepped.tolist() == [1, 0, 0, 1, 1, 1]
@@ -442,7 +444,11 @@ def test_inside_stick_slip_every_gain_strikes_and_the_one_that_a_step_calls_good
     assert found["late contact"] == pytest.approx(whirl.DURATION - whirl.SETTLED, rel=1e-6)
     assert found["whirl"] == pytest.approx(WhirlingCollar().rolling_ratio(), rel=0.01)
     # rolling lasts because the set-point lies above the speed of the closed form, and below that at which the wall is reached
-    assert WhirlingCollar().rolling_speed(whirl.WEIGHT, whirl.SLIDING) < whirl.REFERENCE < WhirlingCollar().contact_speed(whirl.WEIGHT, whirl.SLIDING)
+    assert (
+        WhirlingCollar().rolling_speed(whirl.WEIGHT, whirl.SLIDING)
+        < whirl.REFERENCE
+        < WhirlingCollar().contact_speed(whirl.WEIGHT, whirl.SLIDING)
+    )
 
 
 @pytest.mark.slow
@@ -460,5 +466,7 @@ def test_the_pictures_of_the_study_are_drawn():
     found, gains, ways = np.array([[0, 1], [2, 3]]), (0.1, 0.2), (STEP, INSIDE[3])
     assert len(whirl.draw_outcomes(found, gains, ways).axes) == 1
     text = whirl.map_text(found, gains, ways)
-    assert "1 strikes, comes off" in text.splitlines()[1] and "1 stick-slip" in text.splitlines()[2] and "inside stick-slip, 1 phases" in text
+    assert (
+        "1 strikes, comes off" in text.splitlines()[1] and "1 stick-slip" in text.splitlines()[2] and "inside stick-slip, 1 phases" in text
+    )
     assert "gain 0.1" in whirl.table({"gain 0.1": whirl.row(whirl.driven(0.1))})

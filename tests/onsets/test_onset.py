@@ -260,7 +260,8 @@ def test_measurement_noise_hides_neither_border():
     """Smooth running is lost where it is without noise; existing stick-slip is judged with the noise, of which 2 % of swing are left when it has ended."""
     plant, law = compose(wells.JANSEN_2, BitRock(weight=60e3)), SoftTorque(reference=6.0)
     calm, noisy = (
-        onset(plant, "top.reference", (2.5, 9.0), controller=Sampled(law, 0.05, noise=noise, seed=11), values=3) for noise in ({}, {"top.speed": 0.1})
+        onset(plant, "top.reference", (2.5, 9.0), controller=Sampled(law, 0.05, noise=noise, seed=11), values=3)
+        for noise in ({}, {"top.speed": 0.1})
     )
     assert noisy.loss == calm.loss
     assert noisy.end == pytest.approx(calm.end, rel=0.05)

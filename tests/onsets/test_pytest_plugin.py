@@ -255,6 +255,8 @@ def test_one_line_of_the_fixture_asserts_margin_and_worst_case(pytester):
     pytester.makepyfile(ROBUST)
     result = pytester.runpytest_inprocess("-p", "stickslip_pytest", "--stickslip-figures", "seen")
     result.assert_outcomes(passed=1, failed=2)
-    result.stdout.fnmatch_lines(["*The disk margin must be >= 0.35, but it is *", "*2 of 4 runs fail, the worst with chain.inertia.0 -20 %*"])
+    result.stdout.fnmatch_lines(
+        ["*The disk margin must be >= 0.35, but it is *", "*2 of 4 runs fail, the worst with chain.inertia.0 -20 %*"]
+    )
     assert sorted(path.name for path in (pytester.path / "seen").iterdir()) == ["test_lighter_survives.png", "test_margin_robust.png"]
     assert "checks.py" not in result.stdout.str()

@@ -321,5 +321,7 @@ def test_a_run_that_stepped_implicitly_is_differentiated_along_explicit_steps():
     plant = compose(BlockOnBelt())
     stiff, explicit = (simulate(plant, 5.0, method=method, accuracy=1e-9) for method in ("stiff", "explicit"))
     np.testing.assert_allclose(
-        sensitivity(stiff, "block.stiffness").end("block.position"), sensitivity(explicit, "block.stiffness").end("block.position"), rtol=1e-9
+        sensitivity(stiff, "block.stiffness").end("block.position"),
+        sensitivity(explicit, "block.stiffness").end("block.position"),
+        rtol=1e-9,
     )

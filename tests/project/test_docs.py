@@ -127,7 +127,11 @@ def public_things():
         module = getattr(toolbox, own) if own in ("measure", "plot", "inputs", "linear") else importlib.import_module(package)
         for name in getattr(module, "__all__", None) or [name for name in vars(module) if not name.startswith("_")]:
             thing = getattr(module, name)
-            if (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.split(".")[0] in ("toolbox", "models", "controllers"):
+            if (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.split(".")[0] in (
+                "toolbox",
+                "models",
+                "controllers",
+            ):
                 yield f"{package}.{name}", thing
                 members = vars(thing).items() if inspect.isclass(thing) else ()
                 for key, member in members:
@@ -146,7 +150,11 @@ def test_lists_of_parameters_and_attributes_name_those_that_there_are():
             assert len(told) == len(set(told)) and set(told) <= own, f"{name} describes {sorted(set(told) - own)}, which it does not take"
             assert own - set(told) <= {"former", "others"}, f"{name} does not describe {sorted(own - set(told))}"
         if told := described(text, "Attributes"):
-            own = {field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")} if dataclasses.is_dataclass(thing) else set()
+            own = (
+                {field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")}
+                if dataclasses.is_dataclass(thing)
+                else set()
+            )
             assert own <= set(told), f"{name} does not describe {sorted(own - set(told))}"
             assert dataclasses.is_dataclass(thing) is False or all(each in own or hasattr(thing, each) for each in told), name
     assert lists > 60

@@ -31,7 +31,11 @@ def test_the_wheel_has_every_module_and_all_data(built):
     wheel, _ = built
     assert sources(*PACKAGES) | {"stickslip_pytest.py"} == wheel
     assert {f"{package}/py.typed" for package in PACKAGES} <= wheel
-    assert {path for path in wheel if path.endswith(".csv")} == {f"models/tables/{path.name}" for path in (ROOT / "models" / "tables").glob("*.csv")} != set()
+    assert (
+        {path for path in wheel if path.endswith(".csv")}
+        == {f"models/tables/{path.name}" for path in (ROOT / "models" / "tables").glob("*.csv")}
+        != set()
+    )
 
 
 def test_the_sdist_has_what_the_tests_and_the_pages_need(built):

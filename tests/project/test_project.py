@@ -42,7 +42,12 @@ def imported(tree):
             assert ast.unparse(node) in CALLED, "imports are written down, so that this test sees them"
 
 
-FACES = [(toolbox, "_ROOMS", {"time"}, set()), (models, "_FILES", set(), set()), (controllers, "_FILES", set(), set()), (authoring, "_FILES", set(), {"face"})]
+FACES = [
+    (toolbox, "_ROOMS", {"time"}, set()),
+    (models, "_FILES", set(), set()),
+    (controllers, "_FILES", set(), set()),
+    (authoring, "_FILES", set(), {"face"}),
+]
 
 
 @pytest.mark.parametrize(("face", "homes", "left_out", "own"), FACES, ids=[face[0].__name__ for face in FACES])
@@ -70,7 +75,9 @@ def test_imports_go_one_way(root, package):
         assert not wrong, f"{path.relative_to(root)} must not import {', '.join(wrong)}"
 
 
-@pytest.mark.parametrize("module", ["toolbox", "models", "controllers", "toolbox.scenes.scene", "toolbox.commands.command_line", "toolbox.scenes.catalogue"])
+@pytest.mark.parametrize(
+    "module", ["toolbox", "models", "controllers", "toolbox.scenes.scene", "toolbox.commands.command_line", "toolbox.scenes.catalogue"]
+)
 def test_importing_the_language_stays_light(module):
     code = f"import sys, {module}; print(*sorted(name for name in {HEAVY!r} if name in sys.modules))"
     heavy = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60).stdout.split()

@@ -21,7 +21,6 @@ MORE_ARGUMENTS = {
 """Functions, as file.name, that take what their users need to say."""
 
 
-
 def room(path: Path) -> str:
     """The room of a file given by its path inside `toolbox`."""
     return "face" if path.name in ("__init__.py", "__main__.py") and len(path.parts) == 1 else path.parts[0].removesuffix(".py")
@@ -31,7 +30,9 @@ def room(path: Path) -> str:
 def imports():
     """{file: {(imported file, line)}} of `toolbox`: at the top, inside functions and for types alike."""
     root = Path(__file__).parents[2] / "toolbox"
-    files = {".".join(("toolbox", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__"): path for path in root.rglob("*.py")}
+    files = {
+        ".".join(("toolbox", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__"): path for path in root.rglob("*.py")
+    }
     found = defaultdict(set)
     for path in files.values():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -19,7 +19,11 @@ BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrom
 
 
 def test_every_public_name_of_the_toolbox_stands_on_one_page_of_the_reference():
-    named = [name for path in REFERENCE.glob("*.md") for name in re.findall(r"^::: toolbox\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)]
+    named = [
+        name
+        for path in REFERENCE.glob("*.md")
+        for name in re.findall(r"^::: toolbox\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
     assert sorted(named) == sorted({*toolbox.__all__, "time"})
 
 
@@ -28,7 +32,9 @@ def test_a_part_has_a_table_of_its_fields():
     section = page.partition("::: models.BitRock\n")[2].partition("\n:::")[0]
     assert "| `weight` | 97347 | N | &gt;= 0 | 500 to 5e+06 | weight on bit |" in section
     assert page.count("| field | default | unit | bounds | usual | meaning |") > 30
-    assert "| weight on bit | Navarro-Lopez and Cortes (2007) |" in page and "| mass of the absorber |\n" in page  # chosen numbers have no source
+    assert (
+        "| weight on bit | Navarro-Lopez and Cortes (2007) |" in page and "| mass of the absorber |\n" in page
+    )  # chosen numbers have no source
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +44,9 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
     words = [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(folder)]
-    done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PATH": path, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        words, cwd=ROOT, env={**os.environ, "PATH": path, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -66,7 +74,15 @@ def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="there is no Chromium")
 def test_the_search_finds_a_verb_in_a_browser_that_reads_from_disk(site, tmp_path):
-    words = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--virtual-time-budget=20000", "--dump-dom"]
+    words = [
+        BROWSER,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--user-data-dir={tmp_path}",
+        "--virtual-time-budget=20000",
+        "--dump-dom",
+    ]
     done = subprocess.run([*words, f"file://{site}/index.html?q=hopf_points"], capture_output=True, text=True, timeout=300, check=False)
     found = re.findall(r'href="[^"]*?([\w/]+\.html)[^"]*" class="md-search-result__link"', done.stdout)
     assert any(place.endswith("reference/analyse.html") for place in found), done.stdout[-2000:]

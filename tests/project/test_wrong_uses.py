@@ -22,7 +22,10 @@ RIG = compose(wells.JANSEN_2, BitRock())
         (lambda: simulate(RIG, 5.0, controller=SoftTorque), r"but it is the class SoftTorque: give one of it, `SoftTorque\(\.\.\.\)`"),
         (lambda: simulate(RIG, 5.0, controller="SoftTorque"), r"must be a Controller, Sampled or a callable, but it is 'SoftTorque'"),
         (lambda: simulate(60.0, RIG), r"`plant` must be a plant made by `compose`"),
-        (lambda: simulate(RIG, 5.0, inputs={"top.torque": np.ones(1000)}), r"but it is array\(.{50,60}: values need their times, `\(times, values\)`"),
+        (
+            lambda: simulate(RIG, 5.0, inputs={"top.torque": np.ones(1000)}),
+            r"but it is array\(.{50,60}: values need their times, `\(times, values\)`",
+        ),
         (lambda: simulate(RIG, 5.0, inputs={"top.torque": [1e4, 2e4, 3e4]}), r"values need their times"),
         (lambda: simulate(RIG, 5.0, inputs={"top.torque": lambda t: 1e4}), r"write a formula of the symbol `toolbox.time`"),
         (lambda: simulate(RIG, 5.0, start={"bit.velocity": 1.0}), r"There is no state `bit.velocity`: .*(chain|bit)\.speed"),

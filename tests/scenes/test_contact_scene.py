@@ -51,7 +51,12 @@ def feet():
         spring = np.eye(6)[foot] - np.eye(6)[bar]
         stiffness += k * np.outer(spring, spring)
     return ReducedBody(
-        ports, np.diag([0.01, 0.01, 0.01, 0.01, 1.0, 1.0]), 1e-2 * stiffness, stiffness, places=[[0.0, 0.0], [0.01, 0.0]], areas=[1e-5, 3e-5]
+        ports,
+        np.diag([0.01, 0.01, 0.01, 0.01, 1.0, 1.0]),
+        1e-2 * stiffness,
+        stiffness,
+        places=[[0.0, 0.0], [0.01, 0.0]],
+        areas=[1e-5, 3e-5],
     )
 
 
@@ -129,7 +134,9 @@ def test_a_body_of_ones_own_runs_where_its_file_is_loaded(tmp_path, capsys):
     assert "There is no part `MySlidingBlock`" in capsys.readouterr().err
     assert main(["simulate", str(tmp_path / "block.toml"), "--load", str(tmp_path / "my_sliding_block.py")]) == 0
     printed = capsys.readouterr().out
-    assert "100 steps to 1 s, 1 contacts (0% stick, 100% slip" in printed and "the last contact sticks at 0.5 s" in printed  # where 8 t reaches mu N
+    assert (
+        "100 steps to 1 s, 1 contacts (0% stick, 100% slip" in printed and "the last contact sticks at 0.5 s" in printed
+    )  # where 8 t reaches mu N
 
 
 def test_the_published_cube_runs_as_in_python_bit_for_bit_and_repeats_the_shared_area(root):
@@ -164,7 +171,9 @@ def test_a_string_under_a_sampled_law_runs_as_in_python_bit_for_bit_and_takes_th
     assert -4e6 * scene.run("lowered")["axial.0"][-1] == pytest.approx(0.3 * 7000.0, rel=1e-3)  # without turning all of the drag
     run.to_csv(tmp_path / "run.csv")
     headings = (tmp_path / "run.csv").read_text().partition("\n")[0].split(",")
-    assert {"axial.0 [m]", "bit [rad]", "bit.speed [rad/s]", "top.torque [N m]", "hook.speed [m/s]", "tangential 1 force [N]"} <= set(headings)
+    assert {"axial.0 [m]", "bit [rad]", "bit.speed [rad/s]", "top.torque [N m]", "hook.speed [m/s]", "tangential 1 force [N]"} <= set(
+        headings
+    )
 
 
 def test_of_many_contacts_the_table_leaves_their_displacements_to_the_data(root, tmp_path):
@@ -180,8 +189,16 @@ def test_of_many_contacts_the_table_leaves_their_displacements_to_the_data(root,
     ("old", "new", "words"),
     [
         ('sample_time = "20 ms"', "", "Controller `turned`: Argument `controller` must hold sampled laws: give `sample_time`"),
-        ('sample_time = "20 ms"', 'sample_time = "30 ms"', "Controller `turned`: Argument `sample_time` must be a whole number of steps of 0.02 s"),
-        ('sample_time = "20 ms"', 'sample_time = "20 ms"\ndelay = "5 ms"', "Controller `turned`: Argument `delay` must be a whole number of steps"),
+        (
+            'sample_time = "20 ms"',
+            'sample_time = "30 ms"',
+            "Controller `turned`: Argument `sample_time` must be a whole number of steps of 0.02 s",
+        ),
+        (
+            'sample_time = "20 ms"',
+            'sample_time = "20 ms"\ndelay = "5 ms"',
+            "Controller `turned`: Argument `delay` must be a whole number of steps",
+        ),
         ('sample_time = "20 ms"', 'sample_time = "20 ms"\nnoise = { "top.sped" = 0.1 }', "top.speed"),
         ('law = "PI"', 'law = "P"', "There is no control law `P`"),
         ("top_drive = true", "", "Controller `turned`: Argument `controller` must drive an input of the body, `bit.weight`"),

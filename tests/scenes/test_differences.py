@@ -71,9 +71,9 @@ def test_scenes_differ_in_the_keys_that_were_changed():
     assert found == {"duration": (60.0, 90.0), "plant.BitRock.weight": (BitRock().weight, 120e3), "inputs.top.reference": (None, 5.0)}
     assert compare(heavier, stiff)["controllers.PI.law"][2:] == ("PI", "StiffPI")
     twice = dataclasses.replace(SCENE, parts=(wells.JANSEN_2, BitRock(), BitRock(name="other")))
-    assert {row.name for row in compare(twice, dataclasses.replace(twice, parts=(wells.JANSEN_2, BitRock(), BitRock(name="another")))).rows} == {
-        "plant.BitRock 2.name"
-    }
+    assert {
+        row.name for row in compare(twice, dataclasses.replace(twice, parts=(wells.JANSEN_2, BitRock(), BitRock(name="another")))).rows
+    } == {"plant.BitRock 2.name"}
 
 
 @pytest.mark.usefixtures("closed_figures")

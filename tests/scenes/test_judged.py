@@ -18,7 +18,9 @@ WEIGHTS = {"bit.weight": (60e3, 90e3)}
 @pytest.fixture(scope="module")
 def rig():
     """A string that rubs in the hole, lightly: it turns on where the bit sticks."""
-    return compose(dataclasses.replace(wells.NAVARRO_LOPEZ_4, friction=Exponential(), friction_load=(100.0, 100.0, 100.0)), BitRock(weight=97_347.0))
+    return compose(
+        dataclasses.replace(wells.NAVARRO_LOPEZ_4, friction=Exponential(), friction_load=(100.0, 100.0, 100.0)), BitRock(weight=97_347.0)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,9 @@ VERDICTS = {
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_a_verdict_asks_which_of_several_contacts_it_is_about(rig, run, verdict):
-    with pytest.raises(SceneError, match=r"Argument `(element|measures)` must name the contact to be judged, because there are contacts `.*bit`"):
+    with pytest.raises(
+        SceneError, match=r"Argument `(element|measures)` must name the contact to be judged, because there are contacts `.*bit`"
+    ):
         VERDICTS[verdict](rig, run)
 
 

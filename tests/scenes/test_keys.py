@@ -55,7 +55,11 @@ def test_every_key_is_read(tmp_path):
     assert listed == {line.split(" = ")[0] for line in WHOLE.splitlines() if " = " in line and not line.startswith('"')} - {"weight", "detuning"} | {
         "plant", "controllers", "start", "parameters", "verdict",
     }  # fmt: skip
-    assert scene.case("soft torque").noise == {"top.speed": 0.01} and scene.standstill == 0.1 and scene.parameters == {"bit.friction.static": 0.7}
+    assert (
+        scene.case("soft torque").noise == {"top.speed": 0.01}
+        and scene.standstill == 0.1
+        and scene.parameters == {"bit.friction.static": 0.7}
+    )
 
 
 def test_without_its_optional_keys_a_scene_has_the_defaults_that_are_listed(tmp_path):
@@ -106,7 +110,10 @@ JANSEN = "studies/scenes/jansen_2.toml"
         (["sweep", "--vary", "bit.weight=5e4:9e4", "--sampling", "sobol", "--runs", "3", "--out", "OUT"], "--runs"),
         (["sweep", "--vary", "bit.weight=5e4:9e4", "--sampling", "random", "--runs", "4", "--seed", "-1", "--out", "OUT"], "--seed"),
         (["tune", "--controller", "soft torque", "--free", "detuning=2:1", "--objective", "severity", "--out", "OUT"], "--free"),
-        (["tune", "--controller", "soft torque", "--free", "detuning=1:2", "--objective", "severity", "--runs", "2", "--out", "OUT"], "--runs"),
+        (
+            ["tune", "--controller", "soft torque", "--free", "detuning=1:2", "--objective", "severity", "--runs", "2", "--out", "OUT"],
+            "--runs",
+        ),
         (["tune", "--controller", "constant torque", "--free", "detuning=1:2", "--objective", "severity", "--out", "OUT"], "--controller"),
         (["fit", "studies/data/rig.csv", "--free", "bit.weight", "--free", "bit.weight"], "--free"),
         (["fit", "studies/data/rig.csv", "--free", "bit.friction.static", "--starts", "0"], "--starts"),

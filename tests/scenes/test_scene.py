@@ -384,7 +384,11 @@ def test_the_sensors_of_a_sampled_law_are_read_run_and_saved(tmp_path):
         ('delay = "3 ms"\n', 'noise = { "top.speed" = "3 m" }\n', "noise.top.speed"),
         ('delay = "3 ms"\n', "resolution = 0.1\n", "resolution"),
         ('delay = "3 ms"\n', "seed = -1\n", "seed"),
-        ('sample_time = "10 ms"\ndelay = "3 ms"\n', 'noise = { "top.speed" = 0.1 }\n', "`noise` of `stiff PI, 100 Hz` must come with `sample_time`"),
+        (
+            'sample_time = "10 ms"\ndelay = "3 ms"\n',
+            'noise = { "top.speed" = 0.1 }\n',
+            "`noise` of `stiff PI, 100 Hz` must come with `sample_time`",
+        ),
     ],
     ids=["unknown", "not measured", "unit", "no table", "seed", "continuous"],
 )
@@ -419,7 +423,13 @@ def test_a_scene_made_of_a_plant_and_laws_is_that_of_a_file_that_does_not_say_ho
     assert made == Scene.load(path)
     assert made.run("stiff").time_in("bit", "stick", after=60.0) > 10.0
     belt = Scene.of(compose(BlockOnBelt()), 30.0)
-    assert (belt.element, belt.signal, belt.effort, belt.labels, belt.reference) == ("belt", "belt.slip", "block.force", ["no controller"], None)
+    assert (belt.element, belt.signal, belt.effort, belt.labels, belt.reference) == (
+        "belt",
+        "belt.slip",
+        "block.force",
+        ["no controller"],
+        None,
+    )
     two = Scene.of(rig, 120.0, {"slow": StiffPI(reference=3.0), "fast": StiffPI(reference=9.0)})
     assert two.reference is None  # laws that want different speeds
 
@@ -450,6 +460,9 @@ def test_a_scene_prints_its_plant_and_its_cases():
 
 def test_a_scene_or_a_part_where_a_plant_belongs_is_refused_in_one_short_line_that_says_what_to_write():
     scene = Scene.load(Path(__file__).parents[2] / "studies" / "scenes" / "jansen_2.toml")
-    for wrong, words in ((scene, "a Scene, which runs its cases itself: `scene.run"), (scene.parts[0], r"a TorsionalChain: `compose\(TorsionalChain")):
+    for wrong, words in (
+        (scene, "a Scene, which runs its cases itself: `scene.run"),
+        (scene.parts[0], r"a TorsionalChain: `compose\(TorsionalChain"),
+    ):
         with pytest.raises(SceneError, match=f"made by `compose`, but it is {words}.{{,16}}$"):
             simulate(wrong, 1.0)

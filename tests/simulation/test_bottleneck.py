@@ -55,7 +55,9 @@ class Two(Component):
 
 def test_the_message_of_a_spent_budget_names_the_state_and_the_time_constant_that_hold_it_up():
     start = {"slow.x": 1.0, "lag.z": 1.0}
-    with pytest.raises(BudgetError, match=r"which `lag.z` asks for, at a plant whose fastest time constant is 1e-05 s \(method stiff") as failed:
+    with pytest.raises(
+        BudgetError, match=r"which `lag.z` asks for, at a plant whose fastest time constant is 1e-05 s \(method stiff"
+    ) as failed:
         simulate(compose(Two()), 1e3, start=start, method="explicit", budget=Budget(steps=3000))
     assert failed.value.run.end < 1.0
     assert simulate(compose(Two()), 20.0, start=start, method="stiff", budget=Budget(steps=3000)).end == 20.0  # as it says

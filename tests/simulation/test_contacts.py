@@ -122,7 +122,9 @@ def test_a_damped_contact_opens_at_zero_force_and_loses_what_its_spring_still_he
     assert before["floor.force"] == pytest.approx(0.0, abs=1e-6 * inside.max())
     assert before["ball.height"] < -1e-4  # the spring is still compressed
     audit = energy_audit(run)
-    assert audit.impacts == pytest.approx(sum(0.5e4 * run.at(e.time)["ball.height"] ** 2 for e in run.events if e.after == "open"), rel=1e-6)
+    assert audit.impacts == pytest.approx(
+        sum(0.5e4 * run.at(e.time)["ball.height"] ** 2 for e in run.events if e.after == "open"), rel=1e-6
+    )
     assert audit.relative < 1e-9
     assert run["ball.height"][-1] == pytest.approx(-20.0 / 1e4, rel=1e-5)
 
@@ -258,7 +260,9 @@ def test_a_thrown_disc_ends_rolling_without_slip():
     # about a point of the floor angular momentum is conserved: m r u - I w with u = -r w at the end
     assert run["disc.u"][-1] == pytest.approx(4.0 / (1 + 0.5), rel=1e-6)
     assert energy_audit(run).relative < 1e-6
-    twin = simulate(compose(Disc(restitution=0.6, friction=Coulomb(static=0.0, kinetic=0.0))), 30.0, start={"disc.height": 1.5, "disc.u": 4.0})
+    twin = simulate(
+        compose(Disc(restitution=0.6, friction=Coulomb(static=0.0, kinetic=0.0))), 30.0, start={"disc.height": 1.5, "disc.u": 4.0}
+    )
     assert twin["disc.u"][-1] == pytest.approx(4.0, rel=1e-12)  # without friction nothing makes it roll
 
 
@@ -326,6 +330,7 @@ def test_a_ball_on_a_shaking_table_follows_the_impact_map():
     run = simulate(compose(Shaken()), 1.2, start={"ball.height": 0.03}, accuracy=1e-9)
     t, x, v, times = 0.0, 0.03, 0.0, []
     while len(times) < 6:
+
         def gap(s, t=t, x=x, v=v):
             return x + v * (s - t) - 9.81 * (s - t) ** 2 / 2 - 0.01 * np.sin(40 * s)
 
@@ -423,7 +428,11 @@ def test_a_switch_that_both_sides_lead_back_to_is_reported_as_endless():
 
 
 def test_a_law_that_jumps_switches_exactly_at_its_break():
-    run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Drop(static=1.0, kinetic=0.5, speed=1.5))), 3.0, start={"block.speed": 0.0})
+    run = simulate(
+        compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Drop(static=1.0, kinetic=0.5, speed=1.5))),
+        3.0,
+        start={"block.speed": 0.0},
+    )
     # slip -3, friction +0.5 until |slip| = 1.5 after 3 s / 1 = 3 s
     assert run.modes["belt.break"][0] == "beyond"
     run = simulate(compose(BlockOnBelt(stiffness=0.0, belt_speed=3.0, friction=Drop(static=1.0, kinetic=0.5, speed=1.5))), 6.0)
@@ -456,7 +465,9 @@ def test_steady_states_and_linearisation_know_contacts():
     assert rest.modes == {"floor": "closed"}
     assert rest["ball.height"] == pytest.approx(-20.0 / 1e4)
     linear = linearise(plant, at=rest)
-    np.testing.assert_allclose(sorted(np.linalg.eigvals(linear.A), key=np.imag), np.sort_complex(np.roots([2.0, 10.0, 1e4]))[::1], rtol=1e-9)
+    np.testing.assert_allclose(
+        sorted(np.linalg.eigvals(linear.A), key=np.imag), np.sort_complex(np.roots([2.0, 10.0, 1e4]))[::1], rtol=1e-9
+    )
     free = linearise(plant, at={"ball.height": 1.0})
     np.testing.assert_allclose(free.A, [[0, 1], [0, 0]], atol=0)
 

@@ -49,7 +49,9 @@ BELT = compose(BlockOnBelt())
 LAWS = sorted(
     name
     for name, kind in ((name, getattr(controllers, name)) for name in controllers.__all__)
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind) and issubclass(kind, Controller)
+    if isinstance(kind, type)
+    and dataclasses.is_dataclass(kind)
+    and issubclass(kind, Controller)
     and not issubclass(kind, (Observed, controllers.Lifting))  # which need another law to act on
 )
 PERIOD = {"LinearMPC": 0.1, "NonlinearMPC": 0.1, "BrakeMPC": 0.03}

@@ -15,7 +15,9 @@ def compared(trial, method, accuracy):
     """The run of a trial, and its largest difference to the reference, relative to the largest position and the largest speed."""
     times = np.linspace(0.0, trial.duration, 101)
     right = Reference(trial, 1e-12).run(times)
-    run = simulate(compose(trial.machine), trial.duration, output_times=times, method=method, accuracy=accuracy, budget=BUDGET, **arguments_of(trial))
+    run = simulate(
+        compose(trial.machine), trial.duration, output_times=times, method=method, accuracy=accuracy, budget=BUDGET, **arguments_of(trial)
+    )
     found = np.column_stack([run[f"machine.{kind}{i}"] for kind in "xv" for i in range(3)])
     size = np.repeat([np.abs(right[:, :3]).max(), np.abs(right[:, 3:]).max()], 3)
     return run, (np.abs(found - right) / size).max()
@@ -30,7 +32,10 @@ def test_a_relay_whose_slip_is_only_round_off_is_let_go_once(method):
         static=(0.9656689234500804,), kinetic=(0.9656689234500804,), speed=(1.0,), bound=(1.0420677623536136,), lean=(1.0683435844220015,),
         rubs=("1 0 Coulomb one",), relays=("2 ground",),
     )  # fmt: skip
-    inputs = {"machine.push1": -5.232658104599153, "machine.push2": Table((2.9052912798141826, 6.663676202137003), (0.37181623265831193, 4.618833937955818))}
+    inputs = {
+        "machine.push1": -5.232658104599153,
+        "machine.push2": Table((2.9052912798141826, 6.663676202137003), (0.37181623265831193, 4.618833937955818)),
+    }
     run, error = compared(Trial(machine, REST, inputs, duration=7.180243700807554), method, 1e-8)
     assert error < 1e-7
     assert [event[1:] for event in run.events[:2]] == [("machine.relay0", "stick", "slip-"), ("machine.rub0", "slip-", "slip+")]

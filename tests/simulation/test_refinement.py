@@ -16,8 +16,15 @@ SCENES = [
 
 # motion that forgets its start, so that any error becomes as large as the motion, or grows for a long time; a bit that loses contact cut by cut; squeal that
 # grows from beside steady sliding
-SENSITIVE = {("popp_rudolph", 1e-6), ("elastic_pad", 1e-3), ("alternating_load", 1e-3),
-             ("alternating_load", 1e-6), ("whirl", 1e-3), ("whirl", 1e-6), ("drag_bit", 1e-3)}
+SENSITIVE = {
+    ("popp_rudolph", 1e-6),
+    ("elastic_pad", 1e-3),
+    ("alternating_load", 1e-3),
+    ("alternating_load", 1e-6),
+    ("whirl", 1e-3),
+    ("whirl", 1e-6),
+    ("drag_bit", 1e-3),
+}
 
 
 @functools.cache

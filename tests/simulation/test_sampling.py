@@ -93,7 +93,9 @@ def test_a_sampled_proportional_law_on_an_integrator_is_a_geometric_sequence(per
     run = simulate(tank, 10.0, start={"tank.level": 1.0}, controller=Proportional(gain=1.5), sample_time=period)
     k = np.arange(int(10.0 / period))
     np.testing.assert_allclose(run.at(k * period)["tank.level"], (1 - 1.5 * period) ** k, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(run.at((k + 0.3) * period)["tank.level"], (1 - 0.45 * period) * (1 - 1.5 * period) ** k, rtol=1e-11, atol=1e-14)
+    np.testing.assert_allclose(
+        run.at((k + 0.3) * period)["tank.level"], (1 - 0.45 * period) * (1 - 1.5 * period) ** k, rtol=1e-11, atol=1e-14
+    )
 
 
 def test_a_law_with_memory_updates_it_once_per_sample():
@@ -440,7 +442,9 @@ def test_a_sample_at_the_instant_of_a_jump_sees_the_input_after_it():
 
 def test_a_sample_at_the_instant_of_a_release_sees_the_friction_after_it():
     # the push jumps to 1.8 at t = 1 and frees the block: from then on friction is -0.8, not the -1.8 that would have held it
-    run = simulate(compose(Block()), 2.0, inputs={"block.push": step(0.5, 1.8, 1.0)}, controller=Recorder(measured="pad.force"), sample_time=0.5)
+    run = simulate(
+        compose(Block()), 2.0, inputs={"block.push": step(0.5, 1.8, 1.0)}, controller=Recorder(measured="pad.force"), sample_time=0.5
+    )
     assert run.events[0].time == 1.0
     assert run.at(0.9)["recorder.value"] == -0.5
     assert run.at(1.1)["recorder.value"] == -0.8
@@ -577,7 +581,9 @@ def test_a_callable_that_measures_a_vector_is_told_to_name_entries():
     simulate(rig, 1.0, controller=law(("chain.speed.0",), ("top.torque",))(lambda t, y: y[0]), sample_time=0.1)
 
 
-@pytest.mark.parametrize(("measures", "drives"), [(("top.sped",), ("top.torque",)), (("top.speed",), ("top.torqe",)), (("top.speed",), ("bit.torque",))])
+@pytest.mark.parametrize(
+    ("measures", "drives"), [(("top.sped",), ("top.torque",)), (("top.speed",), ("top.torqe",)), (("top.speed",), ("bit.torque",))]
+)
 def test_a_callable_that_names_unknown_signals_is_refused_by_name(measures, drives):
     wrong = measures[0] if measures[0] != "top.speed" else drives[0]
     with pytest.raises(SceneError, match=wrong):

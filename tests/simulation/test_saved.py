@@ -26,7 +26,11 @@ RUNS = {
     "sampled drive": (RIG, 30.0, {"controller": PI(reference=9.0), "sample_time": 0.01}),
     "no contact": (compose(wells.JANSEN_2), 5.0, {"inputs": {"top.torque": 1e4}}),
     "no switch": (compose(BlockOnBelt(belt_speed=0.0)), 3.0, {"output_times": [0.0, 1.0, 2.0]}),
-    "a break of the law": (compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))), 20.0, {"start": {"block.position": 1.0}}),
+    "a break of the law": (
+        compose(BlockOnBelt(friction=Drop(static=1.0, kinetic=0.5, speed=0.3))),
+        20.0,
+        {"start": {"block.position": 1.0}},
+    ),
     "bounces": (compose(Ball(stiffness=1e4, damping=20.0)), 3.0, {"start": {"ball.height": 1.0}}),
     "smoothed": (compose(BlockOnBelt()), 10.0, {"method": Smoothing(1e-2)}),
 }
@@ -58,7 +62,9 @@ def test_a_run_read_back_answers_at_any_time_as_exactly_as_the_run(case, tmp_pat
     exact, read = run.at(times), back.at(times)
     for name in run.names:
         size = np.abs(exact[name]).max() or 1.0
-        np.testing.assert_allclose(read[name], exact[name], rtol=0, atol=3 * run.accuracy * size)  # checked at points between, not everywhere
+        np.testing.assert_allclose(
+            read[name], exact[name], rtol=0, atol=3 * run.accuracy * size
+        )  # checked at points between, not everywhere
     for element, words in exact.modes.items():
         np.testing.assert_array_equal(read.modes[element], words)
     name = next(name for name in run.names if run[name].ndim == 1)
@@ -113,7 +119,11 @@ def test_a_run_read_back_plots_the_same_curves(case, tmp_path):
     run = simulate(plant, duration, **arguments)
     back = Trajectory.load(run.save(tmp_path / "run.npz"))
     for drawn, read in zip(run.plot(), back.plot(), strict=True):
-        assert (drawn.get_ylabel(), len(drawn.patches), len(drawn.collections)) == (read.get_ylabel(), len(read.patches), len(read.collections))
+        assert (drawn.get_ylabel(), len(drawn.patches), len(drawn.collections)) == (
+            read.get_ylabel(),
+            len(read.patches),
+            len(read.collections),
+        )
         for line, other in zip(drawn.get_lines(), read.get_lines(), strict=True):
             assert line.get_label() == other.get_label()
             np.testing.assert_array_equal(line.get_xdata(), other.get_xdata())
@@ -179,7 +189,9 @@ def test_a_run_is_data_to_fit(through, tmp_path):
     run = simulate(compose(truth), 12.0, start={"block.position": 0.5}, output_times=np.linspace(0, 12, 200), accuracy=1e-10)
     data = through(run, tmp_path / "run.npz")
     for columns in ({"block.position": "block.position"}, {"block.speed": "block.speed [m/s]"}):
-        found = fit(compose(guess), data, "block.mass", {"block.mass": (0.8, 1.6)}, columns=columns, start={"block.position": 0.5}, starts=1)
+        found = fit(
+            compose(guess), data, "block.mass", {"block.mass": (0.8, 1.6)}, columns=columns, start={"block.position": 0.5}, starts=1
+        )
         assert found["block.mass"] == pytest.approx(1.3, rel=1e-6)
     with pytest.raises(SceneError, match=r"must have `position`, but it is not there: did you mean `block.position`"):
         fit(compose(guess), data, "block.mass", columns={"block.position": "position"})

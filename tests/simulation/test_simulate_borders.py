@@ -61,7 +61,8 @@ def test_bad_output_times_are_refused(bad):
 
 
 @pytest.mark.parametrize(
-    ("bad", "word"), [([0.5, 0.2], "0.5 s is followed by 0.2 s"), ([-0.1, 1], "begin at -0.1 s"), ([0.4, 1.2], "end at 1.2 s"), ([], "shape")]
+    ("bad", "word"),
+    [([0.5, 0.2], "0.5 s is followed by 0.2 s"), ([-0.1, 1], "begin at -0.1 s"), ([0.4, 1.2], "end at 1.2 s"), ([], "shape")],
 )
 def test_bad_output_times_are_refused_with_what_is_wrong(bad, word):
     with pytest.raises(SceneError, match=word):
@@ -85,7 +86,9 @@ def test_output_times_are_copied():
 # --- start
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, "1", "abc", None, True, [1.0, 2.0], {}, 1j, 10**400, object(), ca.SX.sym("a")], ids=named)
+@pytest.mark.parametrize(
+    "bad", [math.nan, math.inf, "1", "abc", None, True, [1.0, 2.0], {}, 1j, 10**400, object(), ca.SX.sym("a")], ids=named
+)
 def test_a_bad_start_value_is_refused_by_name(bad):
     with pytest.raises(SceneError, match=r"block\.speed"):
         simulate(BLOCK, 1.0, start={"block.speed": bad})
@@ -109,7 +112,9 @@ def test_a_start_may_name_a_state_an_entry_a_signal_or_fill_a_vector():
         np.testing.assert_array_equal(simulate(RIG, 1.0, start=start).at(0.0)["chain.speed"], expected)
 
 
-@pytest.mark.parametrize(("wrong", "right"), [("block.sped", "block.speed"), ("block.velocity", "block"), ("speed", "block.speed"), ("chain", "block")])
+@pytest.mark.parametrize(
+    ("wrong", "right"), [("block.sped", "block.speed"), ("block.velocity", "block"), ("speed", "block.speed"), ("chain", "block")]
+)
 def test_an_unknown_start_is_refused_with_the_nearest_known_name(wrong, right):
     with pytest.raises(SceneError, match=f"{wrong}.*{right}"):
         simulate(BLOCK, 1.0, start={wrong: 1.0})
@@ -158,7 +163,9 @@ def test_a_bad_shape_is_refused(make):
         make()
 
 
-@pytest.mark.parametrize("value", [-1.0, ((0.0, 1.0), (1.0, -1.0)), sine(0.0, 1.0, 1.0), step(1.0, -1.0, 0.5), ramp(1.0, -1.0, 0.0, 1.0)], ids=named)
+@pytest.mark.parametrize(
+    "value", [-1.0, ((0.0, 1.0), (1.0, -1.0)), sine(0.0, 1.0, 1.0), step(1.0, -1.0, 0.5), ramp(1.0, -1.0, 0.0, 1.0)], ids=named
+)
 def test_an_input_is_held_to_the_bounds_of_the_parameter_it_replaces(value):
     with pytest.raises(SceneError, match=r"bit\.weight"):
         simulate(RIG, 1.0, inputs={"bit.weight": value})
@@ -186,7 +193,10 @@ def test_a_signal_may_be_overridden_in_time_or_by_its_constant_but_not_both():
 
 def test_numbers_tables_shapes_and_expressions_of_one_function_give_one_answer():
     # 0.3 as a number, a table, a shape and an expression; a ramp as a table, a shape and an expression
-    runs = [simulate(BLOCK, 20.0, inputs={"block.force": value}, accuracy=1e-9) for value in (0.3, ((0.0,), (0.3,)), sine(0.3, 0.0, 1.0), 0.3 + 0 * time)]
+    runs = [
+        simulate(BLOCK, 20.0, inputs={"block.force": value}, accuracy=1e-9)
+        for value in (0.3, ((0.0,), (0.3,)), sine(0.3, 0.0, 1.0), 0.3 + 0 * time)
+    ]
     for run in runs[1:]:
         assert [e.time for e in run.events] == pytest.approx([e.time for e in runs[0].events], abs=1e-7)
     values = (((0.0, 20.0), (0.0, 0.4)), ramp(0.0, 0.4, 0.0, 20.0), 0.02 * time)

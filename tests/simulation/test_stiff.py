@@ -158,7 +158,9 @@ def test_the_elimination_solves_sparse_systems_with_algebraic_rows():
     assert float(least) > 0  # the eigenvalues of the matrix all decay
 
 
-@pytest.mark.parametrize("law", [Hyperbolic(static=1.0, decay=1e6), Exponential(static=1.0, kinetic=0.5, decay=1e6)], ids=["hyperbolic", "exponential"])
+@pytest.mark.parametrize(
+    "law", [Hyperbolic(static=1.0, decay=1e6), Exponential(static=1.0, kinetic=0.5, decay=1e6)], ids=["hyperbolic", "exponential"]
+)
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
 def test_a_block_breaks_away_though_implicit_damping_would_hold_it(law, accuracy):
     # after stick the slip grows at the rate F_s decay / m = 1e6/s from nothing: a long implicit step sees no error in letting it die
@@ -469,7 +471,13 @@ def test_what_slipping_makes_stiff_is_stepped_implicitly_before_it_slips(cube, m
     looks = []
 
     def watched(run, program, work, since):
-        looks.append((*progress(work), spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m), pays(run, program, work, since)))
+        looks.append(
+            (
+                *progress(work),
+                spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m),
+                pays(run, program, work, since),
+            )
+        )
         return looks[-1][-1]
 
     monkeypatch.setattr(carry_out, "pays", watched)

@@ -49,7 +49,9 @@ def test_a_pulse_shorter_than_a_step_throws_a_switch(method):
     run = simulate(compose(Thermostat()), 10.0, start={"room.x": 1.0}, inputs={"room.u": PULSE}, method=method)
     assert run.events == [(1.0, "switch", "low", "high")]
     assert run["room.x"][-1] == pytest.approx(AFTER, rel=1e-6)
-    twin = simulate(compose(Thermostat()), 10.0, start={"room.x": 1.0}, inputs={"room.u": ([0.0, 1.0, 1.0, 1.01], [0.0, 0.0, 0.9, 0.0])}, method=method)
+    twin = simulate(
+        compose(Thermostat()), 10.0, start={"room.x": 1.0}, inputs={"room.u": ([0.0, 1.0, 1.0, 1.01], [0.0, 0.0, 0.9, 0.0])}, method=method
+    )
     assert twin.events == [] and twin["room.x"][-1] == pytest.approx(math.exp(-1.0), rel=1e-6)  # inside its band it keeps its position
 
 
@@ -145,7 +147,9 @@ class Pair(Component):
         push, pull = signal("a.force", "N", default=0.0), signal("b.force", "N", default=0.0)
         law = Coulomb(static=self.static, kinetic=self.kinetic)
         ground, rub = DryFriction("ground", v, law), DryFriction("rub", w - v, law)
-        return Equations(flow={x: v, v: push + ground.force - rub.force - 2 * x, y: w, w: (rub.force + pull - 2 * y) / 0.7}, elements=[ground, rub])
+        return Equations(
+            flow={x: v, v: push + ground.force - rub.force - 2 * x, y: w, w: (rub.force + pull - 2 * y) / 0.7}, elements=[ground, rub]
+        )
 
 
 def consistent_sets(plant, static, kinetic, x, v, y, w, push, pull, held):
@@ -181,7 +185,9 @@ def test_a_switch_at_which_other_modes_were_consistent_is_listed():
         for event in run.ambiguous:
             at = run.at(event.time)
             slips = (at["a.v"], at["b.v"] - at["a.v"])
-            sets = consistent_sets(plant, static, kinetic, *at.states[0][:4], at["a.force"], at["b.force"], [abs(slip) < 1e-9 for slip in slips])
+            sets = consistent_sets(
+                plant, static, kinetic, *at.states[0][:4], at["a.force"], at["b.force"], [abs(slip) < 1e-9 for slip in slips]
+            )
             assert len(sets) > 1
             counted += 1
         assert f"{len(run.ambiguous)} switches at which other modes" in str(run) or not run.ambiguous
@@ -227,7 +233,9 @@ def test_a_negative_bound_of_a_relay_is_refused_where_it_happens(bound, when, me
     with pytest.raises(SimulationError, match=rf"The bound of `c` must be >= 0, but it .* at t = {when:g} s") as failed:
         simulate(compose(Pushed()), 6.0, inputs={"a.static": bound}, method=method)
     assert failed.value.run.end == pytest.approx(when)
-    assert simulate(compose(Pushed()), 6.0, inputs={"a.static": 0.0, "a.push": 0.5}, method=method)["a.v"][-1] == pytest.approx(3.0)  # 0 is a bound
+    assert simulate(compose(Pushed()), 6.0, inputs={"a.static": 0.0, "a.push": 0.5}, method=method)["a.v"][-1] == pytest.approx(
+        3.0
+    )  # 0 is a bound
 
 
 def test_a_negative_bound_of_a_relay_ends_a_run_of_a_sweep():
@@ -241,7 +249,9 @@ def test_kinetic_friction_above_static_is_refused_where_the_contact_leaves_or_en
     with pytest.raises(SimulationError, match="The kinetic friction of `c` must be <= its static friction, but it is") as failed:
         simulate(compose(Pushed(dry=True)), 20.0, inputs=inputs)
     run = failed.value.run
-    static, kinetic = (ca.DM(ca.substitute(ca.SX(inputs.get(name, declared)), time, run.end)) for name, declared in (("a.static", 1.0), ("a.kinetic", 0.5)))
+    static, kinetic = (
+        ca.DM(ca.substitute(ca.SX(inputs.get(name, declared)), time, run.end)) for name, declared in (("a.static", 1.0), ("a.kinetic", 0.5))
+    )
     assert kinetic > static
     assert simulate(compose(Pushed(dry=True)), 20.0).events  # the declared machine runs
 
@@ -251,7 +261,9 @@ def test_kinetic_friction_above_static_is_refused_where_the_contact_leaves_or_en
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-5, 1e-8])
 def test_a_switch_that_a_wave_passes_for_an_instant_turns(method, accuracy):
     """sine above 0.9 for a seventh of its period, while the state it drives moves so evenly that it asks for steps longer than that."""
-    run = simulate(compose(Thermostat()), 20.0, start={"room.x": 1.0}, inputs={"room.u": sine(0.0, 1.1, 0.2)}, method=method, accuracy=accuracy)
+    run = simulate(
+        compose(Thermostat()), 20.0, start={"room.x": 1.0}, inputs={"room.u": sine(0.0, 1.1, 0.2)}, method=method, accuracy=accuracy
+    )
     rise = math.asin(1.0 / 1.1) / (2.0 * math.pi * 0.2)
     expected = [rise, *(k * 2.5 + rise for k in range(1, 8))]
     assert [event.time for event in run.events] == pytest.approx(expected, rel=1e-6)

@@ -93,7 +93,13 @@ class Oscillator(Component):
 @pytest.mark.parametrize(("high", "passes"), [(0.99, True), (0.9999, True), (1.0 - 1e-7, True), (1.0 + 1e-6, False)])
 def test_a_guard_that_dips_within_a_long_step_is_found(high, passes):
     """x = cos t stays above 1 - 1e-7 for 9e-4 of a step of one, once in every period, and 1 + 1e-6 is never reached."""
-    run = simulate(compose(Oscillator(high=high)), 20 * np.pi + 1.0, method=TaylorSeries(24), accuracy=1e-9, start={"oscillator.x": 0.0, "oscillator.v": 1.0})
+    run = simulate(
+        compose(Oscillator(high=high)),
+        20 * np.pi + 1.0,
+        method=TaylorSeries(24),
+        accuracy=1e-9,
+        start={"oscillator.x": 0.0, "oscillator.v": 1.0},
+    )
     times = np.array([event.time for event in run.events])
     if not passes:
         assert not times.size

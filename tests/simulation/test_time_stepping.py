@@ -293,7 +293,6 @@ def test_a_run_of_no_duration_shows_the_start():
 
 def test_a_run_with_a_step_can_be_made_again_with_located_events():
 
-
     run = simulate(BELT, 20.0, method=TimeStepping(1e-5))
     exact = run.run.again(method="explicit")
     assert (exact.states == simulate(BELT, 20.0, method="explicit").states).all()

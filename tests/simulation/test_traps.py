@@ -236,7 +236,9 @@ def test_a_ramp_of_force_starts_a_block_from_rest(kinetic, accuracy):
 
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_a_slow_force_may_hold_a_stuck_string_for_long_at_no_cost(accuracy):
-    run = simulate(compose(wells.JANSEN_2, BitRock(weight=60_000.0)), 200.0, inputs={"top.torque": ((0.0, 250.0), (0.0, 7000.0))}, accuracy=accuracy)
+    run = simulate(
+        compose(wells.JANSEN_2, BitRock(weight=60_000.0)), 200.0, inputs={"top.torque": ((0.0, 250.0), (0.0, 7000.0))}, accuracy=accuracy
+    )
     assert run.time_in("bit", "stick") == 200.0
     assert sum(run.steps) < 20_000
 
@@ -314,7 +316,9 @@ def test_thousands_of_jumps_of_a_table_are_each_met():
     n = 3000
     edges = np.repeat(np.arange(1, n), 2) * 0.01
     values = np.repeat(np.where(np.arange(n) % 2, 1.8, -1.8), 2)[1:-1]
-    run = simulate(compose(Slider(friction=Coulomb(static=0.8, kinetic=0.8))), n * 0.01, inputs={"slider.force": (edges, values)}, accuracy=1e-6)
+    run = simulate(
+        compose(Slider(friction=Coulomb(static=0.8, kinetic=0.8))), n * 0.01, inputs={"slider.force": (edges, values)}, accuracy=1e-6
+    )
     # odd symmetric square wave of force: from the first push on, v returns to 0 at the end of every second piece or soon after its jump
     assert len(run.events) >= n - 1
     assert np.abs(run["slider.speed"]).max() <= 0.01 * 1.0 * (1 + 1e-6)
@@ -570,7 +574,7 @@ class Pair(Component):
         y, w = state("pair.y", "m"), state("pair.w", "m/s")
         first = DryFriction("first", v, Coulomb(static=0.01, kinetic=0.01))
         second = DryFriction("second", w, Coulomb(static=0.01, kinetic=0.01), self.size)
-        return Equations(flow={x: v, v: -x + first.force, y: w, w: -self.rate**2 * y + second.force}, elements=[first, second])
+        return Equations(flow={x: v, v: -x + first.force, y: w, w: -(self.rate**2) * y + second.force}, elements=[first, second])
 
 
 @pytest.mark.parametrize("size", [1e9, 1.0, 1e-9])

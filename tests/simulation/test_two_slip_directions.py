@@ -54,7 +54,11 @@ class Puck(Component):
     def equations(self, signal):
         x, y = state("puck.x", "m"), state("puck.y", "m")
         v, w = state("puck.v", "m/s"), state("puck.w", "m/s")
-        pull, side, belt = signal("puck.pull", "N", default=0.0), signal("puck.side", "N", default=0.0), signal("belt.speed", "m/s", default=0.0)
+        pull, side, belt = (
+            signal("puck.pull", "N", default=0.0),
+            signal("puck.side", "N", default=0.0),
+            signal("belt.speed", "m/s", default=0.0),
+        )
         slip = ca.vertcat(v - belt, w)
         table = DryFriction("table", slip, self.friction, self.load)
         k = self.stiffness
@@ -109,7 +113,9 @@ def test_a_block_launched_across_a_belt_stops_on_it_and_is_then_carried_exactly(
 def launched_on_a_slope(steepness, angle, **options):
     """A puck on a slope whose downhill pull is mu N / steepness along x, launched at 2 m/s at an angle from downhill."""
     start = {"puck.v": 2.0 * math.cos(angle), "puck.w": 2.0 * math.sin(angle)}
-    return simulate(compose(Puck(load=1.0 / 0.4)), options.pop("duration", 60.0), start=start, inputs={"puck.pull": 1.0 / steepness}, **options)
+    return simulate(
+        compose(Puck(load=1.0 / 0.4)), options.pop("duration", 60.0), start=start, inputs={"puck.pull": 1.0 / steepness}, **options
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -208,7 +214,9 @@ def test_the_error_of_stick_and_slip_in_a_plane_falls_with_the_accuracy_asked(pu
         run = simulate(plant, 6.0, inputs=ELLIPSE, method=method, accuracy=accuracy)
         assert [mode for _, mode in switches(run)] == [mode for _, mode in switches(fine)]
         found = run.at(grid)
-        errors.append(max(np.abs(found[name] - truth[name]).max() / np.abs(truth[name]).max() for name in ("puck.x", "puck.y", "puck.v", "puck.w")))
+        errors.append(
+            max(np.abs(found[name] - truth[name]).max() / np.abs(truth[name]).max() for name in ("puck.x", "puck.y", "puck.v", "puck.w"))
+        )
     check_energy(run)
     assert (np.array(errors) < (1e-4, 1e-6, 1e-8)).all() and errors[2] < errors[0] / 30
 
@@ -252,7 +260,9 @@ class Stack(Component):
         between = DryFriction("between", w - v, law, random.uniform(2, 8))
         table, rail = DryFriction("table", v, law, random.uniform(5, 20)), DryFriction("rail", w[0], law, random.uniform(2, 8))
         railed = self.seed % 3 == 0
-        on_low, on_high = ([random.uniform(3, 10) * ca.sin(random.uniform(1, 6) * time + random.uniform(0, 6)) for _ in range(2)] for _ in range(2))
+        on_low, on_high = (
+            [random.uniform(3, 10) * ca.sin(random.uniform(1, 6) * time + random.uniform(0, 6)) for _ in range(2)] for _ in range(2)
+        )
         down = ca.vertcat(*on_low) - between.force - 10 * low + (0 if railed else table.force)
         up = ca.vertcat(*on_high) + between.force - 5 * high + (ca.vertcat(rail.force, 0) if railed else 0)
         flow = {low: v, high: w, v: np.linalg.inv([[1.5, 0.4], [0.4, 1.0]]) @ down, w: up / 0.7}
@@ -363,7 +373,9 @@ def test_kinetic_friction_above_the_static_one_is_refused_by_the_name_of_the_con
 
     plant = compose(Puck(stiffness=5.0, friction=Reversed()))
     for arguments in ({"start": {"puck.v": 1.0}, "inputs": {"puck.side": 4.0}}, {"inputs": {"belt.speed": 0.2}}):
-        with pytest.raises(SimulationError, match="The kinetic friction of `table` must be <= its static friction, but it is 5 against 3 at t = "):
+        with pytest.raises(
+            SimulationError, match="The kinetic friction of `table` must be <= its static friction, but it is 5 against 3 at t = "
+        ):
             simulate(plant, 10.0, **arguments)
 
 
@@ -381,7 +393,9 @@ def test_a_contact_without_load_holds_nothing_and_sizes_do_not_matter(method):
     free = simulate(compose(Puck(load=0.0)), 2.0, inputs={"puck.side": sine(0.0, 3.0, 0.5)}, method=method)
     assert free["puck.y"][-1] == pytest.approx(3.0 / math.pi * 2.0, rel=1e-6)  # w = 3 / pi (1 - cos(pi t))
     for mass, load, speed in ((1e-9, 1e-9, 1e-6), (1e6, 1e9, 1e3)):
-        run = simulate(compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method)
+        run = simulate(
+            compose(Puck(mass=mass, mass_across=mass, load=load)), 10.0, start={"puck.v": 0.6 * speed, "puck.w": 0.8 * speed}, method=method
+        )
         assert run["puck.y"][-1] == pytest.approx(0.8 * speed**2 / (2 * 0.4 * load / mass), rel=1e-6)
 
 
@@ -394,7 +408,12 @@ def test_lengths_of_slip_and_force_are_measured_through_the_break_away():
     assert run["table.force"][0] == 0.0 and slip.minimum == force.minimum == 0.0
     assert (slip.maximum, slip.mean) == pytest.approx((2.0, 0.5), rel=1e-6)
     assert (force.maximum, force.mean) == pytest.approx((3.0, 1.5), rel=1e-6)
-    measures = {"highest": maximum("table.slip"), "mean": mean("table.slip"), "severity": severity("table.slip"), "force": mean("table.force")}
+    measures = {
+        "highest": maximum("table.slip"),
+        "mean": mean("table.slip"),
+        "severity": severity("table.slip"),
+        "force": mean("table.force"),
+    }
     found = sweep(plant, {"puck.mass": (1.0, 1.0)}, 2.0, inputs=pull, measures=measures)
     for name, expected in {"highest": 2.0, "mean": 0.5, "severity": 2.0, "force": 1.5}.items():
         assert found[name] == pytest.approx(expected, rel=1e-6), name

@@ -398,7 +398,9 @@ def test_a_plant_is_linearised_where_a_loop_holds_it(rig):
         assert alone.state_labels == ["chain_twist[0]", "chain_speed[0]", "chain_speed[1]"] and alone.input_labels == ["top_torque"]
         k = control.tf([2000.0, 700.0], [1, 0])
         closed = control.feedback(alone[0, 0] * control.ss(k))
-        np.testing.assert_allclose(np.sort_complex(closed.poles()), np.sort_complex(linearise(rig, at=rest, controller=law).poles()), rtol=1e-6)
+        np.testing.assert_allclose(
+            np.sort_complex(closed.poles()), np.sort_complex(linearise(rig, at=rest, controller=law).poles()), rtol=1e-6
+        )
     heavier = equilibrium(rig, controller=law, parameters={"chain.stiffness": (2 * K,)})
     assert linearise(rig, at=heavier).A[1, 0] == pytest.approx(-2 * K / J1, rel=1e-12)  # its numbers are those of the loop
     with pytest.raises(SceneError, match="or of a loop with it, but it belongs to another plant"):

@@ -36,7 +36,8 @@ def test_time_stepping_of_an_elastic_body_in_waves_converges_to_the_run_with_loc
     assert len([event for event in exact.events if event.before == "stick"]) >= 11
     force = exact.at(times)["plate.drag"]
     wrong = [
-        np.abs(study.force(study.struck(face, face.body.modes, step), times) - force).max() / np.abs(force).max() for step in (5e-7, 2.5e-7, 1.25e-7)
+        np.abs(study.force(study.struck(face, face.body.modes, step), times) - force).max() / np.abs(force).max()
+        for step in (5e-7, 2.5e-7, 1.25e-7)
     ]
     assert wrong[-1] < 0.05
     for coarse, fine in itertools.pairwise(wrong):

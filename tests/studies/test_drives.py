@@ -45,7 +45,8 @@ def test_the_tuned_lqg_ends_stick_slip_on_every_rig_where_the_stiff_drive_and_so
 
 
 @pytest.mark.parametrize(
-    "family", ["impedance, lifting", pytest.param("Z-torque, lifting", marks=pytest.mark.slow), pytest.param("LQG, lifting", marks=pytest.mark.slow)]
+    "family",
+    ["impedance, lifting", pytest.param("Z-torque, lifting", marks=pytest.mark.slow), pytest.param("LQG, lifting", marks=pytest.mark.slow)],
 )
 def test_a_tuned_law_that_lifts_ends_stick_slip_on_every_rig_and_keeps_a_margin(family):
     law = EVERY[gains.label_of(family)]
@@ -85,7 +86,9 @@ def test_a_run_that_sticks_is_off_swings_or_is_at_its_limits_is_no_success():
 
 def test_the_groups_are_those_of_the_protocol():
     assert {name: group.runs for name, group in GROUPS.items()} == {"declared": 8, "real": 160, "robust": 264, "corners": 72, "rocks": 48}
-    assert all(sum(getattr(rig, name) != 1.0 for name in ("drive", "bit", "stiffness", "weight")) + (rig.delay != 0.03) == 1 for rig in SINGLES)
+    assert all(
+        sum(getattr(rig, name) != 1.0 for name in ("drive", "bit", "stiffness", "weight")) + (rig.delay != 0.03) == 1 for rig in SINGLES
+    )
     assert {(rig.drive, rig.bit, rig.stiffness) for rig in CORNERS} == {(0.8, 1.2, 0.8), (1.2, 0.8, 1.2), (0.8, 0.8, 0.8)}
     # what laws are tuned on is not what they are judged on
     assert not set(gains.TUNING.seeds) & {seed for group in GROUPS.values() for seed in group.seeds if group.noise}
@@ -162,7 +165,11 @@ def test_a_row_and_the_time_of_a_python_law():
     found = row(EVERY["LQG"], (), None)
     assert found.settling < 60.0 and found.ripple < 0.05 and 0.0 < found.step < 1e-3
     assert "LQG" in table([found])
-    assert 0.0 < step_time(Law("linear MPC", lambda reference: LinearMPC(reference=reference, delay=0.03, **LIMITS).design(run_plant()), 0.1), 8.0) < 1.0
+    assert (
+        0.0
+        < step_time(Law("linear MPC", lambda reference: LinearMPC(reference=reference, delay=0.03, **LIMITS).design(run_plant()), 0.1), 8.0)
+        < 1.0
+    )
 
 
 def run_plant():
@@ -173,7 +180,10 @@ def run_plant():
 
 def test_the_picture_shows_every_law_and_where_none_of_its_set_points_holds(tmp_path):
     pairs = {"declared": (3.0, 2.8), "robust": (5.0, 4.0), "corners": (float("nan"), 5.0)}
-    rows = [Row("LQG, tuned", pairs, 10.0, 1.0, 0.01, 1e-6, (0.2, 0.1)), Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0))]
+    rows = [
+        Row("LQG, tuned", pairs, 10.0, 1.0, 0.01, 1e-6, (0.2, 0.1)),
+        Row("PI", dict.fromkeys(pairs, (float("nan"),) * 2), 1.0, 1.0, 0.1, 1e-6, (0.0, 0.0)),
+    ]
     picture(rows, tmp_path / "drives.svg", shown=("LQG, tuned",))
     assert (tmp_path / "drives.svg").read_text(encoding="utf-8").startswith("<?xml")
 

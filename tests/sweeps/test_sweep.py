@@ -156,7 +156,9 @@ def test_measures_in_machine_code_agree_with_those_of_the_trajectory(case, accur
 
 def test_node_values_alone_would_miss_the_peak():
     run = simulate(RIG, 60.0, controller=StiffPI())
-    found = sweep(RIG, {"bit.weight": [97_347.0]}, duration=60.0, controller=StiffPI(), measures={"peak": measures.maximum("bit.speed", 30.0)})
+    found = sweep(
+        RIG, {"bit.weight": [97_347.0]}, duration=60.0, controller=StiffPI(), measures={"peak": measures.maximum("bit.speed", 30.0)}
+    )
     peak = measure.extent(run, "bit.speed", 30.0).maximum
     assert found["peak"][0] == pytest.approx(peak, rel=1e-6)
     assert peak - run["bit.speed"][run.time >= 30.0].max() > 1e-4 * peak

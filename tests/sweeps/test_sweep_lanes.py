@@ -212,7 +212,10 @@ def test_lanes_are_taken_for_many_runs_of_what_they_carry():
 def test_an_input_may_vary_as_well_as_a_parameter():
     weights = {"bit.weight": (9e4, 1e5)}
     task = Task(
-        shared_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()), np.zeros((0, 0)), (measures.severity("bit.speed", 10.0),), lanes=True
+        shared_run(RIG, uniform(weights, 2), 30.0, controller=StiffPI()),
+        np.zeros((0, 0)),
+        (measures.severity("bit.speed", 10.0),),
+        lanes=True,
     )
     found = finished(dataclasses.replace(task, numbers=varied_numbers(task.run, uniform(weights, 2))[0]))
     for weight, severity in zip(uniform(weights, 2).points[:, 0], found.values[:, 0], strict=True):

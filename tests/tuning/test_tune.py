@@ -178,7 +178,9 @@ def test_plants_stand_for_scenes_that_are_judged_as_a_scene_file_is():
     assert alone.law.torque == pytest.approx(2000.0, rel=1e-3)
     drive = PI(reference=9.95, proportional=20e3, integral=2e3)
     found = tune(RIG, Sampled(drive, 0.01), ["settling", "stuck"], {"proportional": (300.0, 20e3)}, duration=60.0, runs=12)
-    assert isinstance(found.controller, Sampled) and found.before.values[0][1] > 1.0  # sticks as given; the law's own reference is the set-point
+    assert (
+        isinstance(found.controller, Sampled) and found.before.values[0][1] > 1.0
+    )  # sticks as given; the law's own reference is the set-point
 
 
 def test_measures_of_the_verdict_are_those_of_the_study_and_may_be_given_as_functions():

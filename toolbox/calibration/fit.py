@@ -139,7 +139,9 @@ def fit(
             plant._parameter(name)
         misfit = MeasuredLoop(plant, Recording.of(data, plant, columns), names, contact, given, still)
     else:
-        closed = Request(plant, 0.0, controller=law).checked().system  # what drives an input of the plant in closed loop is an output of the loop
+        closed = (
+            Request(plant, 0.0, controller=law).checked().system
+        )  # what drives an input of the plant in closed loop is an output of the loop
         recording = Recording.of(data, closed, columns)
         driving = {name: (recording.time, values) for name, values in recording.signals.items() if name in closed.inputs}
         arguments = {"inputs": {**given, **driving}, "start": begin, "parameters": {}, "controller": law, "accuracy": accuracy}
@@ -253,7 +255,9 @@ class LeastSquares:
                 if len(found) == self.starts:
                     break
                 try:
-                    found.append(self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations")))
+                    found.append(
+                        self._descend(begin, scales, trial.horizons(), lambda: bar.set_postfix_str(f"{next(evaluations)} evaluations"))
+                    )
                     bar.update()
                 except (SceneError, SimulationError) as error:  # numbers that contradict each other, or cannot be simulated
                     reason = reason or error
@@ -367,7 +371,13 @@ class LeastSquares:
 
             whole = misfit is self.misfit
             given: dict[str, Any] = {"fun": left, "jac": slopes, "x0": values / size}
-            given |= {"x_scale": "jac", "xtol": 1e-10 if whole else 1e-4, "ftol": 1e-12 if whole else 1e-4, "gtol": 1e-12, "max_nfev": 100 if whole else 30}
+            given |= {
+                "x_scale": "jac",
+                "xtol": 1e-10 if whole else 1e-4,
+                "ftol": 1e-12 if whole else 1e-4,
+                "gtol": 1e-12,
+                "max_nfev": 100 if whole else 30,
+            }
             found: Any = self._unbounded(given, size) if isinstance(misfit, MeasuredLoop) else None
             found = found or least_squares(**given, bounds=(self.low / size, self.high / size))
             values = found.x * size

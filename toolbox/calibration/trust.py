@@ -51,7 +51,9 @@ class Residual:
         line = f"  residual of {self.signal}: rms {self.rms * read.factor:.4g}{read.tail}, {100 * self.part:.2g} % of its range; "
         if self.whiteness >= 0.05:
             return [line + f"white (p = {self.whiteness:.2g})"]
-        found = [line + f"NOT white: neighbours correlate by {self.correlation:.2f}, so intervals are too narrow (p = {self.whiteness:.2g})"]
+        found = [
+            line + f"NOT white: neighbours correlate by {self.correlation:.2f}, so intervals are too narrow (p = {self.whiteness:.2g})"
+        ]
         if self.stretch > 1.2:
             found.append(
                 f"    they would have to be about {self.stretch:.2g} times as wide: the model lacks something (another law of friction, a lag of a sensor), "

@@ -105,10 +105,16 @@ def _parser() -> argparse.ArgumentParser:
         command.add(commands)
     for each in commands.choices.values():
         each.add_argument(
-            "--load", action="append", default=[], metavar="FILE.py", help="a Python file with parts or laws of your own, which is run; may be repeated"
+            "--load",
+            action="append",
+            default=[],
+            metavar="FILE.py",
+            help="a Python file with parts or laws of your own, which is run; may be repeated",
         )
         each.set_defaults(parser=each)
-        each.add_argument("--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI")
+        each.add_argument(
+            "--units", choices=tuple(SYSTEMS), help="of what is printed and drawn; without, those that were typed, else SI; files stay SI"
+        )
     return parser
 
 

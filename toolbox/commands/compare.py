@@ -29,10 +29,14 @@ def add(commands: Any) -> None:
     )
     comparison.add_argument("first", type=Path, metavar="FIRST", help="a saved run or a scene")
     comparison.add_argument("second", type=Path, metavar="SECOND", help="another of the same kind")
-    comparison.add_argument("--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows")
+    comparison.add_argument(
+        "--signal", action="append", metavar="NAME", help="a signal of the runs; may be repeated; without, what a plot shows"
+    )
     comparison.add_argument("--after", type=plain, default=0.0, metavar="T", help="measure from this time on: seconds, or with a unit (0)")
     comparison.add_argument("--until", type=plain, metavar="T", help="measure up to this time; the end of the shorter run without")
-    comparison.add_argument("--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced")
+    comparison.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report and figure; those of an earlier comparison are replaced"
+    )
     figure_format(comparison)
     comparison.set_defaults(action=run, spelled={"signals": "--signal", "first": "FIRST", "second": "SECOND"})
 
@@ -46,7 +50,9 @@ def run(given: argparse.Namespace) -> int:
     paths = (given.first, given.second)
     kinds = {path.suffix.lower() for path in paths}
     if kinds not in ({".toml"}, {".npz"}):
-        raise SceneError(f"Arguments `FIRST` and `SECOND` must be two runs (.npz) or two scenes (.toml), but they are `{paths[0]}` and `{paths[1]}`.")
+        raise SceneError(
+            f"Arguments `FIRST` and `SECOND` must be two runs (.npz) or two scenes (.toml), but they are `{paths[0]}` and `{paths[1]}`."
+        )
     scenes = kinds == {".toml"}
     labels = tuple(path.stem if paths[0].stem != paths[1].stem else str(path) for path in paths)
     after = parse(given.after, "s", "--after")
@@ -58,7 +64,9 @@ def run(given: argparse.Namespace) -> int:
         if folder is not None:
             (folder / "compare.txt").write_text(f"{BEGINNING}{paths[0]} and {paths[1]}\n\n{found}\n", encoding="utf-8")
             if not scenes:
-                figures.draw_overlay(dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}")
+                figures.draw_overlay(
+                    dict(zip(labels, (first, second), strict=True)), given.signal or (), after, until, folder / f"compare.{given.format}"
+                )
     print(found)
     if given.out:
         print(f"\n{'The report is' if scenes else 'Report and figure are'} in {given.out}")

@@ -22,7 +22,9 @@ def add(commands: Any) -> None:
         "parameters, their values, units and meaning; for models made from tables, what those take. `stickslip list scene` lists the keys of a scene file.",
         epilog="example: stickslip list BitRock",
     )
-    listing.add_argument("name", nargs="?", metavar="NAME", help="show only the entries whose name contains this; `scene`: the keys of a scene file")
+    listing.add_argument(
+        "name", nargs="?", metavar="NAME", help="show only the entries whose name contains this; `scene`: the keys of a scene file"
+    )
     listing.set_defaults(action=run)
 
 
@@ -71,7 +73,9 @@ def _heading(entry: Any) -> str:
         return entry.name.rpartition(".")[0].capitalize() or "Ready-made parts"
     if issubclass(entry.item, Observer):
         return "Observers"
-    return {"part": "Models", "contact body": "Bodies with many contacts", "control law": "Control laws", "friction law": "Friction laws"}[entry.kind]
+    return {"part": "Models", "contact body": "Bodies with many contacts", "control law": "Control laws", "friction law": "Friction laws"}[
+        entry.kind
+    ]
 
 
 def _line(name: str, value: Any, unit: str | None, meaning: str) -> None:

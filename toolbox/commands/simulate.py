@@ -32,7 +32,9 @@ def add(commands: Any) -> None:
         "or nothing.",
         epilog="example: stickslip simulate studies/scenes/jansen_2.toml --controller 'soft torque' --duration 60 --out run",
     )
-    single.add_argument("--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without")
+    single.add_argument(
+        "--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without"
+    )
     single.add_argument("--method", choices=METHODS, metavar="M", help=f"{', '.join(METHODS)} (event); none for a body with many contacts")
     single.add_argument(
         "--accuracy", type=float, metavar="A", help="target for the error of a state in parts of its size; that of the scene without"

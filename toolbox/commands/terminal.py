@@ -39,12 +39,18 @@ FORMATS = ("png", "pdf", "svg")
 
 def figure_format(parser: argparse.ArgumentParser) -> None:
     """Declare the argument `--format` of a command that writes figures."""
-    parser.add_argument("--format", choices=FORMATS, default=FORMATS[0], metavar="KIND", help=f"format of figures: {', '.join(FORMATS)} ({FORMATS[0]})")
+    parser.add_argument(
+        "--format", choices=FORMATS, default=FORMATS[0], metavar="KIND", help=f"format of figures: {', '.join(FORMATS)} ({FORMATS[0]})"
+    )
 
 
 def drawn_as(names: Sequence[str], *formats: str) -> list[str]:
     """Names of files, figures once in each of the formats."""
-    return [name.removesuffix(".png") + f".{kind}" if name.endswith(".png") else name for name in names for kind in (formats if name.endswith(".png") else "-")]
+    return [
+        name.removesuffix(".png") + f".{kind}" if name.endswith(".png") else name
+        for name in names
+        for kind in (formats if name.endswith(".png") else "-")
+    ]
 
 
 def complaint(text: str, code: int) -> int:

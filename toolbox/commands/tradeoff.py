@@ -21,13 +21,17 @@ def add(commands: Any) -> None:
     """Declare the arguments of `stickslip tradeoff`."""
     trade = commands.add_parser(
         "tradeoff",
-        parents=[common("folder for figure and table; those of an earlier measurement are replaced", controller="which case; the first without")],
+        parents=[
+            common("folder for figure and table; those of an earlier measurement are replaced", controller="which case; the first without")
+        ],
         help="error against time for every method and setting on a scene",
         description="Run one case of a scene with every method and setting, against a truth computed twice, and print error and time of each. With --out, the "
         "folder gets the figure and the table (csv): both, or nothing.",
         epilog="example: stickslip tradeoff studies/scenes/jansen_2.toml --out trade",
     )
-    trade.add_argument("--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without")
+    trade.add_argument(
+        "--duration", type=plain, metavar="T", help="what to simulate: seconds, or with a unit such as '2 min'; that of the scene without"
+    )
     trade.set_defaults(action=run)
 
 

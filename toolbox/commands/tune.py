@@ -82,7 +82,10 @@ def run(given: argparse.Namespace) -> int:
     }
     if given.processes < 1:
         raise SceneError(f"Argument `--processes` must be >= 1, but it is {given.processes}.")
-    with whole_folder(given.out, [*drawn_as(TUNE_FILES, given.format), *names.values()], _earlier_tuning) as folder, _pool(given.processes) as executor:
+    with (
+        whole_folder(given.out, [*drawn_as(TUNE_FILES, given.format), *names.values()], _earlier_tuning) as folder,
+        _pool(given.processes) as executor,
+    ):
         found = tune(
             list(scenes.values()), given.law, list(given.objective), bounds,
             over=statistics.fmean if given.over == "mean" else max, runs=given.runs, seed=given.seed, journal=given.journal,

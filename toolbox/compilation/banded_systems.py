@@ -78,7 +78,10 @@ def banded(jacobian: ca.SX, diagonal: ca.SX, parts: Split) -> Banded:
     rows, columns = (np.array(part, int) for part in left.sparsity().get_triplet())
     places = row * (width + rows) + columns - rows + width
     order = np.argsort(places)
-    band = ca.SX(ca.Sparsity.triplet(row * (width + m), 1, places[order].tolist(), [0] * rows.size), ca.reshape(left.nz[order.tolist()], order.size, 1))
+    band = ca.SX(
+        ca.Sparsity.triplet(row * (width + m), 1, places[order].tolist(), [0] * rows.size),
+        ca.reshape(left.nz[order.tolist()], order.size, 1),
+    )
     values = ca.vertcat(pivots, inverse, *(ca.reshape(part.nz[:], part.nnz(), 1) for part in (beside, above)), ca.densify(band))
 
     symbols, right, found = ca.SX.sym("values", values.numel()), ca.SX.sym("right", n), ca.SX.sym("others", m)

@@ -318,7 +318,9 @@ def compiled(text: str, names: Sequence[str], instructions: int, large: int = LA
         return {name: library[name] for name in names}
 
 
-def compiled_for(text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False) -> tuple[dict[str, int], Any]:
+def compiled_for(
+    text: str, names: Sequence[str], instructions: int, passing: bool, side_by_side: bool = False
+) -> tuple[dict[str, int], Any]:
     """Addresses as of `compiled`; with `passing`, of code that lives as long as the second value: whoever calls them has to hold it."""
     with _COMPILING:
         key, library = _library(text, names, instructions > LARGE, side_by_side)
@@ -386,7 +388,9 @@ def _object_code(llvm: Any, text: str, large: bool, side_by_side: bool) -> bytes
     builder = llvm.create_pass_builder(machine, tuning)
     passes = builder.getModulePassManager()
     passes.run(module, builder)
-    if type(passes)._dispose is llvm.ffi.ObjectRef._dispose:  # llvmlite inherits the one that does nothing, and 0.15 MB a module stay (0.50)
+    if (
+        type(passes)._dispose is llvm.ffi.ObjectRef._dispose
+    ):  # llvmlite inherits the one that does nothing, and 0.15 MB a module stay (0.50)
         llvm.newpassmanagers.NewPassManager._dispose(passes)
     return machine.emit_object(module)
 

@@ -123,9 +123,7 @@ def implicit_size(x: ca.SX, force: ca.SX, form: Switching) -> int:
     return MOST if size > MOST and not form.balance.numel() and split(pattern) else size
 
 
-def implicit_step(
-    method: Rosenbrock, rhs: ca.Function, field: ca.Function, linear: LinearAlgebra, n: int
-) -> tuple[Body, str]:
+def implicit_step(method: Rosenbrock, rhs: ca.Function, field: ca.Function, linear: LinearAlgebra, n: int) -> tuple[Body, str]:
     """A step of a Rosenbrock method, whose stages are loops over the states; returns the text of the functions it calls, too."""
     prepare, back, size, text, _ = linear
     forced = ca.depends_on(field(*(symbols := field.sx_in())), symbols[0])
@@ -152,7 +150,9 @@ def implicit_step(
     loop_over(body, n, "%y", stage, (), ())
     base = field.numel_out(0) + n
     loop_over(body, n, body.value(f"getelementptr double, ptr %y, i64 {base}"), "", (1.0,), u[-1:], literal(1.0))
-    body.store(body.load(matrix, n + size), "%y", base + n)  # not above 0 where some mode may grow too fast for the step, which the estimate would not show
+    body.store(
+        body.load(matrix, n + size), "%y", base + n
+    )  # not above 0 where some mode may grow too fast for the step, which the estimate would not show
     inner |= last | {"prepare": prepare, "solve": back}
     text += internal_text(body, inner)
     body.count += sum(function.count for function in inner.values())

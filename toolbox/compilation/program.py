@@ -126,7 +126,9 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     rubbing = [i for i, e in enumerate(elements) if not e.unilateral]
     varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
+    bounded = (
+        [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]
+    )  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
@@ -151,7 +153,9 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         kind=np.array([_kind(element) for element in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
-        loader=np.array([loop_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
+        loader=np.array(
+            [loop_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64
+        ),
         varying=varying,
         bounded=bounded,
         forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
@@ -228,7 +232,9 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:
         impulse = (*impulse[:2], ca.vertcat(impulse[2][:n], hidden, impulse[2][n:]))
-    longer: dict[str, Any] = {name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()}
+    longer: dict[str, Any] = {
+        name: ca.vertcat(getattr(form, name), *rates) for name in ("field", "open_field") if getattr(form, name).numel()
+    }
     wider = form._replace(projected=ca.vertcat(form.projected, hidden), impulse=impulse, **longer)
     return ca.vertcat(system.x, hidden), excited, wider
 
@@ -263,7 +269,9 @@ def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list
 
     curved = _bent(balance, everything)
     forces = {i for group in coupled_groups(ca.jacobian_sparsity(balance, force)) if curved & set(group) for i in group}
-    limits = _bent(bounds, everything) | {i for i, j in zip(*ca.jacobian_sparsity(ca.densify(bounds), force).get_triplet(), strict=True) if j in forces}
+    limits = _bent(bounds, everything) | {
+        i for i, j in zip(*ca.jacobian_sparsity(ca.densify(bounds), force).get_triplet(), strict=True) if j in forces
+    }
     found = []
     for i, element in enumerate(elements):
         if element.holds:

@@ -187,7 +187,12 @@ class Recurrences:
             return self._keep(Divided(body, first, u, [(None, u)]))
         if op == ca.OP_LOG1P:
             return self._keep(Divided(body, first, self._one_plus(u), [(None, u)]))
-        pairs = {ca.OP_SIN: (ca.OP_COS, 1.0, -1.0), ca.OP_COS: (ca.OP_SIN, -1.0, 1.0), ca.OP_SINH: (ca.OP_COSH, 1.0, 1.0), ca.OP_COSH: (ca.OP_SINH, 1.0, 1.0)}
+        pairs = {
+            ca.OP_SIN: (ca.OP_COS, 1.0, -1.0),
+            ca.OP_COS: (ca.OP_SIN, -1.0, 1.0),
+            ca.OP_SINH: (ca.OP_COSH, 1.0, 1.0),
+            ca.OP_COSH: (ca.OP_SINH, 1.0, 1.0),
+        }
         if op in pairs:
             other, own_sign, other_sign = pairs[op]
             one = Integral(body, first, u, None, own_sign)
@@ -244,7 +249,9 @@ class Recurrences:
         if op == ca.OP_HYPOT:
             return self._keep(Root(body, first, total))
         y, x = v
-        return self._keep(Divided(body, first, total, [(x, y), (self._minus(y) if y.varies else Series(body, negative(body, y.c[0]), False), x)]))
+        return self._keep(
+            Divided(body, first, total, [(x, y), (self._minus(y) if y.varies else Series(body, negative(body, y.c[0]), False), x)])
+        )
 
 
 def constants(body: Body, names: Sequence[str]) -> list[Series]:

@@ -295,7 +295,9 @@ class RolledBody(Body):
         if False in parts:
             leaves = [(node, offset + place) for node, places in rolled.targets.items() if rolled.is_leaf(node) for place in places]
             written = {place for places in rolled.targets.values() for place in places}
-            missing = [offset + place for place in range(rolled.graph.size) if place not in written]  # results that casadi leaves out are zero
+            missing = [
+                offset + place for place in range(rolled.graph.size) if place not in written
+            ]  # results that casadi leaves out are zero
             zero = rolled.graph.constant(0.0)
             leaves += [(zero, place) for place in missing]
             self._copy([node for node, _ in leaves], target, [place for _, place in leaves])
@@ -337,7 +339,13 @@ class RolledBody(Body):
             return
         self.clear(place, length)
         self._gather(node.args[1:], place, list(range(n)))
-        self.run("dense_solve", ("i64", f"{n}"), ("i64", f"{blocks(n)}"), ("ptr", self._pointer(self.cells, self.rolled.slot[node.args[0]])), ("ptr", place))
+        self.run(
+            "dense_solve",
+            ("i64", f"{n}"),
+            ("i64", f"{blocks(n)}"),
+            ("ptr", self._pointer(self.cells, self.rolled.slot[node.args[0]])),
+            ("ptr", place),
+        )
 
     def _gather(self, nodes: Sequence[int], target: str, places: Sequence[int]) -> None:
         """Copy values that are not zero to places of an array that holds zeros."""
@@ -371,7 +379,10 @@ class RolledBody(Body):
             if kind in NUMBERS or len({self._same(node) for node in column}) == 1:
                 before[k] = self._read(column[0])
         with self._counted(count) as label:
-            values = [before[k] if k in before else self._operand(kind, [reads[k] for reads in group.reads], label) for k, kind in enumerate(kinds)]
+            values = [
+                before[k] if k in before else self._operand(kind, [reads[k] for reads in group.reads], label)
+                for k, kind in enumerate(kinds)
+            ]
             value = self._computed(group.code[0], values)
             self._store_at(value, self.cells, self._index([rolled.slot[root] for root in group.roots], label))
             results = [rolled.targets.get(root, []) for root in group.roots]
@@ -420,7 +431,9 @@ class RolledBody(Body):
     def _table(self, kind: str, entries: Sequence[str]) -> str:
         name = f"@{self.name}_{self.tables}"
         self.tables += 1
-        self.declarations.add(f"{name} = internal constant [{len(entries)} x {kind}] [{', '.join(f'{kind} {e}' for e in entries)}], align 64")
+        self.declarations.add(
+            f"{name} = internal constant [{len(entries)} x {kind}] [{', '.join(f'{kind} {e}' for e in entries)}], align 64"
+        )
         return name
 
     def _load_at(self, pointer: str, index: str) -> str:

@@ -185,7 +185,9 @@ class ContactRun:
             arrays |= {f"output.{name}": self[name], f"output.{name}.speed": self.rate(name)}
         arrays |= {f"input.{name}": values for name, values in self.inputs.items()}
         for word, values in vars(self.energy).items():
-            arrays |= {f"energy.{word}.{name}": each for name, each in values.items()} if isinstance(values, dict) else {f"energy.{word}": values}
+            arrays |= (
+                {f"energy.{word}.{name}": each for name, each in values.items()} if isinstance(values, dict) else {f"energy.{word}": values}
+            )
         path = Path(path)
         with replaced(path) as file:
             np.savez_compressed(file, **arrays)
@@ -271,8 +273,16 @@ class ContactRun:
             f"{self.passes.sum() / max(len(self.time) - 1, 1):.1f} passes a step, {self.wall_time:.2g} s"
         )
         share, audit, last = self.share(), self.audit(), self.last()
-        still = "no contact sticks" if np.isnan(last) else "contacts stick to the end" if last == self.time[-1] else f"the last contact sticks at {last:.4g} s"
-        told = {word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")}
+        still = (
+            "no contact sticks"
+            if np.isnan(last)
+            else "contacts stick to the end"
+            if last == self.time[-1]
+            else f"the last contact sticks at {last:.4g} s"
+        )
+        told = {
+            word: value if abs(value) > 1e-12 * audit["size"] else 0.0 for word, value in audit.items() if word not in ("missing", "size")
+        }
         taken = ", ".join(f"{word} {value:.3g} J" for word, value in told.items())
         error = f"error of the forces {self.error:.1e}" if "error" in self.__dict__ else "error: ask `run.error`"
         return f"{steps}\n  {error}\n  share that sticks {share.min():.0%} .. {share.max():.0%}, {still}\n  energy: {taken}"

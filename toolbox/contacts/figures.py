@@ -149,5 +149,7 @@ def _framed(ax: Any, places: np.ndarray) -> Any:
     ax.set(xlabel="x [mm]", ylabel="y [mm]")
     ax.margins(*(max(0.05, 0.6 / max(count - 1, 2)) for count in _across(places)))  # the marks of a coarse face are large, and at its rim
     if ax.get_legend_handles_labels()[1]:
-        ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1, handletextpad=0.2, columnspacing=0.8)
+        ax.legend(
+            frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.1, handletextpad=0.2, columnspacing=0.8
+        )
     return ax

@@ -123,7 +123,9 @@ class ContactProblem:
         if not self.areas.any():
             raise SceneError("Argument `areas` must be > 0 for one contact at least, but all are 0.")
         if np.linalg.eigvalsh(self.mass)[0] < -1e-9 * np.abs(self.mass).max():
-            raise SceneError(f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {np.linalg.eigvalsh(self.mass)[0]:.3g}.")
+            raise SceneError(
+                f"Argument `mass` must not be negative along any motion, but its least eigenvalue is {np.linalg.eigvalsh(self.mass)[0]:.3g}."
+            )
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)

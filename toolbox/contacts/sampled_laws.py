@@ -61,7 +61,9 @@ class Acting:
         plant = signals_of(problem, controller is not None)
         self.system, self.clocks, laws, self.seeds = closed_loop(plant, plant, controller, in_si(sample_time, "s", "sample_time"))
         if len(self.system.parts) > 1 + len(self.clocks):
-            raise SceneError("Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones.")
+            raise SceneError(
+                "Argument `controller` must hold sampled laws: give `sample_time`, because steps of one length know no continuous ones."
+            )
         _, given, _ = input_kinds(self.system, mapping("inputs", inputs))
         self.values = {name: _at(name, value, times) for name, value in given.items()}
         self._sides = {name: _sides(name, value, times, self.values[name]) for name, value in given.items()}
@@ -69,7 +71,9 @@ class Acting:
         self.driven = tuple(name for update in updates for name in update.names if name in own)
         if updates and not self.driven:
             names = ", ".join(f"`{name}`" for update in updates for name in update.names)
-            raise SceneError(f"Argument `controller` must drive an input of the body, {', '.join(f'`{name}`' for name in own)}, but it drives {names}.")
+            raise SceneError(
+                f"Argument `controller` must drive an input of the body, {', '.join(f'`{name}`' for name in own)}, but it drives {names}."
+            )
         self.values |= {name: np.zeros(times.size) for name in self.driven}
         externals = iter([part for part in self.system.parts if isinstance(part, External)])
         callables = iter(laws)
@@ -154,7 +158,9 @@ class _Law:
         noise = [normal(key, self.taken) for key in self.keys]
         self.taken += 1
         if self.part is None:
-            following, outputs = (np.array(found, float).ravel() for found in self.function(t, x, u, self.numbers, held, self.memory, noise))
+            following, outputs = (
+                np.array(found, float).ravel() for found in self.function(t, x, u, self.numbers, held, self.memory, noise)
+            )
             self.memory = following
             return outputs
         measured = np.array(self.function(t, x, u, self.numbers, held), float).ravel()

@@ -85,7 +85,9 @@ def step_contacts(
     begun = clock.perf_counter()
     run = _Stepping(problem, h, Acting(problem, inputs, times, controller, sample_time), begin).through()
     run.wall_time = clock.perf_counter() - begun
-    run._finer = partial(step_contacts, problem, duration, step=h / 2, inputs=inputs, controller=controller, sample_time=sample_time, start=start)
+    run._finer = partial(
+        step_contacts, problem, duration, step=h / 2, inputs=inputs, controller=controller, sample_time=sample_time, start=start
+    )
     return run
 
 
@@ -144,9 +146,13 @@ class _Stepping:
         if self.start is not None:
             self._begin(self.start)
         else:
-            self.modes[0] = np.where(problem.gap > 0, OPEN, STICK) if problem.normal is not None else np.where(problem.load > 0, STICK, SLIP)
+            self.modes[0] = (
+                np.where(problem.gap > 0, OPEN, STICK) if problem.normal is not None else np.where(problem.load > 0, STICK, SLIP)
+            )
         if math.isinf(h):
-            force = sum((self.values[name][0] * problem.forces[name] for name in self.values if name in problem.forces), np.zeros(problem.size))
+            force = sum(
+                (self.values[name][0] * problem.forces[name] for name in self.values if name in problem.forces), np.zeros(problem.size)
+            )
             found = self._solved(force, np.zeros((problem.contacts, problem.directions)), 0)
             if found is None:
                 words = "No set of open, sticking and sliding contacts is at rest under these inputs: contacts, friction and springs must hold what acts."
@@ -238,7 +244,14 @@ class _Stepping:
     def _begin(self, start: ContactRun) -> None:
         """The state at the end of another run."""
         problem = self.problem
-        for mine, other in (("q", "coordinates"), ("v", "rates"), ("normal", "normal"), ("tangential", "tangential"), ("slip", "slip"), ("modes", "modes")):
+        for mine, other in (
+            ("q", "coordinates"),
+            ("v", "rates"),
+            ("normal", "normal"),
+            ("tangential", "tangential"),
+            ("slip", "slip"),
+            ("modes", "modes"),
+        ):
             getattr(self, mine)[0] = getattr(start, other)[-1]
         self.energy.kinetic[0] = self.v[0] @ problem.mass @ self.v[0] / 2
         self.energy.elastic[0] = self.q[0] @ problem.stiffness @ self.q[0] / 2
@@ -277,7 +290,9 @@ def _condensed(matrix: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.nd
         inverse = None
     shapes = None if inverse is None else inverse[:n, n:] * scale.T
     if inverse is None or shapes is None or not np.abs(moves @ shapes - np.eye(m)).max() < 1e-6:
-        raise SceneError("Arguments `normal` and `tangent` must be independent displacements that, when held, leave no motion free of forces.")
+        raise SceneError(
+            "Arguments `normal` and `tangent` must be independent displacements that, when held, leave no motion free of forces."
+        )
     condensed = -inverse[n:, n:] * scale * scale.T
     flexibility = inverse[:n, :n]
     return (flexibility + flexibility.T) / 2, shapes, (condensed + condensed.T) / 2
@@ -297,7 +312,9 @@ def _check_held(condensed: np.ndarray, h: float) -> None:
 
 def _check_problem(problem: Any) -> None:
     if not isinstance(problem, ContactProblem):
-        raise SceneError(f"Argument `problem` must be a ContactProblem, such as `ReducedBody.in_contact` makes, but it is {short(problem)}.")
+        raise SceneError(
+            f"Argument `problem` must be a ContactProblem, such as `ReducedBody.in_contact` makes, but it is {short(problem)}."
+        )
 
 
 def _checked_start(problem: ContactProblem, start: Any) -> ContactRun | None:

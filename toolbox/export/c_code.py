@@ -356,7 +356,9 @@ def _source(law: Declared, functions: Sequence[ca.Function], step: str) -> str:
         entry = body.index(f"int {functions[0].name()}(")
         rest = body.find("CASADI_SYMBOL_EXPORT", entry)  # from here on casadi describes the function to casadi
         body = body[: rest if rest > 0 else None].rstrip()
-    for array in re.findall(r"static const casadi_int (casadi_s\d+)\[", body):  # sparsities that only casadi's own description reads: warnings to a compiler
+    for array in re.findall(
+        r"static const casadi_int (casadi_s\d+)\[", body
+    ):  # sparsities that only casadi's own description reads: warnings to a compiler
         if len(re.findall(rf"\b{array}\b", body)) == 2:
             body = re.sub(rf"^(#define {array} |static const casadi_int {array}\[).*\n", "", body, flags=re.MULTILINE)
     begin = [

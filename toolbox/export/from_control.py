@@ -42,14 +42,18 @@ class StateSpaceLaw(Controller):
     def design(self, plant: HybridSystem) -> StateSpaceLaw:
         """The law with the units of the signals of a plant."""
         unit = plant.signal_unit(self.measures[0]) if self.measures else "1"  # of set-points, which no plant has
-        return replace(self, units=tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in (*self.measures, *self.drives)))
+        return replace(
+            self, units=tuple(unit if name.endswith(".reference") else plant.signal_unit(name) for name in (*self.measures, *self.drives))
+        )
 
     def continuous(self, signal: Signal) -> Equations:
         if self.discrete:
             raise SceneError(f"A discrete system is a sampled law: give `sample_time`{'' if self.dt is None else f'={self.dt:g}'}.")
         z, e = self._memory(), self._read(signal)
         a, b, c, d = self._arrays()
-        return Equations(flow={z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}, gives=self._given(self._sum(c, z) + ca.mtimes(d, e)))
+        return Equations(
+            flow={z: ca.mtimes(a, z) + ca.mtimes(b, e)} if z is not None else {}, gives=self._given(self._sum(c, z) + ca.mtimes(d, e))
+        )
 
     def sampled(self, signal: Signal, period: ca.SX) -> Update:
         z, e = self._memory(), self._read(signal)
@@ -76,7 +80,9 @@ class StateSpaceLaw(Controller):
 
     def _read(self, signal: Signal) -> ca.SX:
         units = self.units or ("1",) * (len(self.measures) + len(self.drives))
-        read = [signal(name, unit, *([0.0] if name.endswith(".reference") else [])) for name, unit in zip(self.measures, units, strict=False)]
+        read = [
+            signal(name, unit, *([0.0] if name.endswith(".reference") else [])) for name, unit in zip(self.measures, units, strict=False)
+        ]
         if self.reference is not None:
             return signal(f"{self.measures[0].partition('.')[0]}.reference", units[0], default=self.reference) - read[0]
         return ca.vertcat(*read) - ca.vertcat(*self.measured_at)

@@ -23,7 +23,10 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[object]],
     """
     lines = ["<div>", f"<p><b>{html.escape(title)}</b></p>"]
     if headings:
-        lines += ["<table>", "<thead><tr>" + "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in headings) + "</tr></thead>"]
+        lines += [
+            "<table>",
+            "<thead><tr>" + "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in headings) + "</tr></thead>",
+        ]
         lines += ["<tbody>", *("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows), "</tbody>", "</table>"]
     lines += [f"<p>{html.escape(note)}</p>" for note in notes]
     return "\n".join([*lines, "</div>"])

@@ -34,7 +34,17 @@ USUAL = (
 )  # fmt: skip
 """Units that an error message may suggest."""
 
-HABITS = {"1/min": "rpm", "min^-1": "rpm", "min-1": "rpm", "lb": "lbf", "lbs": "lbf", "klb": "klbf", "klbs": "klbf", "t": "t_force", "ft-lb": "lbf ft"}
+HABITS = {
+    "1/min": "rpm",
+    "min^-1": "rpm",
+    "min-1": "rpm",
+    "lb": "lbf",
+    "lbs": "lbf",
+    "klb": "klbf",
+    "klbs": "klbf",
+    "t": "t_force",
+    "ft-lb": "lbf ft",
+}
 """What drillers write for a speed of rotation, a force or a torque, where that is what is wanted."""
 
 MISTAKEN = {
@@ -162,7 +172,11 @@ def _outside() -> int:
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None:
         file = frame.f_code.co_filename
-        if not file.startswith(_OURS) and not (file == "<string>" and frame.f_code.co_name == "__init__") and os.path.basename(file) != "dataclasses.py":
+        if (
+            not file.startswith(_OURS)
+            and not (file == "<string>" and frame.f_code.co_name == "__init__")
+            and os.path.basename(file) != "dataclasses.py"
+        ):
             break
         frame, level = frame.f_back, level + 1
     return level
@@ -191,7 +205,9 @@ def _converted(text: str, unit: str, name: str) -> float:
     number = Decimal(match[1].replace("_", ""))
     given = match[2].strip()
     if re.match(r",\s?[0-9]", given):
-        raise SceneError(f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark.")
+        raise SceneError(
+            f"Argument `{name}` must be {_words(unit)}, but `{text}` has a comma: a decimal point is written `.`, thousands without a mark."
+        )
     if not given and unit != "1":
         raise SceneError(
             f"Argument `{name}` must be in {unit}, but `{text}` has no unit: write a plain number, or `{text.strip()} {unit}`."

@@ -85,7 +85,9 @@ class Lanes:
         self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
         if isinstance(self.program.pair, Taylor) and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
-        self.why = f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
+        self.why = (
+            f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
+        )
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)

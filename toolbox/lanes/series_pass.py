@@ -202,7 +202,9 @@ def _weights(made: Pass, was: Rows) -> Weights:
     rate = SHARE * rtol / end
     states = [1.0 / (rate * _size(made, was, i) + was["noise"][i]) for i in range(made.own)]
     bound = GUARD_SHARE * rtol
-    guards = [(size > 0.0).choose(1.0 / (bound * size), 0.0) for size in was["guard_scale"]]  # of a slip that has just begun only states have a size
+    guards = [
+        (size > 0.0).choose(1.0 / (bound * size), 0.0) for size in was["guard_scale"]
+    ]  # of a slip that has just begun only states have a size
     return Weights(states, guards, Value(body, body.rough_log2((0.1 * end).name)))
 
 
@@ -235,7 +237,9 @@ def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
             falls = place <= 1.0
             if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
                 wrong |= falls
-            elif program.table_slot and (j < 2 * ne or j >= made.ng - len(program.bounded)):  # at its bound where an input turns: what follows decides
+            elif program.table_slot and (
+                j < 2 * ne or j >= made.ng - len(program.bounded)
+            ):  # at its bound where an input turns: what follows decides
                 wrong |= series.to_stop & armed & (end <= 0.0) & (end >= -1e-12 * size)
             odd.set((wrong | (creeps & falls)).choose(1.0, odd.get()))
             sooner = begins & (place < first.get())
@@ -296,7 +300,9 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
         for j in range(ng):
             this, sign = ~seen.located.differs(float(j)), series.side[j]
             own = [g[j], g[ng + j]] if sign is None else [sign * g[j], sign * g[ng + j]]
-            value, slope, close = (this.choose(a, b) for a, b in zip((*own, nearness * was["guard_scale"][j]), (value, slope, close), strict=True))
+            value, slope, close = (
+                this.choose(a, b) for a, b in zip((*own, nearness * was["guard_scale"][j]), (value, slope, close), strict=True)
+            )
         move = -value / slope
         moves = good & hits & (now > 0.5) & (now < POLISHES + 0.5) & (abs(value) > close) & (slope < 0.0) & (abs(move) <= 0.1 * h)
         near = abs(move) <= NEAR * h

@@ -61,14 +61,18 @@ class EnergyAudit:
 
     def __str__(self) -> str:
         factor, unit = reading("J")
-        rows = [(f"stored in {name}", end - start, f"{start * factor:.6g} -> {end * factor:.6g}") for name, (start, end) in self.stored.items()]
+        rows = [
+            (f"stored in {name}", end - start, f"{start * factor:.6g} -> {end * factor:.6g}") for name, (start, end) in self.stored.items()
+        ]
         rows += [(f"supply {name}", value, "") for name, value in self.supplies.items()]
         rows += [(f"loss {name}", 0.0 - value, "") for name, value in self.losses.items()]
         rows += [("impacts", 0.0 - self.impacts, "")] if self.impacts else []
         width = max([len(name) for name, _, _ in rows] + [len("residual")])
         lines = [f"Energy over {self.duration:g} s [{unit}]"]
         lines += [f"  {name:<{width}} {value * factor:>15.8g}  {note}".rstrip() for name, value, note in rows]
-        lines.append(f"  {'residual':<{width}} {self.residual * factor:>15.3g}  {self.relative:.1e} of {self.turnover * factor:.6g} turned over")
+        lines.append(
+            f"  {'residual':<{width}} {self.residual * factor:>15.3g}  {self.relative:.1e} of {self.turnover * factor:.6g} turned over"
+        )
         return "\n".join(lines)
 
 
@@ -86,7 +90,9 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
     """
     check_run(run)
     if not isinstance(run, Trajectory):
-        raise SceneError("Argument `run` must be a trajectory with its plant, whose energies are integrated, but it was read from a file: simulate again.")
+        raise SceneError(
+            "Argument `run` must be a trajectory with its plant, whose energies are integrated, but it was read from a file: simulate again."
+        )
     nodes = run.nodes
     system = nodes.program.system
     terms = [*system.losses.values(), *system.supplies.values()]

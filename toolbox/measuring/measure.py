@@ -345,7 +345,13 @@ def standstill(run: Recorded, signal: str, speed: float = 0.0, *, after: NumberO
 
 
 def overshoot(
-    run: Recorded, signal: str, target: NumberOrText, *, after: NumberOrText = 0.0, until: NumberOrText | None = None, size: NumberOrText | None = None
+    run: Recorded,
+    signal: str,
+    target: NumberOrText,
+    *,
+    after: NumberOrText = 0.0,
+    until: NumberOrText | None = None,
+    size: NumberOrText | None = None,
 ) -> float:
     """Measure the largest excursion of a signal beyond its target, as a part of `size`.
 

@@ -297,12 +297,24 @@ class RunningMeasures:
         self.layout = Layout(program, measures, duration)
         count = self.layout.count
         by_window = (len(self.layout.windows), count)  # what the reader of nodes fills a row at a time
-        self.found = replace(Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T)
+        self.found = replace(
+            Readings.of(self.layout), lowest=np.empty(by_window).T, highest=np.empty(by_window).T, integral=np.empty(by_window).T
+        )
         field, step, project, *_, series = program.kernel.addresses
-        addresses = np.array([field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0, series], np.int64)
+        addresses = np.array(
+            [field, step, project, _compiled(program, self.layout.signals, program.varying) if count else 0, series], np.int64
+        )
         kernel = program.kernel
         self.reader = measuring_loop.Reader(
-            addresses, kernel.states, kernel.elements, kernel.guards, kernel.slopes, count, np.empty(program.p_size), program.first_held, _tolerance(accuracy)
+            addresses,
+            kernel.states,
+            kernel.elements,
+            kernel.guards,
+            kernel.slopes,
+            count,
+            np.empty(program.p_size),
+            program.first_held,
+            _tolerance(accuracy),
         )
         when = np.empty(by_window)
         self.extremes = measuring_loop.Extremes(self.found.lowest.T, self.found.highest.T, when, when, self.found.integral.T)

@@ -99,7 +99,15 @@ def _pieces(reader, size):
     y = np.zeros(max(4 * n + 2 * reader.guards, 3 * n + 4 * reader.guards) + 4)
     stack = np.empty((DEPTH + 1, 3 * count))
     return Pieces(
-        np.zeros(n), np.zeros(reader.slopes), np.zeros(reader.elements + 1), y, np.zeros(n), np.empty(3 * count), np.empty(DEPTH + 1), stack, size
+        np.zeros(n),
+        np.zeros(reader.slopes),
+        np.zeros(reader.elements + 1),
+        y,
+        np.zeros(n),
+        np.empty(3 * count),
+        np.empty(DEPTH + 1),
+        stack,
+        size,
     )
 
 
@@ -366,7 +374,16 @@ def read_events(events, count, finished, end, m, stays):
     asked, since = stays.asked, stays.since
     for e in range(count):
         note_end(
-            events.element[e], events.modes[e, 0], events.time[e], True, since, asked, stays.spent, stays.number, stays.latest, stays.switches
+            events.element[e],
+            events.modes[e, 0],
+            events.time[e],
+            True,
+            since,
+            asked,
+            stays.spent,
+            stays.number,
+            stays.latest,
+            stays.switches,
         )
     for i in range(since.size if finished else 0):
         note_end(i, np.int8(m[i]), end, False, since, asked, stays.spent, stays.number, stays.latest, stays.switches)

@@ -79,7 +79,15 @@ def steps_of(nodes: Trajectory | SavedSteps, signal: str, begin: float, end: flo
         program, kernel = nodes.program, nodes.program.kernel
         addresses = np.array([*kernel.addresses[:3], _compiled(program, (signal,)), kernel.addresses[-1]], np.int64)
         reader = measuring_loop.Reader(
-            addresses, kernel.states, kernel.elements, kernel.guards, kernel.slopes, 1, nodes.parameters.copy(), program.first_held, _tolerance(nodes.accuracy)
+            addresses,
+            kernel.states,
+            kernel.elements,
+            kernel.guards,
+            kernel.slopes,
+            1,
+            nodes.parameters.copy(),
+            program.first_held,
+            _tolerance(nodes.accuracy),
         )
         recorded = measuring_loop.Nodes(time, nodes.states[rows], nodes.mode[rows], nodes.held[rows])
         found = measuring_loop.Extremes(lowest, highest, when_lowest, when_highest, integral)

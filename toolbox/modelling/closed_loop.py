@@ -44,7 +44,9 @@ def closed_loop(
             structure_of(law)  # the kinds of its fields, before `checked` compares their values
             checked(law)
             if sampled is not None and law.dt is not None and abs(sampled.period - law.dt) > 1e-9 * law.dt:
-                raise SceneError(f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s.")
+                raise SceneError(
+                    f"Argument `sample_time` must be {law.dt:g} s, for which the law was designed, but it is {sampled.period:g} s."
+                )
             parts.append(law if sampled is None else as_held_part(sampled, law))
         elif type(law).__module__.partition(".")[0] == "control":
             raise SceneError(

@@ -61,7 +61,9 @@ def compose(*components: Component) -> HybridSystem:
     for component in components:
         if not isinstance(component, Component):
             kind = type(component).__name__
-            found = f"the class {component.__name__}: give one of it, `{component.__name__}()`" if isinstance(component, type) else f"a {kind}"
+            found = (
+                f"the class {component.__name__}: give one of it, `{component.__name__}()`" if isinstance(component, type) else f"a {kind}"
+            )
             found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
             raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
@@ -381,7 +383,9 @@ class _Composer:
         system.values = np.array(self.values, float)
         system.kernels = {}
         system.parts = ()
-        known = ca.vertcat(time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises, *[e.speed for e in self.elements])
+        known = ca.vertcat(
+            time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises, *[e.speed for e in self.elements]
+        )
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
@@ -476,7 +480,9 @@ def _check_gain(system: HybridSystem) -> None:
     matrix = matrix / np.outer(size, size)
     # two stops of one body are never closed together: only one of them counts
     opposed = [
-        j for j, b in enumerate(holding) if b.unilateral and any(a.unilateral and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
+        j
+        for j, b in enumerate(holding)
+        if b.unilateral and any(a.unilateral and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]

@@ -131,7 +131,15 @@ def quantity(
     source
         Who published the declared value; empty for a value that is chosen.
     """
-    metadata = {"unit": unit, "meaning": meaning, "at_least": at_least, "above": above, "at_most": at_most, "usual": usual, "source": source}
+    metadata = {
+        "unit": unit,
+        "meaning": meaning,
+        "at_least": at_least,
+        "above": above,
+        "at_most": at_most,
+        "usual": usual,
+        "source": source,
+    }
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -274,7 +282,9 @@ class DryFriction(Element):
     ):
         if isinstance(slip, (list, tuple)):
             kind = type(slip).__name__
-            raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {kind}.")
+            raise SceneError(
+                f"Argument `slip` of `{name}` must be one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {kind}."
+            )
         slips = ca.densify(ca.SX(slip))
         if slips.shape not in ((1, 1), (2, 1)):
             raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, but its shape is {slips.shape}.")
@@ -341,9 +351,7 @@ class Relay(Element):
     Source: V. Utkin, Sliding Modes in Control and Optimization, Springer 1992.
     """
 
-    def __init__(
-        self, name: str, surface: ca.SX, bound: ca.SX | float, *, surface_unit: str = "1", force_unit: str = "1"
-    ):
+    def __init__(self, name: str, surface: ca.SX, bound: ca.SX | float, *, surface_unit: str = "1", force_unit: str = "1"):
         super().__init__(name, surface, surface_unit, force_unit)
         self.static = ca.SX(bound)
         self.load = ca.SX(bound)
@@ -449,7 +457,3 @@ class _Break(Hysteresis):
 
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         return {}
-
-
-
-

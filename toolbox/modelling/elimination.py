@@ -99,7 +99,9 @@ def dependent_rows(matrix: np.ndarray) -> list[int]:
 
 def must_be_independent(titles: Sequence[str]) -> str:
     """The words of the error where the slips of these elements depend on each other."""
-    return f"The slips of {', '.join(titles)} must be independent, but one follows from the others: nothing decides how they share the force."
+    return (
+        f"The slips of {', '.join(titles)} must be independent, but one follows from the others: nothing decides how they share the force."
+    )
 
 
 _NAME = "dense_solve_"

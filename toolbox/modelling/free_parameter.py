@@ -59,5 +59,3 @@ class FreeParameter:
         if self.is_input:
             return {"inputs": {**inputs, self.name: value}, "parameters": None}
         return {"inputs": dict(inputs), "parameters": {self.name: value}}
-
-

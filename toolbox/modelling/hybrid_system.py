@@ -39,7 +39,9 @@ class Parameter(NamedTuple):
             broken = bounds_broken(value, self.bounds)
             if broken:
                 unit = "" if self.unit == "1" else f" in {self.unit}" if broken == "a finite number" else f" {self.unit}"
-                raise SceneError(f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}.")
+                raise SceneError(
+                    f"Argument `{self.name}` must be {broken}{unit}, but it is {(value.item() if isinstance(value, np.generic) else value)!r}."
+                )
 
 
 class Input(NamedTuple):
@@ -239,7 +241,9 @@ class HybridSystem:
         if isinstance(name, str) and self.has_signal(name):
             return self.signal_unit(name)
         if not isinstance(name, str) or not self.has_parameter(name):
-            raise SceneError(f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}")
+            raise SceneError(
+                f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}"
+            )
         return self._parameter(name).unit
 
     def signal_unit(self, name: str) -> str:
@@ -321,7 +325,9 @@ class HybridSystem:
         symbols = []
         for entry in entries:
             if entry.size is not None:
-                raise SceneError(f"Argument `{entry.name}` must be one number to vary in time, but it has {entry.size} entries: name one, `{entry.name}.0`.")
+                raise SceneError(
+                    f"Argument `{entry.name}` must be one number to vary in time, but it has {entry.size} entries: name one, `{entry.name}.0`."
+                )
             for part, energy in self.stored.items():
                 if ca.depends_on(energy, self.p[entry.offset]):
                     raise SceneError(f"Argument `{entry.name}` must not vary in time: the energy stored in `{part}` depends on it.")
@@ -340,7 +346,9 @@ class HybridSystem:
         twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
         twin.losses = {name: of_time(power) for name, power in self.losses.items()}
         twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
-        twin.updates = tuple(update._replace(following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates)
+        twin.updates = tuple(
+            update._replace(following=of_time(update.following), outputs=of_time(update.outputs)) for update in self.updates
+        )
         inputs = {entry.name: Input(entry.name, s, entry.unit, c) for entry, s, c in zip(entries, symbols, constants, strict=True)}
         twin.inputs = {**self.inputs, **inputs}
         twin.u = ca.vertcat(self.u, *symbols)

@@ -73,7 +73,6 @@ class Shape:
         """The formula in the symbols of time and coefficients."""
         return _FORMULAS[self.kind](t, c)
 
-
     def range(self) -> tuple[float, float]:
         """Smallest and largest value."""
         return self.coefficients[0] - abs(self.coefficients[1]), self.coefficients[0] + abs(self.coefficients[1])

@@ -295,10 +295,15 @@ def callable_law(sampled: Sampled, plant: HybridSystem) -> External:
         raise SceneError(f"Argument `controller` must be callable as (t, y), y what it measures in order, but: {error}.") from None
     asked = names(getattr(law, "measures", ("top.speed",)) if sampled.measures is None else sampled.measures)
     measures = tuple(plant.routes.get(name, name) for name in asked)
-    drives = tuple(plant.routes.get(name, name) for name in names(getattr(law, "drives", ("top.torque",)) if sampled.drives is None else sampled.drives))
+    drives = tuple(
+        plant.routes.get(name, name)
+        for name in names(getattr(law, "drives", ("top.torque",)) if sampled.drives is None else sampled.drives)
+    )
     for name in measures:
         if not plant.has_signal(name):
-            raise SceneError(f"The controller measures `{name}`, which the plant does not give: {_told(name, plant.signals, sampled, plant)}")
+            raise SceneError(
+                f"The controller measures `{name}`, which the plant does not give: {_told(name, plant.signals, sampled, plant)}"
+            )
         if name in plant.states and plant.states[name][1] is not None:
             raise SceneError(f"The controller measures `{name}`, which is a vector: name its entries in `measures`, `{name}.0` and so on.")
     for name in drives:

@@ -150,9 +150,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
     made.signals = {name: (smooth(expression), unit) for name, (expression, unit) in plant.signals.items()}
     for kind in ("stored", "losses", "supplies"):
         setattr(made, kind, {name: smooth(expression) for name, expression in getattr(plant, kind).items()})
-    made.updates = tuple(
-        update._replace(following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates
-    )
+    made.updates = tuple(update._replace(following=smooth(update.following), outputs=smooth(update.outputs)) for update in plant.updates)
     made.p = ca.vertcat(plant.p, *widths, *peaks)
     made.parameters = dict(plant.parameters)
     first = plant.p.numel()

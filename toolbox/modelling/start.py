@@ -24,7 +24,11 @@ def _started(system: HybridSystem) -> list[str]:
     """Names that a start value can be given to: states, and signals that are states."""
     known = list(system.states)
     for name, (expression, _) in system.signals.items():
-        if expression.numel() == 1 and expression.is_symbolic() and np.count_nonzero(np.array(ca.DM(ca.jacobian(system.x, expression)))) == 1:
+        if (
+            expression.numel() == 1
+            and expression.is_symbolic()
+            and np.count_nonzero(np.array(ca.DM(ca.jacobian(system.x, expression)))) == 1
+        ):
             known.append(name)
     return known
 

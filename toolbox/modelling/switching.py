@@ -145,7 +145,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     matrix, right, solved = balanced(sticks, side, speeds)
     terms, open_field, balance = ca.fabs(solved), ca.SX(0, 1), ca.SX(0, 1)
     if not matrix.sparsity().is_diag():
-        pivot = ca.diag(matrix)  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
+        pivot = ca.diag(
+            matrix
+        )  # a force can be the small rest of large ones that hold each other, and its round-off is theirs, and that of what holds these
         own = ca.fabs(solved) + ca.fabs(right) / ca.fabs(pivot)
         others = ca.sparsify(ca.fabs(matrix - ca.diag(pivot)) / ca.repmat(ca.fabs(pivot), 1, len(elements)))
         terms = own
@@ -165,7 +167,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         of_cone = cones.guards(i, held, limit)
         guards = ca.vertcat(guards, *(element.guards(held[i], limit[i]) if of_cone is None else of_cone))
     guards = cones.at_speed(guards, speeds)
-    watched = [e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))]
+    watched = [
+        e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))
+    ]
     watched = [cones.at_speed(each, speeds) for each in watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
@@ -183,7 +187,9 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
         for j in rigid:
             bound[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
-    pace = ca.diag(gain) * ca.vertcat(*[1 if e.unilateral else bound[i] for i, e in enumerate(elements)])  # of a rigid contact that of a force of 1
+    pace = ca.diag(gain) * ca.vertcat(
+        *[1 if e.unilateral else bound[i] for i, e in enumerate(elements)]
+    )  # of a rigid contact that of a force of 1
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
         field, solved, bound, slip, slip_rate, guards, guard_rates, projected, gain, burden, sticks, impulse, tuple(attached), loader, open_field, balance,
@@ -193,9 +199,11 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
 
 def _check_forces(elements: Sequence[Element], force: ca.SX, static: ca.SX, gain_of_force: ca.SX, coupling: ca.SX, gain: ca.SX) -> None:
     """Raise SceneError as `switching` does."""
-    if ca.depends_on(gain_of_force, force) or ca.depends_on(coupling, force) or (ca.depends_on(static, force) and ca.depends_on(
-        ca.jacobian(static, force), force
-    )):
+    if (
+        ca.depends_on(gain_of_force, force)
+        or ca.depends_on(coupling, force)
+        or (ca.depends_on(static, force) and ca.depends_on(ca.jacobian(static, force), force))
+    ):
         raise SceneError("The force of an element must enter the flow and the bounds of later elements affinely.")
     if coupling.nnz() and np.any(np.greater_equal(*np.array(coupling.sparsity().get_triplet())[::-1])):
         raise SceneError("The bound of an element may depend on forces of elements declared earlier only; here it closes a cycle.")
@@ -248,7 +256,9 @@ def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequen
     compared = ca.Function("compared", [t, x, others], [ca.fabs(derivative - rate), size])
     random = np.random.default_rng(1)
     for _ in range(5):
-        difference, scale = (np.array(v).ravel() for v in compared(random.random(), random.normal(size=x.numel()), 0.5 + random.random(others.numel())))
+        difference, scale = (
+            np.array(v).ravel() for v in compared(random.random(), random.normal(size=x.numel()), 0.5 + random.random(others.numel()))
+        )
         for i, element in enumerate(contacts):
             if difference[i] > 1e-6 * scale[i]:  # false where a number is not finite
                 raise SceneError(f"The rate of `{element.name}` must be the time derivative of its closure, but they differ.")
@@ -282,9 +292,7 @@ def matrix_of_impulse(gain: ca.SX, sticks: ca.SX, slides: ca.SX) -> ca.SX:
     return ca.sparsify(ca.diag(sticks) @ gain + ca.diag(slides))
 
 
-def _project(
-    x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX
-) -> ca.SX:
+def _project(x: ca.SX, slip: ca.SX, slip_of_state: ca.SX, gain_of_force: ca.SX, matrix: ca.SX, sticks: ca.SX) -> ca.SX:
     """Set the slip of sticking elements to zero by an impulse, then remove round-off exactly where a state enters a slip with factor +-1."""
     if not slip.numel():
         return x

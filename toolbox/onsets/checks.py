@@ -139,11 +139,7 @@ class Checks:
         if not is_finite_number(limit) or not between[0] < limit <= between[1]:
             raise SceneError(f"Argument `limit` must be in the range {between[0]:g} .. {between[1]:g}, but it is {limit!r}.")
         found = onset(machine, parameter, between, **{"at": limit, **arguments})
-        late = [
-            (name, border)
-            for name, border in found.borders
-            if border.value + border.tolerance > limit
-        ]
+        late = [(name, border) for name, border in found.borders if border.value + border.tolerance > limit]
         lasting = [
             name for name, branch in (("smooth running", found.smooth), ("stick-slip", found.sticking)) if branch[-1].verdict != "smooth"
         ]

@@ -58,7 +58,9 @@ def followed(search: OnsetSearch, begin: End, origin: float, goal: float, width:
         return None
     low, high = min(origin, goal), max(origin, goal)
     try:
-        return follow(limit_cycle(run), search.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low)))
+        return follow(
+            limit_cycle(run), search.free.name, (low, high), points=points, towards=goal, step=min(0.1, 0.02 * width / (high - low))
+        )
     except (SceneError, SimulationError):
         return None
 

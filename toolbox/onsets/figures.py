@@ -113,7 +113,9 @@ def onset_diagram(found: DrawnOnset, ax: Any = None) -> Any:
         for border in found.ends:
             ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (1.2, 1.2)), label="stick-slip ends", zorder=1)
         for border in found.stalls:
-            ax.axvline(border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (5, 1.5, 1, 1.5)), label="stick-slip stalls", zorder=1)
+            ax.axvline(
+                border.value, color=LINES[1]["color"], linewidth=1.0, linestyle=(0, (5, 1.5, 1, 1.5)), label="stick-slip stalls", zorder=1
+            )
         for border in found.breakaways:
             ax.axvline(border.value, color="0.45", linewidth=1.6, label="break-away", zorder=1)
         _standstill(found, ax)
@@ -231,7 +233,9 @@ def severity_panels(found: DrawnMap, axes: Any = None) -> Any:
 
 def _path(polygons: Sequence[np.ndarray]) -> Path:
     """All polygons as one path; an empty one hides everything."""
-    return Path.make_compound_path(*(Path(polygon, closed=True) for polygon in map(_closed, polygons))) if polygons else Path(np.zeros((3, 2)))
+    return (
+        Path.make_compound_path(*(Path(polygon, closed=True) for polygon in map(_closed, polygons))) if polygons else Path(np.zeros((3, 2)))
+    )
 
 
 def _closed(polygon: np.ndarray) -> np.ndarray:

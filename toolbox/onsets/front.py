@@ -159,7 +159,11 @@ class Front:
         task, _, _ = self.loop.task(self.points, np.ones(len(self.points), bool))
         self._entered(verdict)
         changed = dict(self.known)
-        waiting = [int(k) for k in np.flatnonzero(verdict == STICK_SLIP) if any(verdict[n] not in (STICK_SLIP, NONE) for n in self.neighbours(int(k)))]
+        waiting = [
+            int(k)
+            for k in np.flatnonzero(verdict == STICK_SLIP)
+            if any(verdict[n] not in (STICK_SLIP, NONE) for n in self.neighbours(int(k)))
+        ]
         while waiting:
             k = waiting.pop()
             if verdict[k] != STICK_SLIP:

@@ -204,7 +204,9 @@ class Inside:
             known = [self._stuck_state(inner), self._stuck_state(outer)]
             if known[0] is not None and known[1] is None:
                 edge = self.rest.edge(inner, outer)
-                border = Border(edge, max(1e-6 * abs(outer - inner), 1e-12 * abs(edge)), border.safe, border.confirmed, followed="break-away")
+                border = Border(
+                    edge, max(1e-6 * abs(outer - inner), 1e-12 * abs(edge)), border.safe, border.confirmed, followed="break-away"
+                )
             borders.append(border)
         return borders
 
@@ -220,5 +222,3 @@ def worse(judged: Judged, other: Judged) -> bool:
     """Whether a verdict is more of a stick-slip than another."""
     rank = ("none", "failed", "smooth", "swing", "stuck", "stick-slip")
     return rank.index(judged.verdict) > rank.index(other.verdict)
-
-

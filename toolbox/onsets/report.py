@@ -256,7 +256,11 @@ class Onset:
             if borders:
                 border = min(borders, key=lambda border: abs(border.value - self.at))
                 margins.append(f"{100 * border.margin(self.at):+.1f} % to the {name}")
-        also = " Standstill lasts as well, once the machine is stopped." if verdict == "bistable" and "standstill" in self.regimes(self.at) else ""
+        also = (
+            " Standstill lasts as well, once the machine is stopped."
+            if verdict == "bistable" and "standstill" in self.regimes(self.at)
+            else ""
+        )
         return f"The working point {shown} {words.get(verdict, f'has no steady running ({verdict}).')}{also}" + (
             f" Margin {', '.join(margins[:-1])}{' and ' if margins[1:] else ''}{margins[-1]}." if margins else ""
         )
@@ -304,19 +308,33 @@ class Onset:
         """(name, value, how it is known) of the Hopf points, the borders and the bistable bands."""
         factor = self._read.factor
         rows = [
-            (f"Hopf point, {p.kind} loss", f"{p.value * factor:.6g}", f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}")
+            (
+                f"Hopf point, {p.kind} loss",
+                f"{p.value * factor:.6g}",
+                f"period {p.period:.3g} s, stable {p.stable}, residual {p.residual:.0e}",
+            )
             for p in self.hopf
         ]
         for name, borders in self._named:
             rows += [(name, f"{b.value * factor:.6g}", f"+- {b.tolerance * factor:.2g}, safe {b.safe}" + self._how(b)) for b in borders]
             if not borders:
                 rows.append((name, "-", self._nowhere(name)))
-        return rows + [("bistable", f"{low * factor:.6g} .. {high * factor:.6g}", "smooth only until disturbed") for low, high in self.bistable]
+        return rows + [
+            ("bistable", f"{low * factor:.6g} .. {high * factor:.6g}", "smooth only until disturbed") for low, high in self.bistable
+        ]
 
     @property
     def _head(self) -> tuple[str, ...]:
         """Headings of `_value_rows`."""
-        return (_labelled(self.parameter, self._read.unit), "from smooth running", "severity", "from stick-slip", "severity", "longest stick", "standstill")
+        return (
+            _labelled(self.parameter, self._read.unit),
+            "from smooth running",
+            "severity",
+            "from stick-slip",
+            "severity",
+            "longest stick",
+            "standstill",
+        )
 
     def _value_rows(self) -> list[tuple[str, ...]]:
         """Verdicts at each value."""
@@ -337,7 +355,11 @@ class Onset:
     def _nowhere(self, name: str) -> str:
         if name.startswith("smooth"):
             everywhere = {judged.verdict for judged in self.smooth} == {"smooth"}
-            return "nowhere in the range: smooth running is stable in all of it" if everywhere else "smooth running is stable nowhere in the range"
+            return (
+                "nowhere in the range: smooth running is stable in all of it"
+                if everywhere
+                else "smooth running is stable nowhere in the range"
+            )
         if self.stalls:
             return "nowhere in the range"
         return "nowhere in the range: stick-slip lasts in all of it" if self.cycling.all() else "no stick-slip was found in the range"
@@ -357,7 +379,11 @@ class Onset:
         for value, stands, *branches in zip(self.values, self.standing, self.smooth, self.sticking, strict=True):
             cells = [getattr(judged, name) for judged in branches for name in COLUMNS]
             rows.append([float(value), *cells, "lasts" if stands else ""])
-        headings = [f"{self.parameter} [{self.unit}]", *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS), "standstill"]
+        headings = [
+            f"{self.parameter} [{self.unit}]",
+            *(f"{branch} {name}" for branch in ("smooth", "sticking") for name in COLUMNS),
+            "standstill",
+        ]
         return tables.write(path, headings, rows)
 
     def save_borders(self, path: str | Path) -> Path:
@@ -366,7 +392,9 @@ class Onset:
 
         rows: list[list[object]] = [["Hopf point", point.value, 0.0, point.stable, "", "exact", "yes"] for point in self.hopf]
         for name, border in self.borders:
-            rows.append([name, border.value, border.tolerance, border.safe, border.beyond, border.followed, "yes" if border.confirmed else "no"])
+            rows.append(
+                [name, border.value, border.tolerance, border.safe, border.beyond, border.followed, "yes" if border.confirmed else "no"]
+            )
         headings = ["border", f"{self.parameter} [{self.unit}]", "tolerance", "safe", "beyond", "followed", "confirmed"]
         return tables.write(path, headings, rows)
 
@@ -402,7 +430,9 @@ class Comparison:
         for label, found in self.onsets.items():
             factor = reading(found.unit, found.asked).factor
             inside = found.values[0] <= found.at <= found.values[-1]
-            borders = [min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row]
+            borders = [
+                min(row, key=lambda b: abs(b.value - found.at)).margin(found.at) for row in (found.losses, found.ends, found.stalls) if row
+            ]
             lines.append(
                 (
                     label,

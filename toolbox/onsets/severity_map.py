@@ -260,7 +260,9 @@ class SeverityMap:
             errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
             for name in ("names", "units", "notes"):
                 notes[name] = tuple(notes[name])
-            return SeverityMap(axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes})
+            return SeverityMap(
+                axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes}
+            )
 
 
 def severity_map(

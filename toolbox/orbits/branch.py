@@ -109,4 +109,9 @@ class Branch:
             f"{len(self.values)} cycles, {self.parameter} from {min(self.values) * factor:.6g} to {max(self.values) * factor:.6g} {unit}: "
             f"{int(self.stable.sum())} stable, {int((~self.stable).sum())} unstable; {self.ended}"
         ]
-        return "\n".join([*lines, *(f"  {point.kind} at {point.value * factor:.9g} {unit}, period {point.cycle.period:.6g} s" for point in self.bifurcations)])
+        return "\n".join(
+            [
+                *lines,
+                *(f"  {point.kind} at {point.value * factor:.9g} {unit}, period {point.cycle.period:.6g} s" for point in self.bifurcations),
+            ]
+        )

@@ -93,7 +93,9 @@ def follow(
     whole("points", points, 1)
     goal = number("towards", towards) if towards is not None else max(span, key=lambda end: abs(end - walk.here.value))
     walk.head_for(1.0 if goal > walk.here.value else -1.0)
-    branch = Branch(parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for")
+    branch = Branch(
+        parameter, unit_of(cycle.run, parameter), [walk.here.value], [walk.cycle(walk.here)], [], f"all {points} points asked for"
+    )
     branch.asked = {branch.unit: asked_in(span, branch.unit)}
     size, turned = step / 4, 0
     left: Any = None  # the switches of the cycles from which the last corner led away

@@ -261,7 +261,9 @@ def parameter_column(run: Trajectory, name: str) -> int | None:
     except SceneError:
         if name in system.inputs:
             default = system.inputs[name].default
-            owners = [each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(default, system.p[entry.offset])]
+            owners = [
+                each for each, entry in system.parameters.items() if entry.size is None and ca.is_equal(default, system.p[entry.offset])
+            ]
             other = f", or name `{owners[0]}`, its default" if owners else ""
             raise SceneError(f"Argument `{name}` must be given as a constant in `inputs` of the run to be varied{other}.") from None
         if system.has_signal(name):

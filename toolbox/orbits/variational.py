@@ -488,5 +488,7 @@ def sided(expression: ca.SX, moving: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 def _called(function: ca.Function, values: Sequence[ca.SX]) -> list[ca.SX]:
     """The nonzeros of the results of a function, from those of its arguments one after the other."""
     given = iter(values)
-    arguments = [ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())]
+    arguments = [
+        ca.SX(function.sparsity_in(i), ca.vertcat(*[next(given) for _ in range(function.nnz_in(i))])) for i in range(function.n_in())
+    ]
     return [result.nz[k] for result in function.call(arguments) for k in range(result.nnz())]

@@ -59,7 +59,9 @@ class Absorber:
             factor, _ = read = reading(unit, self.asked)
             return f"{value * factor:.4g}{read.tail}"
 
-        taken = ", ".join(f"{word} {shown(getattr(self, word), unit)}" for word, unit in zip(("damping", "stiffness", "inertia"), units, strict=True))
+        taken = ", ".join(
+            f"{word} {shown(getattr(self, word), unit)}" for word, unit in zip(("damping", "stiffness", "inertia"), units, strict=True)
+        )
         return f"An ideal absorber keeps `{self.signal}` smooth down to {shown(self.speed, self.unit)}: {taken}"
 
 

@@ -80,7 +80,9 @@ def part(name: str, kind: str | None = None) -> Any:
                 f"There is no {kind or 'part'} `{name}`, because `{hiding}` hides the package `{source}` of the toolbox: rename it, or start Python elsewhere."
             )
     broken = "".join(f" The parts of `{source}` cannot be loaded: {reason}." for source, reason in _packages()[1].items())
-    raise SceneError(f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`.")
+    raise SceneError(
+        f"There is no {kind or 'part'} `{name}`: {suggest(name, _names(kind))}{broken} One of your own needs its file: `--load FILE.py`."
+    )
 
 
 def load_parts(path: str | Path) -> list[str]:
@@ -125,7 +127,9 @@ def load_parts(path: str | Path) -> list[str]:
         _entries.cache_clear()
     found = [entry.name for entry in _entries() if entry.source == name]
     if not found:
-        raise SceneError(f"The file `{path}` offers nothing: it must hold a Controller, a Component, a ContactBody or a FrictionLaw as a frozen dataclass.")
+        raise SceneError(
+            f"The file `{path}` offers nothing: it must hold a Controller, a Component, a ContactBody or a FrictionLaw as a frozen dataclass."
+        )
     return found
 
 

@@ -111,7 +111,9 @@ def _read(path: Path) -> dict[str, Any]:
     name, entries = scene_file.contact_body(data), scene_file._tables(data, "plant")
     if name is None:
         for i, entry in enumerate(entries, 1):
-            catalogue.part(scene_file._keys(entry, f"plant[{i}]", None, ("part",))["part"])  # raises the error that says why, for an unknown name
+            catalogue.part(
+                scene_file._keys(entry, f"plant[{i}]", None, ("part",))["part"]
+            )  # raises the error that says why, for an unknown name
         raise SceneError("a scene with a `step` must be about a body with many contacts, such as ElasticFace, but its plant has equations.")
     scene_file._keys(data, "the scene", keys.names(keys.CONTACTS), keys.required(keys.CONTACTS))
     if len(entries) > 1:

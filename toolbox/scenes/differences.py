@@ -62,7 +62,9 @@ class Differences:
 
     def _cells(self) -> list[tuple[str, str, str, str, str]]:
         def word(value: Any) -> str:
-            return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else value if isinstance(value, str) else short(value)
+            return (
+                "-" if value is None else f"{value:.6g}" if isinstance(value, float) else value if isinstance(value, str) else short(value)
+            )
 
         cells = []
         for row in self.rows:
@@ -77,7 +79,10 @@ class Differences:
             return f"{self.title}: no difference"
         rows = [("", *self.labels, "difference", ""), *self._cells()]
         widths = [max(len(row[k]) for row in rows) for k in range(5)]
-        lines = ["  ".join(cell.ljust(w) if k in (0, 4) else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))) for row in rows]
+        lines = [
+            "  ".join(cell.ljust(w) if k in (0, 4) else cell.rjust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True)))
+            for row in rows
+        ]
         return "\n".join([self.title, *(f"  {line}".rstrip() for line in lines)])
 
     __repr__ = __str__

@@ -29,7 +29,9 @@ def judged_element(names: Sequence[str], element: str | None, argument: str = "e
         raise SceneError(f"There is no contact `{element}` to be judged: {suggest(element, names)}")
     if element is None and len(names) > 1:
         known = f"{len(names)} contacts, among them " if len(names) > 4 else "contacts "
-        raise SceneError(f"Argument `{argument}` must name the contact to be judged, because there are {known}{', '.join(f'`{name}`' for name in names[-4:])}.")
+        raise SceneError(
+            f"Argument `{argument}` must name the contact to be judged, because there are {known}{', '.join(f'`{name}`' for name in names[-4:])}."
+        )
     return element or next(iter(names), None)
 
 

@@ -28,17 +28,6 @@ if TYPE_CHECKING:
     from toolbox.modelling.dependencies import Dependencies
 
 
-
-
-
-
-
-
-
-
-
-
-
 @dataclass(frozen=True)
 class Scene(Labelled):
     """A plant, the controllers to be compared on it, and what to look at; everything in SI.
@@ -137,7 +126,9 @@ class Scene(Labelled):
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
         contacts = [each.name for each in plant.elements]
         if not contacts and signal is None:
-            raise SceneError("Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none.")
+            raise SceneError(
+                "Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none."
+            )
         element = judged_element(contacts, element)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
         signal = signal or judged_signal(plant, element or "")
@@ -177,7 +168,9 @@ class Scene(Labelled):
         lines = [self.title, f"  {' + '.join(type(part).__name__ for part in self.parts)}, {self.duration:g} s, judged by {self.judges}"]
         for case in self.cases:
             law = "no law" if case.law is None else type(case.law).__name__
-            every = "" if case.sample_time is None else f", every {case.sample_time:g} s" + (f", {case.delay:g} s late" if case.delay else "")
+            every = (
+                "" if case.sample_time is None else f", every {case.sample_time:g} s" + (f", {case.delay:g} s late" if case.delay else "")
+            )
             lines.append(f"  {case.label}: {law}{every}")
         return "\n".join(lines)
 
@@ -234,7 +227,10 @@ class Scene(Labelled):
         from toolbox.modelling.dependencies import Dependencies, Dependency, dependencies_of
 
         plant, asked = self.plant(), self.measures if measures is None else measures
-        found = [dependencies_of(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts)) for case in self.cases]
+        found = [
+            dependencies_of(Request(plant, self.duration, **self.arguments(case)).checked().system, asked, len(self.parts))
+            for case in self.cases
+        ]
         parts = tuple(
             Dependency(
                 same[0].part, same[0].states, same[0].elements, tuple(name for name in asked if any(name in need.measures for need in same))

@@ -136,7 +136,9 @@ def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
         if any(key in made and key not in own for key in values):
             return _tabulated(item, values, title, folder)
     hints = typing.get_type_hints(item if isinstance(item, type) else type(item))
-    values |= {key: _loaded(hints[key], value, f"{title}.{key}", folder) for key, value in values.items() if hasattr(hints.get(key), "load")}
+    values |= {
+        key: _loaded(hints[key], value, f"{title}.{key}", folder) for key, value in values.items() if hasattr(hints.get(key), "load")
+    }
     return _filled(item, values, title)
 
 
@@ -394,7 +396,11 @@ def _resolved_case(case: Case) -> dict[str, Any]:
         data |= {"law": law | known} | fields if known else law | fields
         if case.sample_time is not None:
             data |= {"sample_time": float(case.sample_time), "delay": float(case.delay)}
-            data |= {key: {name: float(value) for name, value in getattr(case, key).items()} for key in ("noise", "resolution") if getattr(case, key)}
+            data |= {
+                key: {name: float(value) for name, value in getattr(case, key).items()}
+                for key in ("noise", "resolution")
+                if getattr(case, key)
+            }
             if case.noise:
                 data["seed"] = case.seed
     if case.inputs:

@@ -186,17 +186,3 @@ def _number(value: float, form: str) -> str:
 
 
 # --- the figures
-
-
-
-
-
-
-
-
-
-
-
-
-
-

@@ -166,14 +166,13 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
         if wrong.any():
             i, k = np.unravel_index(np.argmin(bounds), bounds.shape)
             raise SimulationError(
-                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?", run
+                f"The bound of `{names[i]}` must be >= 0, but it is {bounds[i, k]:.6g} at t = {run.time[k]:.9g} s: is its load negative?",
+                run,
             )
     return run
 
 
-def _sample(
-    run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float
-) -> None:
+def _sample(run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
 
     from toolbox.simulation.noise import normal  # here, because numba is slow to import

@@ -160,7 +160,9 @@ def locate(w, h, low):
         if s > 1.0:
             if high == 1.0:
                 return -1.0
-            call(w.ints[STEP], t, high * h, w.x, w.k, w.p, w.m, w.y)  # below zero there, by what counts as round-off of a guard that starts at zero
+            call(
+                w.ints[STEP], t, high * h, w.x, w.k, w.p, w.m, w.y
+            )  # below zero there, by what counts as round-off of a guard that starts at zero
             return high * h
         if attempt > 12:
             s = 0.5

@@ -69,7 +69,10 @@ def draw_signals(ax: Any, samples: Any, names: Sequence[str], looks: Mapping[str
     many = len(curves) > 8  # then the first and the last name the row of shades between them
     if many:
         looks_of_all = line_styles(len(curves))
-        curves = [(label, values, look | {"linestyle": "-", "linewidth": 0.9}) for (label, values, _), look in zip(curves, looks_of_all, strict=True)]
+        curves = [
+            (label, values, look | {"linestyle": "-", "linewidth": 0.9})
+            for (label, values, _), look in zip(curves, looks_of_all, strict=True)
+        ]
     for i, (label, values, look) in enumerate(curves):
         named = not many or i in (0, len(curves) - 1)
         draw_line(ax, samples.time, values, label if named else "_" + label, look)
@@ -108,7 +111,17 @@ def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], uni
         place = ends[sign] = end + sign * 0.35 * span
         factor, shown = reading_of(unit, abs(place), asked)
         when, right = float(time[at]), time[at] > 0.5 * (time[0] + time[-1])
-        ax.plot([when], [place], marker="^" if sign > 0 else "v", color="0.2", markersize=4, linestyle="none", clip_on=False, zorder=4, label="_peak")
+        ax.plot(
+            [when],
+            [place],
+            marker="^" if sign > 0 else "v",
+            color="0.2",
+            markersize=4,
+            linestyle="none",
+            clip_on=False,
+            zorder=4,
+            label="_peak",
+        )
         ax.annotate(
             f"{values[at] * factor:.3g} {shown}", (when, place), xytext=(-5 if right else 5, -2 * sign), textcoords="offset points", fontsize=7.5,
             color="0.2", ha="right" if right else "left", va="top" if sign > 0 else "bottom",
@@ -118,7 +131,9 @@ def scale_robustly(ax: Any, curves: Sequence[tuple[np.ndarray, np.ndarray]], uni
         ax.set_ylim(*ends.values())
 
 
-def draw_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]], names: Sequence[str], looks: Mapping[str, dict[str, Any]]) -> None:
+def draw_limits(
+    ax: Any, limits: Mapping[str, tuple[float | None, float | None]], names: Sequence[str], looks: Mapping[str, dict[str, Any]]
+) -> None:
     """Draw the limits that a drive keeps signals within, those that are near enough to be seen, as dotted lines; the axis makes room for them."""
     bottom, top = ax.get_ylim()
     reach = 0.6 * (top - bottom)

@@ -162,7 +162,9 @@ def _from_zero(w, h):
         if w.armed[j] or w.side[j] * w.g_high[j] >= -1e-12 * guard_size(w, j):
             continue
         rise = rising_fraction(w, h, j)
-        if rise == 0.0 and 2 * ne <= j < ng - w.ints[BOUNDS]:  # a kink that starts at zero is on the side it goes to, which changes nothing else
+        if (
+            rise == 0.0 and 2 * ne <= j < ng - w.ints[BOUNDS]
+        ):  # a kink that starts at zero is on the side it goes to, which changes nothing else
             w.side[j] = -w.side[j]
             return True, False, low, h
         if rise == 0.0:  # it goes the wrong way from its start: decide again here

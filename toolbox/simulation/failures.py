@@ -85,9 +85,7 @@ def _rising_friction(program: Program, places: Iterable[int], point: Any, work: 
     return None
 
 
-def failure(
-    status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]
-) -> SimulationError:
+def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
     t = float(work.reals[loop_layout.TIME])

@@ -13,7 +13,9 @@ def main_signals(run: Any) -> list[str]:
     """Names of speeds, then of torques and forces, then of positions: at most three of a unit, none twice, none that only stands still."""
     system, nodes = run.program.system, run.nodes
     step = max(1, nodes.time.size // 400)
-    some: Samples[Any] = Samples(nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False)
+    some: Samples[Any] = Samples(
+        nodes.program, nodes.time[::step], nodes.states[::step], nodes.mode[::step], nodes.held[::step], nodes.parameters, False
+    )
     ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
     own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
     # what a part gives comes before the force and slip of its contact, which often repeat it
@@ -21,7 +23,11 @@ def main_signals(run: Any) -> list[str]:
     laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
     plant = run.run.plant  # what a sampled law remembers, and says of itself, is not what the machine does
     parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)}
-    names = [name for name in (*system.signals, *system.inputs) if name not in own and (part := name.partition(".")[0]) in parts and part not in laws]
+    names = [
+        name
+        for name in (*system.signals, *system.inputs)
+        if name not in own and (part := name.partition(".")[0]) in parts and part not in laws
+    ]
     names += sorted(own)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}

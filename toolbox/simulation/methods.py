@@ -1,12 +1,12 @@
 """Methods of simulation: values with their own options, each with a plain string as its short form.
 
-    "event"          EventExact()       adaptive steps that end on every switch, explicit until implicit ones prove cheaper
-    "explicit"       Explicit()         the same with explicit steps only
-    "taylor"         TaylorSeries()     the same with Taylor series of high order
-    "stiff"          Implicit()         the same with linearly implicit steps only
-    "time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
-    "smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
-    "auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
+"event"          EventExact()       adaptive steps that end on every switch, explicit until implicit ones prove cheaper
+"explicit"       Explicit()         the same with explicit steps only
+"taylor"         TaylorSeries()     the same with Taylor series of high order
+"stiff"          Implicit()         the same with linearly implicit steps only
+"time-stepping"  TimeStepping()     fixed steps (Moreau and Jean), refined until the accuracy is met unless `step` is given
+"smoothed"       Smoothing()        regularised friction, refined until the accuracy is met unless `width` is given
+"auto"           Automatic()        the cheapest of them by the rule of `toolbox.simulation.method_choice`
 """
 
 from __future__ import annotations
@@ -133,7 +133,9 @@ class TimeStepping(Method):
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError unless the step is a positive number and long enough for the budget."""
         if self.step is not None and (not is_finite_number(self.step) or not self.step > 0 or duration / self.step > steps):
-            raise SceneError(f"Argument `step` must be > 0 s and at least {duration / steps:.2g} s, {steps} steps, but it is {self.step!r}.")
+            raise SceneError(
+                f"Argument `step` must be > 0 s and at least {duration / steps:.2g} s, {steps} steps, but it is {self.step!r}."
+            )
 
     def formulas(self, accuracy: float, sampled: bool) -> Formulas:
         """The theta method of Moreau and Jean."""
@@ -183,7 +185,9 @@ class Automatic(Method):
         return True
 
 
-METHODS: dict[str, Method] = {kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing, Automatic)}
+METHODS: dict[str, Method] = {
+    kind.text: kind() for kind in (EventExact, Explicit, TaylorSeries, Implicit, TimeStepping, Smoothing, Automatic)
+}
 """{short form: method with its default options}."""
 
 

@@ -92,14 +92,14 @@ def decide(w, t):
     return settled
 
 
-
-
 @inlined
 def turn_switches(w):
     """Turn every switch whose threshold is passed at the current guards by more than events are located to; returns whether there was one."""
     turned = False
     for i in range(w.ints[NE]):
-        size = max(w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[NG]])  # in both positions: a position that is new has seen nothing yet
+        size = max(
+            w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[NG]]
+        )  # in both positions: a position that is new has seen nothing yet
         if w.kind[i] == SWITCH and w.g[2 * i] < -2e-9 * size:
             w.m[i] = 1.0 - w.m[i]
             turned = True

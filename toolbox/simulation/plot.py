@@ -124,7 +124,9 @@ def traces(run: Pictured, *signals: str, ax: Any = None, after: NumberOrText = 0
         for panel, (unit, group) in zip(panels, units.items(), strict=True):
             lines = curves.draw_signals(panel, samples, group, looks)
             panel.set_xlim(begin, end)
-            curves.scale_robustly(panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit, run.asked)
+            curves.scale_robustly(
+                panel, [(samples.time, values) for name in group if (values := np.asarray(samples[name])).ndim == 1], unit, run.asked
+            )
             curves.draw_limits(panel, run.limits, group, looks)
             name_axis(panel.yaxis, axis_words(group, unit), unit, run.asked)
             top = panel is panels[0]
@@ -296,10 +298,14 @@ def overlay(
     longest, begin, end, shown = _together(runs, element, after, until)
     names = list(signals) or [name for name in next(iter(runs.values())).main_signals if all(name in run.names for run in runs.values())]
     if not names or (ax is not None and len(names) > 1):
-        raise SceneError(f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}.")
+        raise SceneError(
+            f"Argument `signals` must name {'one signal for one `ax`' if names else 'a signal that all runs have'}, but it is {signals}."
+        )
     with plt.rc_context(PAPER):
         panels = [ax] if ax is not None else stacked_panels(len(names), 1.75 if len(names) > 1 else 2.3, 0.15 * len(runs))
-        lasting = {label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin}
+        lasting = {
+            label: curves.sampled(run, begin, last) for label, run in runs.items() if (last := min(end, float(run.nodes.time[-1]))) > begin
+        }
         styles = dict(zip(runs, line_styles(len(runs)), strict=True))
         for panel, name in zip(panels, names, strict=True):
             drawn = {label: (samples.time, scalar(samples, name)) for label, samples in lasting.items()}
@@ -370,7 +376,9 @@ def _event_lines(ax: Any, run: Pictured, begin: float, end: float, elements: Seq
     for i, times in enumerate(inside.values() if count <= 10 * MANY_EVENTS else ()):
         if times.size:
             dots = (0, (1 + 2 * (i % 4), 2))
-            ax.vlines(times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5)
+            ax.vlines(
+                times, 0, 1, transform=ax.get_xaxis_transform(), colors="0.35", linewidth=0.5, linestyles=[dots], alpha=strength, zorder=0.5
+            )
 
 
 def _ribbon(ax: Any, rows: Mapping[str, tuple[Pictured, str]], begin: float, end: float) -> float:

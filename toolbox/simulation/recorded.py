@@ -80,7 +80,11 @@ class Recorded(Stays):
         title, *others = self._headlines
         stays = [(element, mode, self.time_in(element, mode)) for element, words in self._legends.items() for mode in words.values()]
         modes = [(element, mode, seconds, f"{100 * seconds / (self.end or 1.0):.1f}") for element, mode, seconds in stays if seconds > 0]
-        tables = [table(title, ("element", "mode", "time [s]", "part of the run [%]"), modes, others)] if modes else [table(title, (), (), others)]
+        tables = (
+            [table(title, ("element", "mode", "time [s]", "part of the run [%]"), modes, others)]
+            if modes
+            else [table(title, (), (), others)]
+        )
         headings = ("signal", "smallest", "largest", "at the end", "unit")
         return "".join([*tables, table("Signals at the recorded times", headings, self._ranges())])
 

@@ -60,7 +60,9 @@ class Request:
         if changing:
             system = system.varying(changing)
         if isinstance(method, TimeStepping):
-            check_one_direction(system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`")
+            check_one_direction(
+                system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`"
+            )
         if isinstance(method, Smoothing):
             if isinstance(plant, SmoothSystem):
                 raise SceneError("Argument `method` must not be 'smoothed' for a plant that is smooth already.")
@@ -128,7 +130,9 @@ class Request:
             closed = closed_loop(sharp, sharp, self.controller, period)[0]
             for name in parameters:
                 if closed.has_parameter(name) and not plant.has_parameter(name):
-                    raise SceneError(f"Argument `{name}` must be a parameter of the plant, but it is a number of the law: give it to the law.") from None
+                    raise SceneError(
+                        f"Argument `{name}` must be a parameter of the plant, but it is a number of the law: give it to the law."
+                    ) from None
             raise
 
 
@@ -138,7 +142,9 @@ def _checked_times(given: Any, duration: float) -> np.ndarray | None:
         return None
     grid = finite_array(given)
     if grid is None or grid.ndim != 1 or not grid.size or (np.diff(grid) <= 0).any() or grid[0] < 0 or grid[-1] > duration:
-        raise SceneError(f"Argument `output_times` must be increasing times between 0 and {duration:g} s, but {_wrong_with(grid, duration)}.")
+        raise SceneError(
+            f"Argument `output_times` must be increasing times between 0 and {duration:g} s, but {_wrong_with(grid, duration)}."
+        )
     return grid
 
 
@@ -183,7 +189,9 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
         elif isinstance(value, Typed):
             value = value.made(name, entry.unit)
         elif isinstance(value, (tuple, list, np.ndarray)) and len(value) == 2:
-            times, numbers = (in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True))
+            times, numbers = (
+                in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)
+            )
             typed.append(numbers)
             value = Table.of(name, times, numbers)
         typed.append(value.typed if isinstance(value, (Table, Shape)) else value)

@@ -172,7 +172,10 @@ class SavedSamples(Generic[Read]):
     def modes(self) -> dict[str, np.ndarray]:
         """Mode of each element, as words."""
         return Modes(
-            {name: np.array([words[mode] for mode in self.mode[:, i].tolist()], np.str_) for i, (name, words) in enumerate(self.steps.words.items())}
+            {
+                name: np.array([words[mode] for mode in self.mode[:, i].tolist()], np.str_)
+                for i, (name, words) in enumerate(self.steps.words.items())
+            }
         )
 
 
@@ -187,10 +190,19 @@ def _completed(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     turning = [name for name in names if name.endswith(".speed")]
     sticking = [name for name, word in zip(elements, found["modes.word"].tolist(), strict=True) if word == "stick"]
     mode = [found[f"{name}.mode"] for name in dict.fromkeys(elements)]
-    steps = {"step.time": found["time"], "step.mode": np.stack(mode, 1) if mode else np.empty((degree.size, 0), np.int8), "step.degree": degree}
+    steps = {
+        "step.time": found["time"],
+        "step.mode": np.stack(mode, 1) if mode else np.empty((degree.size, 0), np.int8),
+        "step.degree": degree,
+    }
     steps |= {f"step.{name}": found[name][places] for name in names}
     steps |= {"contacts": np.array(sticking, np.str_), "main": np.array((turning or names)[:4], np.str_)}
-    steps |= {"limit.names": np.empty(0, np.str_), "limit.values": np.empty((0, 2)), "error": np.array(np.nan), "accuracy": np.array(np.nan)}
+    steps |= {
+        "limit.names": np.empty(0, np.str_),
+        "limit.values": np.empty((0, 2)),
+        "error": np.array(np.nan),
+        "accuracy": np.array(np.nan),
+    }
     return found | steps | {"report": np.array(["saved by an older version: straight lines between its records"])}
 
 
@@ -200,7 +212,9 @@ class SavedSteps:
     `words` holds {element: {mode: its word}}, and `signals` {name: values at the points of all steps, in order}.
     """
 
-    def __init__(self, time: np.ndarray, mode: np.ndarray, degree: np.ndarray, words: dict[str, dict[int, str]], signals: dict[str, np.ndarray]):
+    def __init__(
+        self, time: np.ndarray, mode: np.ndarray, degree: np.ndarray, words: dict[str, dict[int, str]], signals: dict[str, np.ndarray]
+    ):
         self.time = time
         self.mode = mode.reshape(time.size, len(words))
         self.words = words
@@ -355,7 +369,9 @@ class SavedRun(Recorded):
     def error(self) -> float:
         """What `run.error` was when the run was saved. Raises SceneError where it had not been asked: it is measured by a second run."""
         if np.isnan(self._error):
-            raise SceneError(f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run.")
+            raise SceneError(
+                f"The run read from `{self.path}` does not say its error: `error` needs the plant; ask it before `save`, or `pickle` the run."
+            )
         return self._error
 
     @property

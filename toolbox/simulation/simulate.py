@@ -90,7 +90,11 @@ def simulate(
         _refuse(former)
     from toolbox.simulation.request import Request  # here, so that a script pays for the machinery of runs with its first run
 
-    return Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times, budget).checked().again()
+    return (
+        Request(plant, duration, start, inputs, parameters, controller, sample_time, method, accuracy, output_times, budget)
+        .checked()
+        .again()
+    )
 
 
 def _refuse(former: Mapping[str, Any]) -> NoReturn:

@@ -83,7 +83,11 @@ def axis_words(names: Sequence[str], unit: str) -> str:
 def reading_of(unit: str, size: float, asked: Mapping[str, str] | None = None) -> tuple[float, str]:
     """(factor, unit) in which numbers of this size are read best: as `reading` says, and large ones in SI in thousands, such as kN m."""
     factor, shown = reading(unit, asked)
-    large = (shown == unit or shown != (asked or {}).get(unit)) and size * factor >= 1e4 and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+    large = (
+        (shown == unit or shown != (asked or {}).get(unit))
+        and size * factor >= 1e4
+        and shown.partition(" ")[0].partition("/")[0] in ("N", "Pa", "W", "J")
+    )
     return (factor / 1e3, f"k{shown}") if large else (factor, shown)
 
 

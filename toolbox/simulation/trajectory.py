@@ -216,7 +216,9 @@ class Trajectory(Recorded, Samples[FloatArray]):
         nodes = self.nodes
         times = np.array([event.time for event in self.events if event.element == element and event.before == "open"])
         before = np.searchsorted(nodes.time, times, side="left")  # of the two nodes at an event the first is what was
-        rows: Samples[Any] = Samples(nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False)
+        rows: Samples[Any] = Samples(
+            nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False
+        )
         return rows.computed(f"{element}.rate", elements[element].rate)
 
     @property

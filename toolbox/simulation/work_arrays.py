@@ -169,10 +169,6 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
     memory[first : first + (size or 1)] = array
 
 
-
-
-
-
 def _event_room(asked: int, program: Program, left: float) -> int:
     """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
     instant = (4 if isinstance(program.pair, Theta) else 2) * program.kernel.elements

@@ -280,7 +280,9 @@ def _solved(followed: EquilibriumBranch, guess: float, stable: str) -> HopfPoint
     return HopfPoint(free.name, free.unit, value, float(z[n + 1]), point, stable, coefficient, left)
 
 
-def _extended(plant: HybridSystem, free: FreeParameter, given: tuple[str, ...], sticking: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+def _extended(
+    plant: HybridSystem, free: FreeParameter, given: tuple[str, ...], sticking: tuple[int, ...]
+) -> tuple[ca.Function, ca.Function]:
     """Functions (z, u, p, m, c) -> residual of the extended system and its Jacobian by z = (x, q, w, Re v, Im v)."""
     key = ("hopf", free.name, free.is_input, given, sticking)
     found = plant.kernels.get(key)

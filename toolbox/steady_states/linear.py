@@ -125,7 +125,9 @@ def equilibrium(
     tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
     words = f" with {', '.join(tried)}" if tried else ""
-    raise SceneError(f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it.")
+    raise SceneError(
+        f"There is no steady state for {given_inputs}{words}: {reason}. Give other `inputs`, a `mode`, or a `start` nearer to it."
+    )
 
 
 def _closed(plant: HybridSystem, controller: Any) -> HybridSystem:
@@ -190,7 +192,9 @@ def linearise(
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
         if plant.kernels is at.plant.kernels:
             plant = at.plant
-        elif {structure_of(part) for part in plant.parts} <= {structure_of(part) for part in at.plant.parts}:  # that of the plant within a loop
+        elif {structure_of(part) for part in plant.parts} <= {
+            structure_of(part) for part in at.plant.parts
+        }:  # that of the plant within a loop
             shared = {name: at.plant.parameter(name) for name in plant.parameters if at.plant.has_parameter(name)}
             plant = plant.with_parameters(shared)
         else:
@@ -273,7 +277,9 @@ def _modes_at(
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
         _code(plant.elements[names.index(name)], word)
-    slips = np.array(function_of(plant, ("probe",), lambda: [plant.switching.probed])(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
+    slips = np.array(function_of(plant, ("probe",), lambda: [plant.switching.probed])(t, x, u, plant.values, np.ones(len(names)))).ravel()[
+        : len(names)
+    ]
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
     modes = np.where(slips < 0, -1.0, 1.0)
     for i, element in enumerate(plant.elements):
@@ -281,7 +287,9 @@ def _modes_at(
             modes[i] = _code(element, mode[element.name])
         elif element.unilateral or not element.holds:
             modes[i] = element.initial
-        elif (element.law is None and (resting or abs(slips[i]) <= zero)) or (element.directions > 1 and slips[i] <= zero):  # slip without a direction
+        elif (element.law is None and (resting or abs(slips[i]) <= zero)) or (
+            element.directions > 1 and slips[i] <= zero
+        ):  # slip without a direction
             modes[i] = 0.0
     for i, element in enumerate(plant.elements):
         if isinstance(element, SecondDirection):

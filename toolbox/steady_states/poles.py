@@ -33,7 +33,9 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
     for place, (element, mode) in enumerate(zip(plant.elements, m, strict=True)):
         if element.law is None or mode == 0.0:
             continue
-        companions = [plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions if isinstance(twin, Hysteresis)]
+        companions = [
+            plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions if isinstance(twin, Hysteresis)
+        ]
 
         slips = ca.vertcat(*[e.slip for e in plant.elements[place : place + element.directions]])
 

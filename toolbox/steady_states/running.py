@@ -57,7 +57,9 @@ def running(
     check_one_direction(checked_plant(plant).elements, "`running`", "give its inputs and a `start` to `equilibrium`")
     declared, plant = plant, plant.with_parameters(parameters) if parameters else plant
     driven = names(drives)
-    wanted = {name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()}
+    wanted = {
+        name: in_si(value, plant.signal_unit(name), name) if isinstance(value, str) else value for name, value in mapping("at", at).items()
+    }
     for name in driven:
         if name not in plant.inputs:
             raise SceneError(f"There is no input `{name}`: {suggest(name, plant.inputs)}")

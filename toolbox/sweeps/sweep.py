@@ -65,7 +65,9 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, Measure):
             value.check(closed, duration)
         elif not callable(value):
-            raise SceneError(f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}.")
+            raise SceneError(
+                f"Argument `{name}` must be a measure of `toolbox.measuring.measures` or a function of the run, but it is {value!r}."
+            )
         found[str(name)] = value
     return found
 
@@ -188,8 +190,19 @@ def sweep(
 
 def _in_si(vary: Any, plant: HybridSystem, law: Any, sample_time: Any, inputs: Mapping[str, Any] | None) -> Any:
     """What varies, with text in the unit of its input or parameter as numbers; all else is left to `variations_of`."""
-    rows = [vary] if isinstance(vary, Mapping) else vary if isinstance(vary, (list, tuple)) and all(isinstance(row, Mapping) for row in vary) else []
-    typed = {name for row in rows for name, given in row.items() if any(isinstance(v, str) for v in (given if isinstance(given, (list, tuple)) else [given]))}
+    rows = (
+        [vary]
+        if isinstance(vary, Mapping)
+        else vary
+        if isinstance(vary, (list, tuple)) and all(isinstance(row, Mapping) for row in vary)
+        else []
+    )
+    typed = {
+        name
+        for row in rows
+        for name, given in row.items()
+        if any(isinstance(v, str) for v in (given if isinstance(given, (list, tuple)) else [given]))
+    }
     if not typed:
         return vary
     closed = Request(plant, 1.0, controller=law, sample_time=sample_time).checked().system

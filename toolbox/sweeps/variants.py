@@ -51,7 +51,9 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
     for part in system.parts:
         size = len(numbers_of(part))
         own = [k for k, place in zip(free_parameters, places, strict=True) if not k.is_input and offset <= place < offset + size]
-        if isinstance(part, Held) and any(place == offset + size - 1 for k, place in zip(free_parameters, places, strict=True) if not k.is_input):
+        if isinstance(part, Held) and any(
+            place == offset + size - 1 for k, place in zip(free_parameters, places, strict=True) if not k.is_input
+        ):
             raise SceneError(f"Argument `{own[-1].name}` must not be varied: a sample time is structure; make one sweep for each.")
         if own and _has_check(part):
             touched.append((part, offset))

@@ -57,7 +57,9 @@ class Journal:
     def _read(self, lines: list[str], header: dict[str, Any]) -> None:
         found = _parsed(lines[0])
         if not isinstance(found, dict) or found.get("format") not in (FORMAT, EARLIER) or not isinstance(found.get("arguments"), dict):
-            raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else, or damaged in line 1.")
+            raise SceneError(
+                f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else, or damaged in line 1."
+            )
         theirs, ours = found["arguments"], header["arguments"]
         self.checked = found["format"] == FORMAT
         for name in {**ours, **theirs}:
@@ -68,7 +70,12 @@ class Journal:
                 )
         for number, line in enumerate(lines[1:], 2):
             entry = _parsed(line)
-            whole = isinstance(entry, dict) and isinstance(entry.get("numbers"), list) and "result" in entry and ("check" in entry) == self.checked
+            whole = (
+                isinstance(entry, dict)
+                and isinstance(entry.get("numbers"), list)
+                and "result" in entry
+                and ("check" in entry) == self.checked
+            )
             if not whole or not all(value is None or isinstance(value, (int, float)) for value in entry["numbers"]):
                 raise SceneError(
                     f"Argument `journal` must hold one result a line, but line {number} of `{self.path}` is none, or damaged: delete it, and the point is "

@@ -159,7 +159,9 @@ def _scenes(given: Any, controller: Any, duration: float | None) -> dict[str, Sc
     several = list(given.values()) if isinstance(given, Mapping) else list(given) if isinstance(given, Sequence) else [given]
     if any(isinstance(each, HybridSystem) for each in several):
         if isinstance(controller, str):
-            raise SceneError(f"Argument `controller` must be a law where a plant is tuned for, not the label of a case, but it is {controller!r}.")
+            raise SceneError(
+                f"Argument `controller` must be a law where a plant is tuned for, not the label of a case, but it is {controller!r}."
+            )
         several = [_scene(each, controller, duration) if isinstance(each, HybridSystem) else each for each in several]
         given = dict(zip(given, several, strict=True)) if isinstance(given, Mapping) else several
     elif duration is not None:

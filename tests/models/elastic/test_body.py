@@ -115,7 +115,9 @@ def test_modes_that_no_port_moves_can_be_left_out_and_nothing_else_changes():
     alone = ElasticBody(mass, stiffness).reduced({"first": np.eye(13)[0]}, 12_000.0)
     assert reduced.moved.size == alone.size < reduced.size
     np.testing.assert_allclose(
-        ElasticBody(reduced.moved.mass, reduced.moved.stiffness).frequencies(1e5), ElasticBody(alone.mass, alone.stiffness).frequencies(1e5), rtol=1e-6
+        ElasticBody(reduced.moved.mass, reduced.moved.stiffness).frequencies(1e5),
+        ElasticBody(alone.mass, alone.stiffness).frequencies(1e5),
+        rtol=1e-6,
     )
 
 

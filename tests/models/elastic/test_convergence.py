@@ -77,7 +77,9 @@ def test_every_node_of_the_bar_lets_go_at_its_own_force_as_a_located_event():
     exact = {f"plate.{i}": (i + 0.5) / elements / 0.99 for i in range(elements)}
     # a node that has let go creeps after the pull, and damping carries its part: 1e-5 s of the second that it takes
     assert first == pytest.approx(exact, rel=1e-5)
-    assert run["slider.position"][-1] == pytest.approx(whole**2 * 0.99**2 / (2 * STIFFNESS * HOLD), abs=HOLD * (LENGTH / elements) ** 2 / (8 * STIFFNESS))
+    assert run["slider.position"][-1] == pytest.approx(
+        whole**2 * 0.99**2 / (2 * STIFFNESS * HOLD), abs=HOLD * (LENGTH / elements) ** 2 / (8 * STIFFNESS)
+    )
 
 
 @pytest.fixture(scope="module")

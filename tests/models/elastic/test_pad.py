@@ -26,7 +26,12 @@ def point_pad(damping=MINIMAL.damping, preload=MINIMAL.preload, friction=0.9, **
     kc = MINIMAL.contact_stiffness
     rest = np.linalg.solve([[k_xx, k_xy], [k_xy, k_yy]], [0.0, -preload])  # pressed, without friction
     return ElasticPad(
-        reduced, (preload / kc - rest[1],), contact_stiffness=kc, disc_speed=MINIMAL.disc_speed, friction=Coulomb(friction, friction), **options
+        reduced,
+        (preload / kc - rest[1],),
+        contact_stiffness=kc,
+        disc_speed=MINIMAL.disc_speed,
+        friction=Coulomb(friction, friction),
+        **options,
     )
 
 
@@ -74,7 +79,9 @@ def test_a_stiff_block_on_inclined_springs_flutters_where_the_rigid_one_does_and
     for modulus in (1e13, 1e11, 1e9, 3e7):
         body = body_of_mesh(block_mesh((0.05, 0.02), (2, 1)), density=1000.0, modulus=modulus)
         face = body.on("bottom")
-        ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)}
+        ports = {f"along.{i}": body.point(node, "x") for i, node in enumerate(face)} | {
+            f"into.{i}": -body.point(node, "y") for i, node in enumerate(face)
+        }
         turned = body.mean("left", "y") - body.mean("right", "y")
         reduced = body.reduced(ports | {"x": body.mean("top", "x"), "y": -body.mean("top", "y"), "turn": turned}, 0.0)
         x, y, turn = (np.eye(reduced.size)[reduced.index(port)] for port in ("x", "y", "turn"))

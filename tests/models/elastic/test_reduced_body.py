@@ -63,8 +63,12 @@ def test_a_scene_names_the_file_of_a_body_from_its_own_folder_and_is_saved_whole
 
 
 def test_a_scene_may_hold_the_matrices_of_a_body(scene):
-    loaded = Scene.load(scene("{ ports = ['contact.0', 'contact.1', 'contact.2'], mass = [[1, 0, 0], [0, 1, 0], [0, 0, 2]], "
-                              "damping = [[0, 0, 0], [0, 0, 0], [0, 0, 0]], stiffness = [[1e4, -1e4, 0], [-1e4, 2e4, -1e4], [0, -1e4, 1e4]] }"))
+    loaded = Scene.load(
+        scene(
+            "{ ports = ['contact.0', 'contact.1', 'contact.2'], mass = [[1, 0, 0], [0, 1, 0], [0, 0, 2]], "
+            "damping = [[0, 0, 0], [0, 0, 0], [0, 0, 0]], stiffness = [[1e4, -1e4, 0], [-1e4, 2e4, -1e4], [0, -1e4, 1e4]] }"
+        )
+    )
     assert loaded.parts[0].body.stiffness[1, 1] == 2e4
     assert loaded.parts[0].body.modes == 0
 

@@ -31,7 +31,7 @@ from models import BitRock, BlocksOnBelt, DiscBrake, SquealingPad, wells
 from studies.benchmarks.cases import DRIVE, cases
 from studies.questions.maps import string_map
 from toolbox import Controller, Sampled, compose
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.program import program_of
 from toolbox.lanes.lanes import has_series, run_lanes
 from toolbox.lanes.loop import begin, scalar_address
@@ -64,9 +64,9 @@ def one_by_one(scalar, w, rest, memory, parameters, starts, statuses, switches, 
     """Run every scenario by the scalar loop; rest, memory: what changes of the parameters, and laws remember, as at the start."""
     held = rest[:0]
     for s in range(len(parameters)):
-        w.ints[loop_layout.EVENTS] = 0
+        w.ints[work_layout.EVENTS] = 0
         statuses[s] = begin(scalar, w, rest, parameters[s], starts[s], memory, held, 10_000_000)
-        switches[s] = w.ints[loop_layout.EVENTS]
+        switches[s] = w.ints[work_layout.EVENTS]
         states[s] = w.x[: states.shape[1]]
         for e in range(min(switches[s], ev_t.shape[1])):
             ev_t[s, e] = w.ev_t[e]
@@ -106,7 +106,7 @@ def first_scenarios(run: Run, parameters: np.ndarray, starts: np.ndarray) -> tup
     work = work_arrays(run, program_of(run.system, run.kinds, formulas_of(run)))._replace(
         out_t=np.array([run.duration]), ev_t=np.empty(100_000), ev_i=np.empty(100_000, np.int32), ev_m=np.zeros((100_000, 3), np.int8)
     )
-    work.ints[loop_layout.NODES] = 0
+    work.ints[work_layout.NODES] = 0
     few = len(parameters)
     results = np.zeros(few, np.int64), np.zeros(few, np.int64), np.zeros_like(starts), np.zeros((few, ROOM))
     fixed = scalar_address(work), work, work.p.copy(), work.memory.copy()

@@ -177,7 +177,7 @@ def picture(trades: Sequence[WorkPrecision], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    from toolbox.simulation.style import PAPER
+    from toolbox.figures.style import PAPER
 
     with pyplot.rc_context(PAPER):
         figure, axes = pyplot.subplots(1, len(trades), figsize=(10.5, 4.6), sharey=True, layout="constrained")

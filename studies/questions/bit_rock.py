@@ -25,7 +25,7 @@ from models import AxialChain, BitRock, DragBit, ElasticRock, HystereticBitRock,
 from models.drag_bit import radau
 from models.smooth_bit_rock import smooth_torque
 from toolbox import compose, measure, plot, simulate, units
-from toolbox.simulation.style import name_axis
+from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
 FOLDER = Path(__file__).parents[1] / "figures"

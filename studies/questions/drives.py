@@ -74,8 +74,8 @@ from studies.protocol import (
     rock_torques,
 )
 from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate, units
+from toolbox.figures.style import name_axis
 from toolbox.files import tables
-from toolbox.simulation.style import name_axis
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]

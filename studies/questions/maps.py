@@ -38,10 +38,10 @@ from models import BitRock, Coulomb, TwoDisks, WhirlingCollar, wells
 from models.oscillators import LEINE
 from studies.questions.disks import braking_decision, critical_drop
 from toolbox import Component, Equations, HybridSystem, Quantity, Sampled, compose, plot, quantity, sweep, time, units
+from toolbox.figures.style import name_axis
 from toolbox.measuring import measures
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
-from toolbox.simulation.style import name_axis
 from toolbox.sweeps.sweep import Sweep, Variations
 
 FIGURES = Path(__file__).parents[1] / "figures"

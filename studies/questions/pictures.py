@@ -17,7 +17,7 @@ from typing import Any
 from controllers import SoftTorque
 from models import BitRock, wells
 from toolbox import compose, measure, plot, simulate, units
-from toolbox.simulation.style import name_axis
+from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 
 DURATION, SETTLED = 120.0, 80.0  # [s]

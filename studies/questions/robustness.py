@@ -38,8 +38,8 @@ from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import DELAY, PLANT, disk_margins
 from toolbox import Margins, Observed, Sampled, absorber_limit, margins, performance_limit, units
+from toolbox.figures.style import name_axis
 from toolbox.files import tables
-from toolbox.simulation.style import name_axis
 
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)

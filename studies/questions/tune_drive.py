@@ -138,7 +138,7 @@ def picture(string: Mapping[str, Tuned], rig: Tuned) -> Any:
     import matplotlib.pyplot as plt
 
     from toolbox import plot, units
-    from toolbox.simulation.style import name_axis
+    from toolbox.figures.style import name_axis
 
     looks = [(plot.LINES[0], "o"), (plot.LINES[1], "s")]
     with plt.rc_context(plot.PAPER):

@@ -32,7 +32,7 @@ import numpy as np
 from controllers import SlidingMode, StiffPI
 from models import BitRock, Exponential, WhirlingCollar, wells, whirl_ratio
 from toolbox import HybridSystem, compose, measure, plot, simulate, units
-from toolbox.simulation.style import name_axis
+from toolbox.figures.style import name_axis
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.steady_states.equilibria import state_values
 

@@ -28,7 +28,7 @@ from toolbox import (
     state,
 )  # fmt: skip
 from toolbox.compilation import taylor
-from toolbox.compilation.loop_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
+from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
 from toolbox.lanes.lanes import Lanes, run_lanes
 from toolbox.measuring import measures
 from toolbox.measuring.measure import extent

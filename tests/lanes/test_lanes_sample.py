@@ -32,9 +32,9 @@ from toolbox import (
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.onsets.severity_map import STICK_SLIP
-from toolbox.simulation import noise
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
+from toolbox.stepping import noise
 from toolbox.sweeps import batch
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
 from toolbox.sweeps.sweep import shared_run, uniform, varied_numbers

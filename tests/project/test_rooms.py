@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 FLOORS = (
-    "errors", "faces", "arguments", "messages", "files", "modelling", "compilation", "simulation", "contacts", "measuring", "prediction", "steady_states",
+    "errors", "faces", "arguments", "messages", "files", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
+    "measuring", "prediction", "steady_states",
     "scenes", "lanes", "orbits", "sweeps", "robustness", "onsets", "calibration", "tuning", "export", "authoring", "commands", "face",
 )  # fmt: skip
 """Rooms from the ground up."""

@@ -17,9 +17,9 @@ from matplotlib.colors import to_hex, to_rgb
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from toolbox import SceneError, Trajectory, compose, simulate
+from toolbox.figures.style import LINES, MANY_EVENTS, TONES
 from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.simulation.plot import comparison, phase_plane, traces
-from toolbox.simulation.style import LINES, MANY_EVENTS, TONES
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("closed_figures")]
 

@@ -28,7 +28,7 @@ from toolbox import (
     sine,
     state,
 )
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
 from toolbox.simulation import carry_out
 from toolbox.simulation.growth import longest_followed
@@ -474,7 +474,7 @@ def test_what_slipping_makes_stiff_is_stepped_implicitly_before_it_slips(cube, m
         looks.append(
             (
                 *progress(work),
-                spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m),
+                spectral_radius(program, float(work.reals[work_layout.TIME]), work.x, work.p, work.m),
                 pays(run, program, work, since),
             )
         )
@@ -492,6 +492,6 @@ def test_what_slipping_makes_stiff_is_stepped_implicitly_before_it_slips(cube, m
 
 def test_a_lone_contact_asks_no_eigenvalues_and_coupled_ones_that_do_not_grow_have_no_longest_step(cube):
     lone = simulate(compose(BlockOnBelt()), 1.0, method="stiff")
-    assert longest_followed(lone.program, work_arrays(lone.run, lone.program)) == loop_layout.UNTOLD
+    assert longest_followed(lone.program, work_arrays(lone.run, lone.program)) == work_layout.UNTOLD
     rows = simulate(cube.plant(), 0.01, method="stiff")
     assert longest_followed(rows.program, work_arrays(rows.run, rows.program)) > 1e6

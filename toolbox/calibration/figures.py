@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toolbox.calibration.residuals import MeasuredLoop, Simulated
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis
+from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis
 
 COLUMNS = 2
 """Signals side by side."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,7 +29,7 @@ class Program:
 
     layout of the parameter vector: values of the system, then coefficients of inputs, then, with friction in two slip directions, what it is resolved by
     (`toolbox.modelling.two_directions`), then what changes during a run (`first_held` on): held signals, then (value, slope, time) of every table.
-    `excited` names the elements with hidden forces (see `toolbox.simulation.event_loop`), `varying` those whose bound is not constant, `bounded` those of
+    `excited` names the elements with hidden forces (see `toolbox.stepping.event_stepper`), `varying` those whose bound is not constant, `bounded` those of
     them whose bound is a guard, since nothing else keeps it from becoming negative, and `forced` says that time enters nonlinearly, so that steps must not
     outgrow what happens in it. `updates` holds (memory and noise, next memory, outputs) of every sampled law in terms of t, x, p and the modes.
     """
@@ -59,14 +60,14 @@ class Program:
     @cached_property
     def ints(self) -> np.ndarray:
         """What the compiled loops ask of a program: its sizes and addresses, at their places in `Work.ints`."""
-        from toolbox.compilation import loop_layout
+        from toolbox.compilation import work_layout
 
-        kernel, ints = self.kernel, np.zeros(loop_layout.INTS, np.int64)
-        ints[loop_layout.N], ints[loop_layout.NE], ints[loop_layout.NG] = kernel.states, kernel.elements, kernel.guards
-        ints[loop_layout.COUPLED] = kernel.coupled
-        ints[loop_layout.BOUNDS] = len(self.bounded)
-        ints[loop_layout.FIRST_HELD] = self.first_held
-        ints[list(loop_layout.FORMULAS)] = *kernel.addresses, self.pair.order, self.pair is RODAS5P, bool(self.pair.error_low)
+        kernel, ints = self.kernel, np.zeros(work_layout.INTS, np.int64)
+        ints[work_layout.N], ints[work_layout.NE], ints[work_layout.NG] = kernel.states, kernel.elements, kernel.guards
+        ints[work_layout.COUPLED] = kernel.coupled
+        ints[work_layout.BOUNDS] = len(self.bounded)
+        ints[work_layout.FIRST_HELD] = self.first_held
+        ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.pair.order, self.pair is RODAS5P, bool(self.pair.error_low)
         return ints
 
 
@@ -78,42 +79,18 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     key = ("program", kinds, pair.name)
     if key in system.kernels:
         return system.kernels[key]
-    from toolbox.compilation import loop_layout
+    from toolbox.compilation import work_layout
     from toolbox.compilation.kernel import equations, kernel_of
 
-    given = dict(kinds)
-    coefficients: list[ca.SX] = []
-    tables: list[ca.SX] = []
-    coefficient_slot: dict[str, int] = {}
-    table_slot: dict[str, int] = {}
-    base = system.p.numel()
-    inputs: list[ca.SX] = []
-    for name, entry in system.inputs.items():
-        kind = given.get(name)
-        if kind is None:
-            inputs.append(entry.default)
-        elif kind == "table":
-            table_slot[name] = 3 * len(tables)
-            piece = ca.SX.sym(name, 3)
-            tables.append(piece)
-            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
-        elif isinstance(kind, ExpressionKey):
-            inputs.append(kind.expression)
-        else:
-            size = 1 if kind == "number" else kind[1]
-            symbol = ca.SX.sym(name, size)
-            coefficient_slot[name] = base + sum(c.numel() for c in coefficients)
-            coefficients.append(symbol)
-            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
-    u = ca.vertcat(*inputs) if inputs else ca.SX(0, 1)
+    u, coefficients, tables, coefficient_slot, table_slot = _placed_inputs(system, dict(kinds))
     if any(isinstance(element, SecondDirection) for element in system.elements):
         coefficients.append(resolution)
-    first_held = base + sum(c.numel() for c in coefficients)
+    first_held = system.p.numel() + sum(c.numel() for c in coefficients)
     held_size = system.held.numel()
     p = ca.vertcat(system.p, *coefficients, system.held, *tables)
 
     def closed(expression: ca.SX) -> ca.SX:
-        return ca.substitute(expression, system.u, u) if inputs else expression
+        return ca.substitute(expression, system.u, u) if system.inputs else expression
 
     elements = []
     for element in system.elements:
@@ -126,9 +103,9 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     rubbing = [i for i, e in enumerate(elements) if not e.unilateral]
     varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = (
-        [] if isinstance(pair, Theta) else [i for i in varying if not ca.depends_on(elements[i].static, own)]
-    )  # else what presses sees to it
+    bounded = [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
+    if isinstance(pair, Theta):
+        bounded = []
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
     if not isinstance(pair, Theta):  # its forces are means over a step
@@ -154,7 +131,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
         loader=np.array(
-            [loop_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64
+            [work_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64
         ),
         varying=varying,
         bounded=bounded,
@@ -179,13 +156,45 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     return program
 
 
+def _placed_inputs(
+    system: HybridSystem, given: Mapping[str, Any]
+) -> tuple[ca.SX, list[ca.SX], list[ca.SX], dict[str, int], dict[str, int]]:
+    """The inputs as expressions; symbols of their numbers and of the pieces of their tables; and {input: its place} for numbers and for tables.
+
+    Places of numbers are those in the vector of parameters, those of tables among the tables.
+    """
+    coefficients: list[ca.SX] = []
+    tables: list[ca.SX] = []
+    coefficient_slot: dict[str, int] = {}
+    table_slot: dict[str, int] = {}
+    inputs: list[ca.SX] = []
+    for name, entry in system.inputs.items():
+        kind = given.get(name)
+        if kind is None:
+            inputs.append(entry.default)
+        elif kind == "table":
+            table_slot[name] = 3 * len(tables)
+            piece = ca.SX.sym(name, 3)
+            tables.append(piece)
+            inputs.append(piece[0] + piece[1] * (system.t - piece[2]))
+        elif isinstance(kind, ExpressionKey):
+            inputs.append(kind.expression)
+        else:
+            size = 1 if kind == "number" else kind[1]
+            symbol = ca.SX.sym(name, size)
+            coefficient_slot[name] = system.p.numel() + sum(c.numel() for c in coefficients)
+            coefficients.append(symbol)
+            inputs.append(symbol if kind == "number" else Shape(kind[0], ()).expression(system.t, symbol))
+    return ca.vertcat(*inputs) if inputs else ca.SX(0, 1), coefficients, tables, coefficient_slot, table_slot
+
+
 def _kind(element: Any) -> int:
     """The kind of an element in the loops; the second direction of a friction holds and slides with the first, and its own mode is that of a switch."""
-    from toolbox.compilation import loop_layout
+    from toolbox.compilation import work_layout
 
     if isinstance(element, SecondDirection):
-        return loop_layout.SWITCH
-    return loop_layout.RIGID if element.unilateral else loop_layout.FRICTION if element.holds else loop_layout.SWITCH
+        return work_layout.SWITCH
+    return work_layout.RIGID if element.unilateral else work_layout.FRICTION if element.holds else work_layout.SWITCH
 
 
 EXPRESSIONS = 16
@@ -212,7 +221,7 @@ def solved_in_calls(form: Switching) -> bool:
 
 
 def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
-    """The states and field with one more state for every sticking force or bound that is nonlinear in states or time (see `toolbox.simulation.event_loop`).
+    """The states and field with one more state for every sticking force or bound that is nonlinear in states or time (see `toolbox.stepping.event_stepper`).
 
     Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
     """

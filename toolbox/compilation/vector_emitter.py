@@ -124,7 +124,7 @@ class VectorBody(Body):
         return self.value(f"or {self.truths} {a}, {b}")
 
     def rough_log2(self, x: str) -> str:
-        """Binary logarithm of a positive number to one part in a hundred, as `toolbox.simulation.event_loop` takes it for step sizes."""
+        """Binary logarithm of a positive number to one part in a hundred, as `toolbox.stepping.event_stepper` takes it for step sizes."""
         bits = self.bits(x)
         exponent = self.double(self.whole("add", self.whole("lshr", bits, 52), 0x4338000000000000 - 1023))
         mantissa = self.whole("or", self.whole("and", bits, 0xFFFFFFFFFFFFF), 0x3FF0000000000000)

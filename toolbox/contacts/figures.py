@@ -11,8 +11,8 @@ import numpy as np
 
 from toolbox.contacts.problem import LEGEND, OPEN, SLIP, STICK
 from toolbox.errors import SceneError
+from toolbox.figures.style import LINES, PAPER, WIDTH, name_axis
 from toolbox.files.atomic import replaced
-from toolbox.simulation.style import LINES, PAPER, WIDTH, name_axis
 
 MARKS: dict[int, dict[str, Any]] = {
     STICK: {"marker": "s", "facecolor": "0.15", "edgecolor": "0.15"},

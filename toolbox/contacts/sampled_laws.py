@@ -137,7 +137,7 @@ class _Law:
     """One sampled law: its memory, and what it answers."""
 
     def __init__(self, system: HybridSystem, update: SampledUpdate, seed: int, part: External | None = None, law: Any = None):
-        from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
+        from toolbox.stepping.noise import channel_key  # here, because numba is slow to import
 
         self.update, self.part, self.law, self.taken = update, part, law, 0
         self.memory = np.zeros(update.memory.numel())
@@ -153,7 +153,7 @@ class _Law:
 
     def sample(self, t: float, x: np.ndarray, u: np.ndarray, held: np.ndarray) -> np.ndarray:
         """The outputs, behind them the memory as it was, at a sample."""
-        from toolbox.simulation.noise import normal
+        from toolbox.stepping.noise import normal
 
         noise = [normal(key, self.taken) for key in self.keys]
         self.taken += 1

@@ -1,4 +1,4 @@
-"""Event handling in lanes: mode changes and projection, as in `toolbox.simulation.event_loop`, for all lanes of a block that stopped at a guard."""
+"""Event handling in lanes: mode changes and projection, as in `toolbox.stepping.event_stepper`, for all lanes of a block that stopped at a guard."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.emitter import inline
-from toolbox.compilation.loop_layout import RIGID, SWITCH
 from toolbox.compilation.program import Program
 from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody
+from toolbox.compilation.work_layout import RIGID, SWITCH
 from toolbox.lanes.layout import EVENT
 from toolbox.lanes.trial_step import explicit_pair
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
@@ -92,7 +92,7 @@ class Renewed:
 def settling(
     program: Program, width: int, rows: dict[str, int], lengths: dict[str, int | None], functions: tuple[ca.Function, ...]
 ) -> VectorBody:
-    """What `toolbox.simulation.event_loop` does at an event, for the lanes that have stepped to one: modes by force, slopes, guards, round-off, first step.
+    """What `toolbox.stepping.event_stepper` does at an event, for the lanes that have stepped to one: modes by force, slopes, guards, round-off, first step.
 
     A lane whose modes need more than one correction keeps its flag.
     """
@@ -209,7 +209,7 @@ def _renewed(made: Event, was: Rows, firing: Firing, x: list[Value], chosen: lis
 
 
 def _round_off(made: Event, was: Rows, x: list[Value], chosen: list[Value], renewed: Renewed) -> list[Value]:
-    """Round-off of the slopes: see `toolbox.simulation.step_control.measure_round_off`."""
+    """Round-off of the slopes: see `toolbox.stepping.step_control.measure_round_off`."""
     t, n = made.t, made.n
     nudged = [value * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5))) for i, value in enumerate(x)]
     nudged_p = [value * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7))) for i, value in enumerate(was["p"])]

@@ -2,7 +2,7 @@
 
 With an explicit pair a lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands,
 so that lanes that search and lanes that step on share the same instructions. With Taylor series it ends on the event at once
-(`toolbox.lanes.series_pass`). The pass does what `toolbox.simulation.event_loop` does between events, in the same order: error,
+(`toolbox.lanes.series_pass`). The pass does what `toolbox.stepping.event_stepper` does between events, in the same order: error,
 guards, acceptance, step size. It flags what it leaves to the loop.
 """
 
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled
 from toolbox.compilation.emitter import function_text as scalar_text
-from toolbox.compilation.loop_layout import CUT_SHORT
 from toolbox.compilation.program import Program
 from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody, function_text
+from toolbox.compilation.work_layout import CUT_SHORT
 from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
 from toolbox.lanes.events import carries_events, settling
 from toolbox.lanes.extrema import Path, measure_step

@@ -1,6 +1,6 @@
 """Many runs of one closed system at once: one scenario in each lane of a vector of doubles.
 
-Every lane has its own time, step size, error, modes, parameters and events, found and stepped to exactly as in `toolbox.simulation.event_loop`; a
+Every lane has its own time, step size, error, modes, parameters and events, found and stepped to exactly as in `toolbox.stepping.event_stepper`; a
 lane whose scenario has ended takes the next one. What a scenario comes to does not depend on its neighbours, to the last bit.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of, solved_in_calls
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import LACKING, Taylor
@@ -35,7 +35,7 @@ class Batch:
     """What n scenarios came to.
 
     states: at the end, shape (n, states);  modes: at the end, shape (n, elements);  statuses: shape (n,), 0 for a finished run, else the status of
-    `toolbox.simulation.event_loop` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of
+    `toolbox.stepping.event_stepper` that ended it;  steps, refused, switches, merged, alone: numbers of steps, of refused steps, of changes of mode, of
     events merged, and of steps that the scalar loop took, shape (n,);  values: of the measures, shape (n, measures);  doubtful: where a step was too
     long for what a measured signal does in it, shape (n,);  negative: where a bound of friction that varies in time was negative, shape (n,), looked at
     where anything is measured;  event_times, event_elements, event_modes: the first switches of every scenario, shape (n, most_events), nan and -1
@@ -154,7 +154,7 @@ class Lanes:
             shift = (-raw.ctypes.data % 64) // 8
             block = raw[shift : shift + made.size * made.width].reshape(made.size, made.width)
             own_work = type(self.work)(*(array.copy() for array in self.work))._replace(out_t=np.empty(0))
-            own_work.ints[loop_layout.NODES] = 0
+            own_work.ints[work_layout.NODES] = 0
             waiting, due = (block[made.rows[name]].view(np.int64) for name in ("waiting", "due"))
             queue = np.zeros((own_work.queue.size, made.width))
             clocks = clock_numbers(own_work.clocks, own_work.queue, self.noise)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from toolbox.compilation.loop_layout import NE, N, Work
+from toolbox.compilation.work_layout import NE, N, Work
 
 GOES_ON, EVENT, ALONE, ROUND_OFF, STOP, SAMPLE = range(6)
 """Why a lane waits: an event has been stepped to; a step for the scalar loop; round-off to be measured again; an instant of the run's calendar; a sample."""

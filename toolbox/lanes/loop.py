@@ -1,6 +1,6 @@
 """The loop over blocks of lanes, compiled once per machine: it fills lanes with scenarios and looks after the instants that a pass leaves to it.
 
-An event that a lane has stepped to is handled here by the functions of `toolbox.simulation.event_loop`; whatever else a pass does not carry, such as a guard
+An event that a lane has stepped to is handled here by the functions of `toolbox.stepping.event_stepper`; whatever else a pass does not carry, such as a guard
 that starts at zero, an impact or a dip of a guard inside a step, is one step of the scalar loop from where the lane stands, after which the lane goes on in
 its block. So the lanes know every kind of element, and switch as the scalar loop does.
 """
@@ -13,7 +13,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     APPLIED,
     BUDGET,
@@ -44,7 +45,6 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )
-from toolbox.compilation.numba_cache import cached, inlined
 from toolbox.lanes.layout import (
     ALONE,
     DOUBT,
@@ -72,9 +72,9 @@ from toolbox.lanes.layout import (
 )
 from toolbox.lanes.transfers import gather_history, gather_point, gather_samples, next_stop, put_parameters, scatter, scatter_samples
 from toolbox.measuring.measuring_loop import note_end
-from toolbox.simulation.event_loop import advance
-from toolbox.simulation.events import after_event, project_event
-from toolbox.simulation.step_control import measure_round_off, spread_round_off
+from toolbox.stepping.event_stepper import advance
+from toolbox.stepping.events import after_event, project_event
+from toolbox.stepping.step_control import measure_round_off, spread_round_off
 
 
 @intrinsic
@@ -113,7 +113,7 @@ def call_sample(typingctx, address, block, clocks, noise, queue):  # pragma: no 
 
 @intrinsic
 def _call_scalar(typingctx, address, w, series):  # pragma: no cover - compiled
-    """Call `toolbox.simulation.event_loop.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
+    """Call `toolbox.stepping.event_stepper.advance` at a raw address: called by name it would be compiled anew as a part of this file, which takes a minute."""
 
     def codegen(context, builder, sig, args):
         from llvmlite import ir
@@ -125,7 +125,7 @@ def _call_scalar(typingctx, address, w, series):  # pragma: no cover - compiled
 
 
 def scalar_address(w):
-    """Address of `toolbox.simulation.event_loop.advance` for the arrays `w`, whose steps are Taylor series or not."""
+    """Address of `toolbox.stepping.event_stepper.advance` for the arrays `w`, whose steps are Taylor series or not."""
     from numba import typeof
 
     signature = (typeof(w), types.boolean if w.ints[SERIES] else types.none)

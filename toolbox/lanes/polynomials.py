@@ -3,7 +3,7 @@
 A polynomial lies between its control points, its coefficients in Bernstein's basis, and has no more zeros than these have changes of sign (G. Farin,
 Curves and Surfaces for CAGD, 5th ed. 2002, chapter 5). So where the control points are positive nothing happens, and where they fall through zero once,
 the polynomial does so once, near to where their polygon does. Only where they change sign more often is it looked at piece by piece, as
-`toolbox.simulation.series_steps` does.
+`toolbox.stepping.series_steps` does.
 
 Of a series of high order the control points of the first terms are enough: with |c_k| s^k <= |c_k| s^m for k > m, the others move only the last point of
 degree m.
@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.searches import crossing
 from toolbox.lanes.vectors import Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
-from toolbox.simulation.series_steps import SHORTEST
+from toolbox.stepping.series_steps import SHORTEST
 
 FEW, MANY = 4, 8
 """Degrees of control points that show that most polynomials stay positive, and of those that show where one falls."""

@@ -1,4 +1,4 @@
-"""Samples taken in lanes: what `toolbox.simulation.event_loop` does with sampled laws at one instant, for all lanes of a block that have stepped to one.
+"""Samples taken in lanes: what `toolbox.stepping.event_stepper` does with sampled laws at one instant, for all lanes of a block that have stepped to one.
 
 Every lane counts its own samples. The order at one instant is that of the loop: samples of all laws, updates of their memories, then the holds that are due,
 then slopes and guards anew, with the step size kept. A lane in which a contact that holds would not hold the new input, or in which anything else is due at
@@ -17,11 +17,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.emitter import inline
-from toolbox.compilation.loop_layout import FRICTION, RIGID
 from toolbox.compilation.program import Program
 from toolbox.compilation.vector_emitter import VectorBody
+from toolbox.compilation.work_layout import FRICTION, RIGID
 from toolbox.lanes.layout import GOES_ON, ROUND_OFF, SAMPLE, STOP
 from toolbox.lanes.vectors import Truth, Value, largest, smallest
 
@@ -38,13 +38,13 @@ def clock_numbers(clocks: np.ndarray, queue: np.ndarray, noise: np.ndarray) -> n
 def noise_table(work: Any, duration: float) -> np.ndarray:
     """The standard normal numbers of all samples of a run, shape (places in the memory of laws, samples); rows that hold no noise are zero."""
     counts = [
-        int(duration / period) + 2 if row[loop_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)
+        int(duration / period) + 2 if row[work_layout.NOISES] else 0 for row, (period, _) in zip(work.samplers, work.clocks, strict=True)
     ]
     most = max(counts, default=0)
     table = np.zeros((work.memory.size if most else 0, most))
     for row, count in zip(work.samplers, counts, strict=True):
-        first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
-        for place in range(first, first + row[loop_layout.NOISES]):
+        first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
+        for place in range(first, first + row[work_layout.NOISES]):
             table[place, :count] = _channel(work.keys[place], count)
     return table
 
@@ -52,7 +52,7 @@ def noise_table(work: Any, duration: float) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _channel(key: np.uint64, count: int) -> np.ndarray:
     """The first numbers of a channel of noise."""
-    from toolbox.simulation.noise import normal
+    from toolbox.stepping.noise import normal
 
     return np.array([normal(key, k) for k in range(count)])
 

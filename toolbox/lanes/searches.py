@@ -177,7 +177,7 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
 
 
 def _lowest(a: Value, da: Value, b: Value, db: Value) -> tuple[Value, Value]:
-    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.simulation.crossings.lowest`."""
+    """Place and value of the minimum of the cubic Hermite interpolant between a falling start and a rising end: see `toolbox.stepping.crossings.lowest`."""
     body = a.body
     c2 = 3.0 * (b - a) - 2.0 * da - db
     c3 = 2.0 * (a - b) + da + db

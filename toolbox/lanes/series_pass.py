@@ -1,7 +1,7 @@
 """A pass of Taylor series: one call advances all lanes by one step, which ends where the first event of the lane is.
 
 The coefficients of states and guards are written once (`toolbox.compilation.recurrences`); how far they reach, whether a guard falls through zero, where, and
-where every state is then, are read off the polynomials, as in `toolbox.simulation.series_steps`. So no lane searches an event in passes of its own, and no lane
+where every state is then, are read off the polynomials, as in `toolbox.stepping.series_steps`. So no lane searches an event in passes of its own, and no lane
 waits for another that does.
 """
 
@@ -22,7 +22,7 @@ from toolbox.lanes.polynomials import Falls, powers, scaled, stays_positive, tot
 from toolbox.lanes.searches import Guards
 from toolbox.lanes.trial_step import Pass, Step
 from toolbox.lanes.vectors import Rows, Slot, Truth, Value, constant, largest, repeat_while_any, smallest, when_any
-from toolbox.simulation.series_steps import GUARD_SHARE, SHARE, SLACK
+from toolbox.stepping.series_steps import GUARD_SHARE, SHARE, SLACK
 
 POLISHES = 3
 """How often the end of a step is moved onto an event by the guard itself, at most."""
@@ -149,7 +149,7 @@ def _expanded(made: Pass) -> Expansion:
 
 
 def _reach(made: Pass, was: Rows, states: list[list[Value]], guards: list[list[Value]], weights: Weights) -> Value:
-    """How far the last coefficients reach: see `toolbox.simulation.series_steps.open_series`."""
+    """How far the last coefficients reach: see `toolbox.stepping.series_steps.open_series`."""
     body = made.body
     order = len(states[0]) - 1
 
@@ -214,7 +214,7 @@ def _size(made: Pass, was: Rows, i: int) -> Value:
 
 
 def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
-    """What the guards do over the step: see `toolbox.simulation.series_steps.watch_series`."""
+    """What the guards do over the step: see `toolbox.stepping.series_steps.watch_series`."""
     body, program, ne, was, h = made.body, made.program, made.ne, series.was, series.h
     first, located, odd = (Slot(constant(body, number)) for number in (2.0, 0.0, 0.0))
     middle = Slot(constant(body, 2.0))
@@ -261,7 +261,7 @@ def _checked(made: Pass, series: Expansion, seen: Crossings, fresh: Truth, hits:
     """The end of a step, checked against the field where a slip turns inside it and there, and moved onto an event until the guard itself is zero.
 
     A lane whose step is checked already has it checked again, with the same bits, while others go on: see
-    `toolbox.simulation.series_steps.checked_end`.
+    `toolbox.stepping.series_steps.checked_end`.
     """
     body, was, n, ng = made.body, series.was, made.n, made.ng
     size = hits.choose(seen.first * series.h, series.h)
@@ -326,7 +326,7 @@ def _defect(
     shown: list[Value],
     field: tuple[list[Value], list[Value]],
 ) -> list[tuple[Value, Value]]:
-    """How far a step h is from the equations, and how far it may be: see `toolbox.simulation.series_steps.defect`.
+    """How far a step h is from the equations, and how far it may be: see `toolbox.stepping.series_steps.defect`.
 
     end: states and slopes;  shown: guards;  field: slopes and guards.
     """

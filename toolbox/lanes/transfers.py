@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     APPLIED,
     END,
@@ -21,7 +22,6 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )
-from toolbox.compilation.numba_cache import inlined
 from toolbox.lanes.layout import (
     ACCEPTED_ROW,
     ARMED,

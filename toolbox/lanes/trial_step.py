@@ -135,7 +135,7 @@ def emit_step(made: Pass) -> Step:
 
 
 def scaled_error(program: Program, was: Rows, h: Value, x_new: list[Value], estimates: list[list[Value]]) -> Value:
-    """Scaled error of a step: see `toolbox.simulation.step_control.scaled_error`."""
+    """Scaled error of a step: see `toolbox.stepping.step_control.scaled_error`."""
     hidden = program.excited.size
     n = len(x_new)
     own, two = n - hidden, bool(estimates[1])

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import is_finite_number
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program
 from toolbox.errors import SceneError, suggest
@@ -336,16 +336,16 @@ class RunningMeasures:
         if layout.count:
             self.reader.p[:] = work.p
             nodes = loops.Nodes(work.rec_t, work.rec_x, work.rec_m, work.rec_p)
-            loops.read_nodes(self.reader, nodes, ints[loop_layout.RECORDS], layout.windows, self.size, self.extremes, self.found.ends)
-        r = ints[loop_layout.RECORDS] - 1
+            loops.read_nodes(self.reader, nodes, ints[work_layout.RECORDS], layout.windows, self.size, self.extremes, self.found.ends)
+        r = ints[work_layout.RECORDS] - 1
         if r > 0:
             for array in (work.rec_t, work.rec_x, work.rec_m, work.rec_p):
                 array[0] = array[r]
-            ints[loop_layout.RECORDS] = 1
+            ints[work_layout.RECORDS] = 1
         if len(layout.asked):
-            events, end = loops.Events(work.ev_t, work.ev_i, work.ev_m), work.reals[loop_layout.TIME]
-            loops.read_events(events, ints[loop_layout.EVENTS], finished, end, work.m, self.stays)
-        ints[loop_layout.EVENTS] = 0
+            events, end = loops.Events(work.ev_t, work.ev_i, work.ev_m), work.reals[work_layout.TIME]
+            loops.read_events(events, ints[work_layout.EVENTS], finished, end, work.m, self.stays)
+        ints[work_layout.EVENTS] = 0
 
     def values(self) -> np.ndarray:
         """The measures of the finished run, shape (measures,)."""

@@ -61,9 +61,9 @@ def compose(*components: Component) -> HybridSystem:
     for component in components:
         if not isinstance(component, Component):
             kind = type(component).__name__
-            found = (
-                f"the class {component.__name__}: give one of it, `{component.__name__}()`" if isinstance(component, type) else f"a {kind}"
-            )
+            found = f"a {kind}"
+            if isinstance(component, type):
+                found = f"the class {component.__name__}: give one of it, `{component.__name__}()`"
             found = f"a {kind} of them: write `compose(*parts)`" if isinstance(component, (list, tuple)) else found
             raise SceneError(f"Argument `components` must be Component objects, but one is {found}.")
     if any(hasattr(component, "design") for component in components):
@@ -323,9 +323,7 @@ class _Composer:
                 raise SceneError(f"The default of `{name}` must be a finite number in {unit}, but it is {default!r}.")
             else:
                 if name in self.parameters:
-                    raise SceneError(
-                        f"The default of `{name}` and the parameter `{name}` are different things: use the parameter as default."
-                    )
+                    raise SceneError(f"The default of `{name}` and its parameter are different things: use the parameter as default.")
                 expression = ca.SX.sym(name)
                 self.parameters[name] = Parameter(name, unit, "default of a signal", None, self._n_parameters, {})
                 self.symbols.append(expression)
@@ -383,9 +381,8 @@ class _Composer:
         system.values = np.array(self.values, float)
         system.kernels = {}
         system.parts = ()
-        known = ca.vertcat(
-            time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises, *[e.speed for e in self.elements]
-        )
+        symbols = [time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises]
+        known = ca.vertcat(*symbols, *[element.speed for element in self.elements])
         strangers = ca.Function("scan", [known], [ca.vertcat(*bundle.values())], {"allow_free": True}).get_free()
         if strangers:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})

@@ -17,8 +17,8 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
 from toolbox.errors import SceneError
+from toolbox.figures.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
 from toolbox.onsets.regions import MEANINGS, outlines
-from toolbox.simulation.style import LINES, PAPER, WIDTH, in_words, name_axis, reading_of
 
 
 class DrawnVerdict(Protocol):

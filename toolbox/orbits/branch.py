@@ -75,7 +75,7 @@ class Branch:
         """Draw the bifurcation diagram: the largest and the smallest value of a signal, solid where stable and dashed where not, with bifurcations marked."""
         import matplotlib.pyplot as plt
 
-        from toolbox.simulation.style import LINES, name_axis
+        from toolbox.figures.style import LINES, name_axis
 
         if ax is None:
             _, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")

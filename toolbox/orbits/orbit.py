@@ -305,7 +305,7 @@ class Orbit:
 
     def clean(self, x: np.ndarray, like: Trajectory) -> np.ndarray:
         """A start whose sticking elements have no slip at all."""
-        from toolbox.compilation.loop_layout import SWITCH
+        from toolbox.compilation.work_layout import SWITCH
 
         mode, n = like.mode[0].astype(float), self.variational.plant
         if not ((like.program.kind != SWITCH) & (mode == 0)).any():

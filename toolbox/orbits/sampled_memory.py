@@ -71,8 +71,8 @@ class SampledTangent:
     """
 
     def __init__(self, laws: SampledLaws, nodes: Trajectory, memory: np.ndarray, own: int):
-        from toolbox.simulation.noise import channel_key
         from toolbox.simulation.work_arrays import begun
+        from toolbox.stepping.noise import channel_key
 
         self.laws, self.nodes, self.own = laws, nodes, own
         system, run = laws.program.system, nodes.run
@@ -151,7 +151,7 @@ class SampledTangent:
 
     def act(self, k: int, p: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         """Everything that is due at node k, given the derivatives (n + held, directions) of states and held signals; returns them as they are after it."""
-        from toolbox.simulation.noise import normal
+        from toolbox.stepping.noise import normal
 
         laws, nodes = self.laws, self.nodes
         first = laws.program.first_held

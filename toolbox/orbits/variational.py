@@ -22,10 +22,10 @@ import numpy as np
 from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
-from toolbox.compilation.loop_layout import FRICTION, RIGID, SWITCH
 from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
 from toolbox.compilation.runge_kutta import Pair
+from toolbox.compilation.work_layout import FRICTION, RIGID, SWITCH
 from toolbox.errors import GrazingError
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.elimination import calls

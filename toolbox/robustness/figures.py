@@ -12,9 +12,9 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from toolbox.figures.style import LINES, PAPER, WIDTH
 from toolbox.robustness.disk_margins import LoopMargins, frequencies
 from toolbox.robustness.loop import LinearLoop
-from toolbox.simulation.style import LINES, PAPER, WIDTH
 
 
 def margins_diagram(loop: LinearLoop, rows: Sequence[LoopMargins], axes: Any = None) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from toolbox.simulation.style import BAND, PAPER
+from toolbox.figures.style import BAND, PAPER
 
 TRADE: Sequence[tuple[str, str, str, str]] = (
     ("#12355b", "o", "-", "full"),

@@ -1,1 +1,1 @@
-"""Runs: what is asked, the loops that step, the result."""
+"""Runs: what is asked, how it is carried out, the result."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.simulation.methods import Smoothing, TimeStepping
@@ -31,11 +31,11 @@ def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> s
     if switches.sum() >= SHARE * steps:
         most = int(np.argmax(switches))
         return f"`{names[most]}` switched {switches[most]} times"
-    if len(run.clocks) and int(work.samplers[:, loop_layout.TAKEN].sum()) >= SHARE * steps:
+    if len(run.clocks) and int(work.samplers[:, work_layout.TAKEN].sum()) >= SHARE * steps:
         return f"a law samples every {min(period for period, _ in run.clocks):.3g} s"
-    if int(work.ints[loop_layout.JUMP]) >= SHARE * steps:
-        return f"tables of inputs turn or jump at {int(work.ints[loop_layout.JUMP])} times"
-    mean, longest = t / steps, float(work.reals[loop_layout.LONGEST])
+    if int(work.ints[work_layout.JUMP]) >= SHARE * steps:
+        return f"tables of inputs turn or jump at {int(work.ints[work_layout.JUMP])} times"
+    mean, longest = t / steps, float(work.reals[work_layout.LONGEST])
     if mean > 0.5 * longest:
         return f"inputs that vary in time let no step be longer than {longest:.2g} s"
     cause = f"steps of about {mean:.1g} s, which {_largest_error(program, work)} asks for"
@@ -50,18 +50,18 @@ def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> s
 def _largest_error(program: Program, work: Any) -> str:
     """The state with the largest error, in units of its tolerance, of a step as long as the next one; or the contact whose force is followed."""
     ints, reals = work.ints, work.reals
-    n, base, hidden = int(ints[loop_layout.N]), int(2 * ints[loop_layout.N] + 2 * ints[loop_layout.NG]), work.excited.size
-    pointer, h = ctypes.c_void_p, float(reals[loop_layout.STEP_SIZE])
-    step = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(int(ints[loop_layout.STEP]))
+    n, base, hidden = int(ints[work_layout.N]), int(2 * ints[work_layout.N] + 2 * ints[work_layout.NG]), work.excited.size
+    pointer, h = ctypes.c_void_p, float(reals[work_layout.STEP_SIZE])
+    step = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_double, *[pointer] * 5)(int(ints[work_layout.STEP]))
     out = np.zeros(work.y.size)
-    step(float(reals[loop_layout.TIME]), h, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, out)))
+    step(float(reals[work_layout.TIME]), h, *(array.ctypes.data for array in (work.x, work.k, work.p, work.m, out)))
     size = np.maximum(np.maximum(work.scale, 1e-10 * work.group_scale[work.group]), 1e-14)
-    share = max(reals[loop_layout.RTOL] * min(h / reals[loop_layout.END], 0.1), 1e-14)
+    share = max(reals[work_layout.RTOL] * min(h / reals[work_layout.END], 0.1), 1e-14)
     errors = np.abs(out[base : base + n]) / (share * size + work.noise * h)
-    lowest = base + n if ints[loop_layout.TWO_ERRORS] else base
+    lowest = base + n if ints[work_layout.TWO_ERRORS] else base
     elements = [program.system.elements[int(i)].name for i in work.excited]
-    held = 2 * np.array(work.excited, int) + int(ints[loop_layout.NG])
-    errors[n - hidden :] = np.abs(out[lowest + n - hidden : lowest + n]) / ((0.02 if ints[loop_layout.TWO_ERRORS] else 3e-4) * np.maximum(
+    held = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])
+    errors[n - hidden :] = np.abs(out[lowest + n - hidden : lowest + n]) / ((0.02 if ints[work_layout.TWO_ERRORS] else 3e-4) * np.maximum(
         work.guard_scale[held], 1e-300))  # fmt: skip
     most = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
     if most >= n - hidden:

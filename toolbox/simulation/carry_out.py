@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
@@ -40,11 +40,11 @@ def compiled_loop(run: Run, program: Program) -> Any:
     """
     run_on: Any
     if isinstance(program.pair, Theta):
-        from toolbox.simulation.stepping_loop import advance  # here, because numba is slow to import
+        from toolbox.stepping.time_stepper import advance  # here, because numba is slow to import
 
         name, run_on = "loop of time stepping", advance
     else:
-        from toolbox.simulation.event_loop import advance, run_on
+        from toolbox.stepping.event_stepper import advance, run_on
 
         name = "event loop"
     key = (advance, isinstance(program.pair, Taylor))  # steps of Taylor series have machine code of their own
@@ -92,24 +92,24 @@ def carry_out(run: Run) -> Trajectory:
     try:
         while True:
             tried = progress(work)[1]
-            work.ints[loop_layout.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
+            work.ints[work_layout.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
             status = advance(work)
             spent = clock.perf_counter() - began
-            if spent > run.budget.seconds and status != loop_layout.DONE:
+            if spent > run.budget.seconds and status != work_layout.DONE:
                 raise exhausted(run, program, work, began, answers)
-            if status == loop_layout.DONE:
+            if status == work_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
                 if _with_series(run) and not isinstance(program.pair, Taylor):
                     done.why = f"{program.pair.name}: {LACKING}"
                 return _sound(done, program) if isinstance(done, Stepped) else done
-            if status == loop_layout.EVENTS_FULL and work.ints[loop_layout.EVENTS] > run.budget.events:
+            if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)
-            if status == loop_layout.RECORDS_FULL or status == loop_layout.EVENTS_FULL:
-                work = grown(work, program, status == loop_layout.RECORDS_FULL, run.budget)
-            elif status == loop_layout.SAMPLE_DUE:
+            if status == work_layout.RECORDS_FULL or status == work_layout.EVENTS_FULL:
+                work = grown(work, program, status == work_layout.RECORDS_FULL, run.budget)
+            elif status == work_layout.SAMPLE_DUE:
                 _sample(run, program, work, laws, answers, began)
-            elif status == loop_layout.PAUSED:
+            elif status == work_layout.PAUSED:
                 if progress(work)[1] >= run.budget.steps:
                     raise exhausted(run, program, work, began, answers)
                 if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
@@ -124,12 +124,12 @@ def carry_out(run: Run) -> Trajectory:
                 if bar is None and spent > 1.0:
                     bar = progress_bar(run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
                 if bar is not None:
-                    bar.update(float(work.reals[loop_layout.TIME]) - bar.n)
-            elif isinstance(program.pair, Taylor) and status in (loop_layout.NO_SERIES, loop_layout.UNDERFLOW) and not run.laws:
+                    bar.update(float(work.reals[work_layout.TIME]) - bar.n)
+            elif isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
                 left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                 again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
-                LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[loop_layout.TIME]))
-                again.why = f"explicit: no Taylor series at t = {float(work.reals[loop_layout.TIME]):.9g} s"
+                LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[work_layout.TIME]))
+                again.why = f"explicit: no Taylor series at t = {float(work.reals[work_layout.TIME]):.9g} s"
                 return again
             else:
                 raise failure(status, run, program, work, began, answers)
@@ -175,18 +175,18 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
 def _sample(run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float) -> None:
     """Evaluate a Python controller at the current instant and queue its outputs."""
 
-    from toolbox.simulation.noise import normal  # here, because numba is slow to import
+    from toolbox.stepping.noise import normal  # here, because numba is slow to import
 
-    c = int(work.ints[loop_layout.CULPRIT])
+    c = int(work.ints[work_layout.CULPRIT])
     row = work.samplers[c]
     index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
     part = [part for part in run.system.parts if isinstance(part, External)][index]
-    point = Trajectory.point(run, program, work.reals[loop_layout.TIME], work.x, work.m, work.p)
-    first = row[loop_layout.FIRST_STATE] + row[loop_layout.STATES]
+    point = Trajectory.point(run, program, work.reals[work_layout.TIME], work.x, work.m, work.p)
+    first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
     channels = program.system.updates[c].channels
-    noise = {name: normal(work.keys[first + i], row[loop_layout.TAKEN]) for i, name in enumerate(channels)}
+    noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
     with until(began + run.budget.seconds):
-        u = part.answer(laws[index], float(work.reals[loop_layout.TIME]), (point[place] for place in part.measures), noise)
-    work.queue[c, row[loop_layout.TAKEN] % work.queue.shape[1], : u.size] = u
+        u = part.answer(laws[index], float(work.reals[work_layout.TIME]), (point[place] for place in part.measures), noise)
+    work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
     answers[index].append(u)
-    row[loop_layout.TAKEN] += 1
+    row[work_layout.TAKEN] += 1

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
 from toolbox.modelling.elements import SecondDirection
@@ -24,7 +24,7 @@ from toolbox.simulation.trajectory import Records, Smoothed, Stepped, Trajectory
 
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     """The result of a run as far as it came."""
-    r, e = int(work.ints[loop_layout.RECORDS]), int(work.ints[loop_layout.EVENTS])
+    r, e = int(work.ints[work_layout.RECORDS]), int(work.ints[work_layout.EVENTS])
     kind = {TimeStepping: Stepped, Smoothing: Smoothed}.get(type(run.method), Trajectory)
     records = Records(
         time=work.rec_t[:r].copy(),
@@ -34,11 +34,11 @@ def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answe
         parameters=work.p,
         event_arrays=(work.ev_t[:e].copy(), work.ev_i[:e].copy(), work.ev_m[:e].copy()),
         last_mode=work.m,
-        end=float(work.reals[loop_layout.TIME]),
+        end=float(work.reals[work_layout.TIME]),
         answers=answers,
         memory=work.memory.copy(),
-        steps=(int(work.ints[loop_layout.ACCEPTED]), int(work.ints[loop_layout.REJECTED])),
-        merged=int(work.ints[loop_layout.MERGED]),
+        steps=(int(work.ints[work_layout.ACCEPTED]), int(work.ints[work_layout.REJECTED])),
+        merged=int(work.ints[work_layout.MERGED]),
         wall_time=clock.perf_counter() - began,
     )
     return kind(run=run, program=program, records=records)
@@ -69,7 +69,7 @@ def exhausted(
 
 def _rising_friction(program: Program, places: Iterable[int], point: Any, work: Any, so_far: Trajectory) -> SimulationError | None:
     """The error of the first of these elements whose kinetic friction at no slip is above its static friction, or None."""
-    t = float(work.reals[loop_layout.TIME])
+    t = float(work.reals[work_layout.TIME])
     for i in places:
         element = program.system.elements[i]
         if not element.holds or element.unilateral or isinstance(element, SecondDirection):
@@ -88,10 +88,10 @@ def _rising_friction(program: Program, places: Iterable[int], point: Any, work: 
 def failure(status: int, run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> SimulationError:
     """The error of a run that the loop gave up, in words of the plant."""
     so_far = trajectory_so_far(run, program, work, began, answers)
-    t = float(work.reals[loop_layout.TIME])
+    t = float(work.reals[work_layout.TIME])
     names = [element.name for element in program.system.elements]
     point = Trajectory.point(run, program, t, work.x, work.m, work.p)
-    if status in (loop_layout.INCONSISTENT, loop_layout.ENDLESS):
+    if status in (work_layout.INCONSISTENT, work_layout.ENDLESS):
         bounds = np.array(output_function(program, "bounds of elements", ca.vertcat(*[e.static for e in program.system.elements]))(
             t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m)).ravel()  # fmt: skip
         if (bounds < 0).any():
@@ -99,16 +99,16 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
             return SimulationError(
                 f"The bound of `{name}` must be >= 0, but it is {bounds.min():.6g} at t = {t:.9g} s: is its load negative?", so_far
             )
-    if status == loop_layout.NEGATIVE_BOUND:
-        name = names[program.bounded[int(work.ints[loop_layout.CULPRIT])]]
+    if status == work_layout.NEGATIVE_BOUND:
+        name = names[program.bounded[int(work.ints[work_layout.CULPRIT])]]
         return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
-    if status == loop_layout.ENDLESS:
-        i = int(work.ints[loop_layout.CULPRIT])
+    if status == work_layout.ENDLESS:
+        i = int(work.ints[work_layout.CULPRIT])
         i -= isinstance(program.system.elements[i], SecondDirection)
         if (wrong := _rising_friction(program, [i], point, work, so_far)) is not None:
             return wrong
         return ZenoError(f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
-    if status == loop_layout.INCONSISTENT:
+    if status == work_layout.INCONSISTENT:
         inside = (
             [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
             if t == 0.0

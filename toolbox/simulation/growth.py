@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.implicit_step import eigenvalues_tell, linearised
 from toolbox.compilation.program import Program
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P
@@ -27,13 +27,13 @@ def attended(advance: Callable[[Any], int], program: Program) -> Callable[[Any],
 
     def through(work: Any) -> int:
         ints, reals = work.ints, work.reals
-        end = ints[loop_layout.ACCEPTED] + ints[loop_layout.REJECTED] + ints[loop_layout.BUDGET]
+        end = ints[work_layout.ACCEPTED] + ints[work_layout.REJECTED] + ints[work_layout.BUDGET]
         while True:
-            ints[loop_layout.BUDGET] = end - ints[loop_layout.ACCEPTED] - ints[loop_layout.REJECTED]
+            ints[work_layout.BUDGET] = end - ints[work_layout.ACCEPTED] - ints[work_layout.REJECTED]
             status = advance(work)
-            if status != loop_layout.GROWTH:
+            if status != work_layout.GROWTH:
                 return status
-            reals[loop_layout.FOLLOWED] = longest_followed(program, work)
+            reals[work_layout.FOLLOWED] = longest_followed(program, work)
 
     return through
 
@@ -41,14 +41,14 @@ def attended(advance: Callable[[Any], int], program: Program) -> Callable[[Any],
 def longest_followed(program: Program, work: Any) -> float:
     """The longest step [s] that follows every growing mode of the plant as it is now; UNTOLD where the pivots tell, inf where none grows."""
     if not eigenvalues_tell(program.form, program.kernel.states):
-        return loop_layout.UNTOLD
+        return work_layout.UNTOLD
     function, n = _matrix(program), program.system.x.numel()
-    matrix = function(work.reals[loop_layout.TIME], work.x[:n], work.p, work.m).full()
+    matrix = function(work.reals[work_layout.TIME], work.x[:n], work.p, work.m).full()
     try:
         forces = np.linalg.solve(matrix[n:, n:], matrix[n:, :n])
         fastest = np.linalg.eigvals(matrix[:n, :n] - matrix[:n, n:] @ forces).real.max()
     except np.linalg.LinAlgError:
-        return loop_layout.UNTOLD
+        return work_layout.UNTOLD
     return FASTEST_GROWTH / float(fastest) if fastest > 0.0 else np.inf
 
 

@@ -18,10 +18,8 @@ from matplotlib.patches import FancyArrowPatch, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
 from toolbox.errors import SceneError, suggest
-from toolbox.files.units import NumberOrText
-from toolbox.simulation import curves
-from toolbox.simulation.samples import Event, scalar, short, window
-from toolbox.simulation.style import (
+from toolbox.figures import curves
+from toolbox.figures.style import (
     BAND,
     LINES,
     MANY_EVENTS,
@@ -34,6 +32,8 @@ from toolbox.simulation.style import (
     line_styles,
     name_axis,
 )
+from toolbox.files.units import NumberOrText
+from toolbox.simulation.samples import Event, scalar, short, window
 
 
 class Pictured(Protocol):

@@ -21,7 +21,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of
 from toolbox.compilation.rosenbrock import RODAS5P
 from toolbox.simulation.growth import attended
@@ -77,14 +77,14 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
     since: (time, steps, events) at the last look.
     """
-    from toolbox.simulation.event_loop import run_on  # here, because numba is slow to import
+    from toolbox.stepping.event_stepper import run_on  # here, because numba is slow to import
 
     t, steps, events = (now - then for now, then in zip(progress(work), since, strict=True))
-    left = run.duration - float(work.reals[loop_layout.TIME])
+    left = run.duration - float(work.reals[work_layout.TIME])
     rest = left / t * steps * program.kernel.cost if t > 0.0 else 0.0
     if rest < WORTH:
         return False
-    if t / steps * spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, work.m) < NEAR:
+    if t / steps * spectral_radius(program, float(work.reals[work_layout.TIME]), work.x, work.p, work.m) < NEAR:
         return False
     size = COMPILING * stiff_size(program)
     coupled = program.form.balance.numel() > 0  # else slipping makes nothing stiffer
@@ -92,13 +92,13 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
         return False
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))
-    trial.ints[list(loop_layout.FORMULAS)] = other.ints[list(loop_layout.FORMULAS)]
-    trial.reals[loop_layout.POWER] = other.pair.power
-    trial.ints[[loop_layout.RECORDS, loop_layout.EVENTS, loop_layout.NODES]] = 0
-    trial.ints[loop_layout.OUTPUT] = trial.out_t.size
-    trial.ints[loop_layout.BUDGET] = TRIAL
+    trial.ints[list(work_layout.FORMULAS)] = other.ints[list(work_layout.FORMULAS)]
+    trial.reals[work_layout.POWER] = other.pair.power
+    trial.ints[[work_layout.RECORDS, work_layout.EVENTS, work_layout.NODES]] = 0
+    trial.ints[work_layout.OUTPUT] = trial.out_t.size
+    trial.ints[work_layout.BUDGET] = TRIAL
     begin = progress(trial)
-    if attended(run_on, other)(trial) not in (loop_layout.PAUSED, loop_layout.DONE, loop_layout.EVENTS_FULL):
+    if attended(run_on, other)(trial) not in (work_layout.PAUSED, work_layout.DONE, work_layout.EVENTS_FULL):
         return False
     t_trial, steps_trial, events_trial = (now - then for now, then in zip(progress(trial), begin, strict=True))
     explicit = program.kernel.cost * (steps + SEARCH * events) / t
@@ -110,7 +110,7 @@ def _rate_of_sliding(program: Program, work: Any) -> float:
     holds = np.array([element.holds and not element.unilateral for element in program.system.elements])
     modes = work.m.copy()
     modes[: holds.size][holds] = 1
-    return spectral_radius(program, float(work.reals[loop_layout.TIME]), work.x, work.p, modes, 12)
+    return spectral_radius(program, float(work.reals[work_layout.TIME]), work.x, work.p, modes, 12)
 
 
 def stiff_size(program: Program) -> int:
@@ -129,4 +129,4 @@ SEARCH = 5
 def progress(work: Any) -> tuple[float, int, int]:
     """(time, steps, events) of a run so far."""
     ints = work.ints
-    return float(work.reals[loop_layout.TIME]), int(ints[loop_layout.ACCEPTED] + ints[loop_layout.REJECTED]), int(ints[loop_layout.EVENTS])
+    return float(work.reals[work_layout.TIME]), int(ints[work_layout.ACCEPTED] + ints[work_layout.REJECTED]), int(ints[work_layout.EVENTS])

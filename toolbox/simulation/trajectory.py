@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from toolbox.arguments import FloatArray
-from toolbox.compilation.loop_layout import Nodes
+from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
 from toolbox.modelling.elements import SecondDirection, UnilateralContact
@@ -238,7 +238,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def _between(self, times: np.ndarray, row: np.ndarray) -> np.ndarray:
         """States at times within the recorded steps that begin at the nodes `row`: by one step from the node."""
-        from toolbox.simulation import event_loop as loop
+        from toolbox.stepping import event_stepper as loop
 
         program = self.program
         states = np.empty((times.size, self.states.shape[1]))

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.arguments import finite_array
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.program import Program
 from toolbox.errors import SceneError
@@ -62,16 +62,16 @@ def work_arrays(run: Run, program: Program) -> Any:
         first = np.append(first, len(jumps)).astype(np.int64)
 
     ints = program.ints.copy()
-    ints[loop_layout.NODES] = 1 if run.output_times is None else 0
+    ints[work_layout.NODES] = 1 if run.output_times is None else 0
     if fixed is not None and run.output_times is None:
-        ints[loop_layout.NODES] = 1 + int(run.duration / fixed / MAX_RECORDS)
-    reals = np.zeros(loop_layout.REALS)
-    reals[loop_layout.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
-    reals[loop_layout.STEP_SIZE] = fixed or 0.0
-    reals[loop_layout.END] = run.duration
-    reals[loop_layout.RTOL] = tolerance or run.accuracy
-    reals[loop_layout.LAST_EVENT] = -np.inf
-    reals[loop_layout.POWER] = program.pair.power
+        ints[work_layout.NODES] = 1 + int(run.duration / fixed / MAX_RECORDS)
+    reals = np.zeros(work_layout.REALS)
+    reals[work_layout.LONGEST] = run.longest_step if program.forced or system.updates else np.inf
+    reals[work_layout.STEP_SIZE] = fixed or 0.0
+    reals[work_layout.END] = run.duration
+    reals[work_layout.RTOL] = tolerance or run.accuracy
+    reals[work_layout.LAST_EVENT] = -np.inf
+    reals[work_layout.POWER] = program.pair.power
 
     memory_size = 0
     samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
@@ -85,12 +85,12 @@ def work_arrays(run: Run, program: Program) -> Any:
     if run.output_times is None:  # arrays that are full cost a copy each time
         capacity += int(min(sum([1.05 * run.duration / period for period, _ in run.clocks]), MAX_SAMPLES))
     if fixed is not None and run.output_times is None:
-        capacity = 1024 + int(run.duration / fixed / ints[loop_layout.NODES])
+        capacity = 1024 + int(run.duration / fixed / ints[work_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
     if run.start:
         place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)
-    return loop_layout.Work(
+    return work_layout.Work(
         ints=ints, reals=reals, x=x, k=np.zeros(kernel.slopes), p=p, m=np.zeros(ne), y=np.zeros(room), z=np.zeros(room),
         x_other=np.zeros(n), p_other=np.zeros(p.size), m_other=np.zeros(2 * ne + 1),
         scale=np.zeros(n), noise=np.zeros(n), group=program.groups, group_scale=np.zeros(program.group_count),
@@ -108,7 +108,7 @@ def work_arrays(run: Run, program: Program) -> Any:
 
 
 _NO_NUMBERS, _NO_INDICES, _FROM_THE_START = np.empty(0), np.empty(0, np.int64), np.zeros(1, np.int64)
-_NO_ROWS, _NO_CLOCKS = np.empty((0, loop_layout.COLUMNS), np.int64), np.empty((0, 2))
+_NO_ROWS, _NO_CLOCKS = np.empty((0, work_layout.COLUMNS), np.int64), np.empty((0, 2))
 _NO_KEYS, _NO_QUEUE = np.empty(0, np.uint64), np.empty((0, 2, 1))
 
 
@@ -123,10 +123,10 @@ def _resolution(run: Run) -> tuple[float, float, float]:
 
 def _sampling(run: Run, program: Program) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """The rows of sampled laws, their clocks, the keys of their noise, the queue of their outputs, and the most outputs that one has."""
-    from toolbox.simulation.noise import channel_key  # here, because numba is slow to import
+    from toolbox.stepping.noise import channel_key  # here, because numba is slow to import
 
     updates = run.system.updates
-    samplers = np.zeros((len(updates), loop_layout.COLUMNS), np.int64)
+    samplers = np.zeros((len(updates), work_layout.COLUMNS), np.int64)
     clocks = np.array(run.clocks, float)
     keys: list[int | np.uint64] = []
     for c, update in enumerate(updates):

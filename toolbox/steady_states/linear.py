@@ -277,9 +277,8 @@ def _modes_at(
         if name not in names:
             raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
         _code(plant.elements[names.index(name)], word)
-    slips = np.array(function_of(plant, ("probe",), lambda: [plant.switching.probed])(t, x, u, plant.values, np.ones(len(names)))).ravel()[
-        : len(names)
-    ]
+    probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
+    slips = np.array(probe(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
     zero = 1e-12 * float(np.abs(x).max(initial=0.0))
     modes = np.where(slips < 0, -1.0, 1.0)
     for i, element in enumerate(plant.elements):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.compilation import loop_layout
+from toolbox.compilation import work_layout
 from toolbox.compilation.kernel import UNROLLED
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
@@ -193,29 +193,29 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
         work = whole
         while True:
-            work.ints[loop_layout.BUDGET] = run.budget.steps - int(work.ints[loop_layout.ACCEPTED] + work.ints[loop_layout.REJECTED])
+            work.ints[work_layout.BUDGET] = run.budget.steps - int(work.ints[work_layout.ACCEPTED] + work.ints[work_layout.REJECTED])
             status = advance(work)
-            if status == loop_layout.PAUSED or switches.sum() + work.ints[loop_layout.EVENTS] > run.budget.events:
+            if status == work_layout.PAUSED or switches.sum() + work.ints[work_layout.EVENTS] > run.budget.events:
                 errors[task.first + i] = str(exhausted(run, program, work, clock.perf_counter(), [], switches))
                 break
-            if isinstance(program.pair, Taylor) and status in (loop_layout.NO_SERIES, loop_layout.UNDERFLOW):
+            if isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW):
                 _one_by_one(task, values, errors, range(i, i + 1))  # by other formulas
                 break
-            if status not in (loop_layout.DONE, loop_layout.RECORDS_FULL, loop_layout.EVENTS_FULL):
+            if status not in (work_layout.DONE, work_layout.RECORDS_FULL, work_layout.EVENTS_FULL):
                 errors[task.first + i] = str(failure(status, run, program, work, clock.perf_counter(), []))
                 break
             if run.budget.events < np.inf:
-                switches += np.bincount(work.ev_i[: work.ints[loop_layout.EVENTS]], minlength=switches.size)
-            readings.read(work, status == loop_layout.DONE)
+                switches += np.bincount(work.ev_i[: work.ints[work_layout.EVENTS]], minlength=switches.size)
+            readings.read(work, status == work_layout.DONE)
             work = limited(whole, program, run.budget, int(switches.sum()))
-            if status == loop_layout.DONE:
+            if status == work_layout.DONE:
                 broken = readings.broken_bound
                 if broken is None:
                     values[i] = readings.values()
                 else:
                     errors[task.first + i] = broken
                 break
-        tried += int(work.ints[loop_layout.ACCEPTED] + work.ints[loop_layout.REJECTED])
+        tried += int(work.ints[work_layout.ACCEPTED] + work.ints[work_layout.REJECTED])
     return tried
 
 

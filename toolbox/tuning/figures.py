@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toolbox.simulation.style import LINES, PAPER, WIDTH
+from toolbox.figures.style import LINES, PAPER, WIDTH
 
 
 def tuning_diagram(

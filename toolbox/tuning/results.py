@@ -242,7 +242,7 @@ class Tuned:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the front, or the best value so far over the number of trials; see `toolbox.tuning.figures.tuning_diagram`."""
-        from toolbox.simulation.style import reading_of  # here, because matplotlib is slow to import
+        from toolbox.figures.style import reading_of  # here, because matplotlib is slow to import
         from toolbox.tuning.figures import tuning_diagram
 
         tried = np.array([self.counted(trial) for trial in self.trials])

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     BOUNDS,
     BUDGET,
@@ -59,15 +60,14 @@ from toolbox.compilation.loop_layout import (
     UNTOLD,
     N,
 )
-from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.simulation.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
-from toolbox.simulation.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
-from toolbox.simulation.events import after_event, project_event
-from toolbox.simulation.guards import accept, guard_size, held_quietly, project
-from toolbox.simulation.modes import begin
-from toolbox.simulation.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
-from toolbox.simulation.series_steps import checked_end, open_series, watch_series
-from toolbox.simulation.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
+from toolbox.stepping.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
+from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
+from toolbox.stepping.events import after_event, project_event
+from toolbox.stepping.guards import accept, guard_size, held_quietly, project
+from toolbox.stepping.modes import begin
+from toolbox.stepping.quiet_samples import REFRESHED, cut_short, from_sample_to_sample, samples_rule
+from toolbox.stepping.series_steps import checked_end, open_series, watch_series
+from toolbox.stepping.step_control import exp2, first_step, log2, measure_round_off, outgrown, scaled_error, spread_round_off
 
 GO_ON = -1
 """What `_due` returns, instead of a status of `advance`, where the run goes on with a step."""

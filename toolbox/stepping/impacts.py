@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation.calls import call, lent
-from toolbox.compilation.loop_layout import EPS, FIELD, FRICTION, IMPULSE, NE, PROBE, RIGID, SWITCH, N
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import guard_size, nudge, project
+from toolbox.compilation.work_layout import EPS, FIELD, FRICTION, IMPULSE, NE, PROBE, RIGID, SWITCH, N
+from toolbox.stepping.guards import guard_size, nudge, project
 
 
 @inlined

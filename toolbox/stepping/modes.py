@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.compilation.work_layout import (
     BOUNDS,
     COUPLED,
     CULPRIT,
@@ -25,9 +26,8 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )
-from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
-from toolbox.simulation.impacts import impact
+from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
+from toolbox.stepping.impacts import impact
 
 
 @inlined

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.work_layout import (
     ADDRESS,
     APPLIED,
     CULPRIT,
@@ -34,10 +35,9 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )
-from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import bounds_hold, nudge, refresh, two_directions
-from toolbox.simulation.modes import settle, turn_switches
-from toolbox.simulation.noise import normal
+from toolbox.stepping.guards import bounds_hold, nudge, refresh, two_directions
+from toolbox.stepping.modes import settle, turn_switches
+from toolbox.stepping.noise import normal
 
 
 @inlined

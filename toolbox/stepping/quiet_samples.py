@@ -8,7 +8,8 @@ the numbers are the same to the last bit.
 from __future__ import annotations
 
 from toolbox.compilation.calls import call, lent
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     ADDRESS,
     CUT_SHORT,
@@ -27,11 +28,10 @@ from toolbox.compilation.loop_layout import (
     STEP_SIZE,
     TIME,
 )
-from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.calendar import next_stop, record, samples
-from toolbox.simulation.crossings import watch
-from toolbox.simulation.guards import accept, held_quietly, project
-from toolbox.simulation.step_control import scaled_error
+from toolbox.stepping.calendar import next_stop, record, samples
+from toolbox.stepping.crossings import watch
+from toolbox.stepping.guards import accept, held_quietly, project
+from toolbox.stepping.step_control import scaled_error
 
 REFRESHED = 32
 """Accepted steps after which the loop measures round-off again."""

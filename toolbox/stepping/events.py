@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.work_layout import (
     BOUNDS,
     CLOSE,
     CULPRIT,
@@ -24,10 +25,9 @@ from toolbox.compilation.loop_layout import (
     TIME,
     N,
 )  # fmt: skip
-from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import flies, guard_size, project, two_directions
-from toolbox.simulation.modes import fire, mark
-from toolbox.simulation.step_control import first_step, measure_round_off
+from toolbox.stepping.guards import flies, guard_size, project, two_directions
+from toolbox.stepping.modes import fire, mark
+from toolbox.stepping.step_control import first_step, measure_round_off
 
 
 @inlined

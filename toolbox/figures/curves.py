@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from toolbox.simulation.style import LINES, REPEATED, RESOLUTION, in_words, line_styles, reading_of
+from toolbox.figures.style import LINES, REPEATED, RESOLUTION, in_words, line_styles, reading_of
 
 PEAK = 2.0
 """How many times as high as all but a hundredth of the time a signal may be before its axis leaves the rest out and says how far it goes."""

@@ -18,7 +18,8 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.compilation.work_layout import (
     BOUNDS,
     END,
     FIELD,
@@ -35,10 +36,9 @@ from toolbox.compilation.loop_layout import (
     STEP_SIZE,
     N,
 )
-from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.crossings import first_descent
-from toolbox.simulation.guards import close_to_zero, guard_size
-from toolbox.simulation.step_control import exp2, log2, measure_round_off, spread_round_off
+from toolbox.stepping.crossings import first_descent
+from toolbox.stepping.guards import close_to_zero, guard_size
+from toolbox.stepping.step_control import exp2, log2, measure_round_off, spread_round_off
 
 SHARE = 2.0
 """Size of the last term of a state in parts of the error that a step may add."""

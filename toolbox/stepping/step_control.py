@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import called, inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     BURDEN,
     END,
@@ -29,8 +30,7 @@ from toolbox.compilation.loop_layout import (
     TWO_ERRORS,
     N,
 )
-from toolbox.compilation.numba_cache import called, inlined
-from toolbox.simulation.guards import nudge
+from toolbox.stepping.guards import nudge
 
 STAGES = 10.0
 """Stages of a step, about: the noise of a slope is in every one of them, that of the first alone leaves a tenth of it in the states."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import BOUNDS, EPS, FRICTION, LOCATED, NE, NG, STEP, TIME, N
 from toolbox.compilation.numba_cache import inlined
-from toolbox.simulation.guards import close_to_zero, guard_size
+from toolbox.compilation.work_layout import BOUNDS, EPS, FRICTION, LOCATED, NE, NG, STEP, TIME, N
+from toolbox.stepping.guards import close_to_zero, guard_size
 
 
 @inlined

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from toolbox.compilation.calls import call, lent, owned
-from toolbox.compilation.loop_layout import (
+from toolbox.compilation.numba_cache import cached, inlined
+from toolbox.compilation.work_layout import (
     ACCEPTED,
     BUDGET,
     CULPRIT,
@@ -35,10 +36,9 @@ from toolbox.compilation.loop_layout import (
     UNDERFLOW,
     N,
 )
-from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.simulation.calendar import jumps, next_stop, record, samples
-from toolbox.simulation.guards import project
-from toolbox.simulation.modes import begin
+from toolbox.stepping.calendar import jumps, next_stop, record, samples
+from toolbox.stepping.guards import project
+from toolbox.stepping.modes import begin
 
 
 @inlined

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from toolbox.compilation.calls import call
-from toolbox.compilation.loop_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SECOND, SWITCH, TIME, N
 from toolbox.compilation.numba_cache import inlined
+from toolbox.compilation.work_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SECOND, SWITCH, TIME, N
 
 
 @inlined

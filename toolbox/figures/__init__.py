@@ -1,0 +1,1 @@
+"""How figures look, and curves and bands that several of them draw."""

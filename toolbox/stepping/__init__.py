@@ -1,0 +1,1 @@
+"""Compiled steps: a plant is carried from event to event, from sample to sample, or in fixed steps."""

@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, HybridSystem, OptionalQuantity, Quantity, SceneError, quantity, state
+from toolbox import Controller, HybridSystem, Quantity, SceneError, quantity, state
 from toolbox.authoring import State
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True, kw_only=True)

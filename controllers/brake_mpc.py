@@ -11,8 +11,9 @@ import numpy as np
 from controllers.brake_law import BrakeLaw
 from controllers.predictive import Record
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
-from toolbox import HybridSystem, OptionalQuantity, Quantity, SceneError, quantity
+from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,20 +23,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox import (
-    Controller,
-    Equations,
-    HybridSystem,
-    OptionalQuantity,
-    Quantity,
-    SceneError,
-    Update,
-    measure,
-    quantity,
-    simulate,
-    sine,
-    time,
-)
+from toolbox import Controller, Equations, HybridSystem, Quantity, SceneError, Update, measure, quantity, simulate, time
+from toolbox.inputs import sine
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +81,7 @@ class NormalDither(LoadDither):
 
 @dataclass(frozen=True, kw_only=True)
 class SquareDither(NormalDither):
-    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.square`."""
+    """Square wave, +1 in the first half of every period; sampled only, so that its jumps fall on samples. As an input: `toolbox.inputs.square`."""
 
     def continuous(self, signal):
         raise SceneError("SquareDither jumps: give `sample_time`, or use the input `square`.")

@@ -10,7 +10,8 @@ import numpy as np
 from controllers.bumpless import acting, begun
 from controllers.string_model import drilling_point, entries, with_entries
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, OptionalQuantities, OptionalQuantity, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantities, OptionalQuantity
 
 
 @dataclass(frozen=True)

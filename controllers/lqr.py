@@ -10,7 +10,8 @@ import numpy as np
 from controllers.bumpless import acting, begun, over
 from controllers.string_model import drilling_point
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, OptionalQuantities, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantities
 
 
 @dataclass(frozen=True)

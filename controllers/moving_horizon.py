@@ -11,8 +11,9 @@ import numpy as np
 from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, QuadraticProgram
 from controllers.string_model import StringModel, rock_table, string_model
-from toolbox import HybridSystem, Observer, OptionalQuantity, Quantity, SceneError, quantity
+from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
+from toolbox.modelling import Observer, OptionalQuantity
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,8 +18,9 @@ from controllers.predictive import Predictive, PredictiveLaw, Record, riccati, s
 from controllers.quadratic_program import QuadraticProgram
 from controllers.rock_filter import RockFilter
 from controllers.string_model import drilling_point, rock_table, string_model, without_actuators
-from toolbox import HybridSystem, OptionalQuantity, Quantity, SceneError, quantity
+from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import announced, time_left, zero_order_hold
+from toolbox.modelling import OptionalQuantity
 
 if TYPE_CHECKING:
     from controllers.condensing import Aim, Limits

@@ -7,12 +7,13 @@ from typing import ClassVar
 
 from controllers.bumpless import acting, begun
 from controllers.observers.linear import StringObserver
-from toolbox import Observed, Observer, SceneError, Update, state
+from toolbox import SceneError, Update, state
+from toolbox.modelling import Observed, Observer
 
 
 @dataclass(frozen=True)
 class OnEstimates(Observed):
-    """`toolbox.Observed` for a `StringObserver`, at the instant at which a command arrives, and without a bump at its start.
+    """`toolbox.modelling.Observed` for a `StringObserver`, at the instant at which a command arrives, and without a bump at its start.
 
     Where commands reach the plant `late` samples later, the estimates are carried on to that instant under the commands that are on their way: the law
     acts on the string that its command will meet, and its own loop has no delay but for what the model lacks (O. J. M. Smith, Chem. Eng. Progress 53

@@ -10,8 +10,8 @@ from toolbox import SceneError
 def pipe_impedance(outer: float, inner: float, shear_modulus: float, density: float) -> float:
     """Compute the torsional wave impedance of a pipe, zeta = I_p sqrt(G rho), with I_p = pi (outer^4 - inner^4) / 32.
 
-    `toolbox.impedance` is that of a drive, and `toolbox.reflection` tells what part of a wave the drive sends back. Source: textbook; used for drill strings
-    by U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
+    `toolbox.impedance` is that of a drive, and `toolbox.steady_states.reflection` tells what part of a wave the drive sends back.
+    Source: textbook; used for drill strings by U. J. F. Aarsnes, F. Di Meglio, R. J. Shor, J. Sound Vib. 424 (2018).
 
     Parameters
     ----------

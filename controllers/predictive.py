@@ -14,8 +14,9 @@ from controllers.quadratic_program import SOLVERS, Answer
 from controllers.string_model import StringModel, string_model, without_actuators
 from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
-from toolbox import HybridSystem, OptionalQuantity, Quantities, Quantity, SceneError, quantity
+from toolbox import HybridSystem, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
+from toolbox.modelling import OptionalQuantity, Quantities
 
 MOST_LATE = 1000
 """Commands on their way, in samples, that a law can remember."""

@@ -23,7 +23,8 @@ import casadi as ca
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, OptionalQuantity, Quantity, Relay, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantity, Relay
 
 MOST_LATE = 100
 """Samples by which a command may be late."""

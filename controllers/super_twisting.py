@@ -17,7 +17,8 @@ import numpy as np
 
 from controllers.bumpless import acting
 from controllers.sliding_mode import SlidingSurface
-from toolbox import OptionalQuantity, Quantity, SceneError, Update, quantity, state
+from toolbox import Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from toolbox import Controller, OptionalQuantity, SceneError, quantity, state
+from toolbox import Controller, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True, kw_only=True)

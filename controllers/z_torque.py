@@ -10,7 +10,8 @@ import numpy as np
 
 from controllers.bumpless import acting, begun, over
 from controllers.torque_limits import TorqueLimits
-from toolbox import Equations, OptionalQuantity, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True)

@@ -8,49 +8,31 @@ from __future__ import annotations
 import ast
 import dataclasses
 import importlib
+import importlib.util
 import inspect
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parent
 PACKAGES = ("toolbox", "models", "controllers")
 THEMES = {
-    "plant": (
-        "Plant",
-        "Parts, contacts and control laws, and what they become when they are composed.",
-        "compose HybridSystem Component Equations state quantity Quantity OptionalQuantity Quantities OptionalQuantities time DryFriction FrictionLaw "
-        "UnilateralContact Relay Hysteresis smoothed Controller Sampled Takeover Update Observer Observed ContactProblem ContactBody UnusualValue SceneError",
-    ),
+    "plant": ("Plant", "Parts, contacts and control laws, what they become when they are composed, and inputs in time.", "modelling"),
     "simulate": (
         "Simulate",
-        "Runs of a plant: methods, inputs in time, results, scenes.",
-        "simulate Trajectory Event Automatic EventExact Explicit Implicit TaylorSeries TimeStepping Smoothing Budget ramp step sine square triangle Scene "
-        "press_contacts step_contacts ContactRun ContactScene units SimulationError AccuracyError BudgetError ZenoError",
+        "Runs of a plant: methods, results, scenes, what accuracy costs, errors.",
+        "simulation contacts scenes files errors",
     ),
-    "measure": (
-        "Measure",
-        "Numbers of a run, derivatives, energy, and what accuracy costs.",
-        "severity stick_intervals cycles settling overshoot compare Differences energy_audit sensitivity Sensitivity "
-        "work_precision WorkPrecision Recording fit Fit GrazingError",
-    ),
-    "analyse": (
-        "Analyse",
-        "Steady states, borders of stick-slip, cycles, maps and sweeps.",
-        "equilibrium equilibria linearise hopf_points hopf_curve pole_locus onset severity_map SeverityMap sweep Sweep limit_cycle Cycle CycleError follow "
-        "Branch Bifurcation impedance reflection",
-    ),
-    "design": (
-        "Design",
-        "Laws that are tuned and judged: margins, limits, worst cases.",
-        "tune Tuned margins Margins performance_limit worst_case WorstCase cycle_phases absorber_limit",
-    ),
-    "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export_c export_fmu to_control from_control"),
+    "measure": ("Measure", "Numbers of a run, energy, and parameters from measurements.", "measuring calibration"),
+    "analyse": ("Analyse", "Steady states, borders of stick-slip, cycles, maps and sweeps.", "steady_states onsets orbits sweeps"),
+    "design": ("Design", "Laws that are tuned and judged: margins, limits, worst cases.", "tuning robustness"),
+    "export": ("Export", "Laws as C, FMU and python-control systems, and the way back.", "export"),
 }
-"""{page: (title, what it holds, public names of the toolbox in the order in which one meets them)}; a test says when a name has no page."""
+"""{page: (title, what it holds, rooms whose public names stand on it)}; a test says when a name has no page."""
 SHELVES = {
     "models": ("Models", "Physics: one mechanism per file. Numbers are SI, or text with a unit."),
     "controllers": ("Controllers", "Control laws and observers. Numbers are SI, or text with a unit."),
@@ -120,21 +102,50 @@ def sources_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference_page(package: str, title: str, says: str, names: Sequence[str]) -> str:
-    """A page of public names of a package or module, for mkdocstrings; parts and laws with a table of their fields."""
-    module = importlib.import_module(package)
+def reference_page(title: str, says: str, names: Sequence[str]) -> str:
+    """A page of public names, given with the package or module from which they are imported, for mkdocstrings; parts and laws with a table of their fields."""
     lines = [f"# {title}", "", says, ""]
-    for name in names:
-        thing = getattr(module, name)
+    for dotted in names:
+        package, _, name = dotted.rpartition(".")
+        thing = getattr(importlib.import_module(package), name)
         table = field_table(thing)
-        lines += [f"::: {package}.{name}"]
+        lines += [f"::: {dotted}"]
         if table:
             lines += ["    options:", "      show_signature: false", "      members: false", "", *table, ""]
             for member in _own_methods(thing):
-                lines += [f"::: {package}.{name}.{member}", "    options:", "      heading_level: 3", ""]
+                lines += [f"::: {dotted}.{member}", "    options:", "      heading_level: 3", ""]
         else:
             lines.append("")
     return "\n".join(lines)
+
+
+def public_of(place: str) -> list[str]:
+    """The public names of a package or module, each as one imports it, functions first."""
+    module = importlib.import_module(place)
+    names = importlib.import_module("toolbox.faces").public_names(module)
+    return [f"{place}.{name}" for name in sorted(names, key=lambda name: (inspect.isclass(getattr(module, name)), name.lower()))]
+
+
+def names_of_rooms() -> dict[str, list[str]]:
+    """{room: its public names, each as one imports it}: those of `toolbox` itself, then those of public modules, then the room's own."""
+    toolbox = importlib.import_module("toolbox")
+    loader = importlib.util.find_spec("toolbox").loader  # type: ignore[union-attr]
+    homes = importlib.import_module("toolbox.faces").imports_for_types(loader.get_code("toolbox"))  # type: ignore[union-attr]
+    found: dict[str, list[str]] = {}
+    modules = {}
+    for dotted in (*public_of("toolbox"), "toolbox.time"):
+        name = dotted.partition(".")[2]
+        room = ".".join(homes[name]).split(".")[1]
+        if inspect.ismodule(getattr(toolbox, name)):
+            modules[dotted] = room
+        else:
+            found.setdefault(room, []).append(dotted)
+    rooms = {f"toolbox.{room.name}": room.name for room in iter_modules(toolbox.__path__) if room.ispkg}
+    on_face = [getattr(toolbox, name) for name in homes]
+    for place, room in {**modules, **rooms}.items():
+        module = importlib.import_module(place)
+        found.setdefault(room, []).extend(each for each in public_of(place) if getattr(module, each.rpartition(".")[2]) not in on_face)
+    return found
 
 
 def scene_page() -> str:
@@ -224,15 +235,14 @@ def _usual(usual: tuple[float, float] | None) -> str:
 def pages() -> dict[Path, str]:
     """{path: text} of every generated page."""
     folder = FOLDER / "reference"
+    rooms = names_of_rooms()
     references = {
-        folder / f"{page}.md": reference_page("toolbox", title, says, names.split()) for page, (title, says, names) in THEMES.items()
+        folder / f"{page}.md": reference_page(title, says, [name for room in rooms_of.split() for name in rooms[room]])
+        for page, (title, says, rooms_of) in THEMES.items()
     }
-    for package, (title, says) in SHELVES.items():
-        module = importlib.import_module(package)
-        references[folder / f"{package}.md"] = reference_page(package, title, says, sorted(module.__all__, key=str.lower))
-    for name, says in AUTHORS.items():
-        module = importlib.import_module(name)
-        references[folder / f"{name.rpartition('.')[2]}.md"] = reference_page(name, name, says, sorted(module.__all__, key=str.lower))
+    shelves = [*((name, *words) for name, words in SHELVES.items()), *((name, name, says) for name, says in AUTHORS.items())]
+    for place, title, says in shelves:
+        references[folder / f"{place.rpartition('.')[2]}.md"] = reference_page(title, says, sorted(public_of(place), key=str.lower))
     return {FOLDER / "sources.md": sources_page(), folder / "scene.md": scene_page(), **references}
 
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import casadi as ca
 
-from toolbox import Component, Equations, OptionalQuantity, Quantities, Quantity, SceneError, quantity, state
+from toolbox import Component, Equations, Quantity, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantity, Quantities
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.friction import Hyperbolic
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox.modelling import Quantities
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, Equations, OptionalQuantities, Quantity, Relay, SceneError, quantity, state
+from toolbox import Component, Equations, Quantity, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantities, Relay
 
 
 def parabolic_shares(n: int) -> tuple[float, ...]:

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, OptionalQuantity, Quantity, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, Equations, OptionalQuantity, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, Equations, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True)

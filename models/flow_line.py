@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from toolbox import Component, DryFriction, Equations, FrictionLaw, OptionalQuantities, Quantities, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
 from toolbox.authoring import is_finite_number
+from toolbox.modelling import OptionalQuantities, Quantities
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from itertools import pairwise
 
 import casadi as ca
 
-from toolbox import FrictionLaw, Quantities, Quantity, SceneError, quantity
+from toolbox import FrictionLaw, Quantity, SceneError, quantity
+from toolbox.modelling import Quantities
 
 
 @dataclass(frozen=True)

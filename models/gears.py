@@ -27,7 +27,8 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, OptionalQuantities, Quantities, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantities, Quantities
 
 GROUND = "ground"
 """Name of the shaft that stands still."""

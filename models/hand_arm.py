@@ -13,8 +13,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from toolbox import Component, Equations, Quantities, SceneError, quantity, state
+from toolbox import Component, Equations, SceneError, quantity, state
 from toolbox.authoring import is_finite_number
+from toolbox.modelling import Quantities
 
 BAND = (10.0**0.8, 10.0**3.1)
 """Limits of the band of the hand-arm weighting [Hz]: 6.310 and 1258.9."""

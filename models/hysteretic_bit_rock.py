@@ -24,7 +24,8 @@ import casadi as ca
 
 from models.friction import Exponential
 from models.smooth_bit_rock import smooth_torque
-from toolbox import Component, DryFriction, Equations, FrictionLaw, OptionalQuantity, Quantity, quantity
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity
+from toolbox.modelling import OptionalQuantity
 
 STEPS = 12
 """Newton steps for the acceleration."""

@@ -14,20 +14,9 @@ import casadi as ca
 import numpy as np
 
 from models.friction import Coulomb
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    FrictionLaw,
-    OptionalQuantity,
-    Quantity,
-    SceneError,
-    Trajectory,
-    UnilateralContact,
-    quantity,
-    state,
-)
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, Trajectory, UnilateralContact, quantity, state
 from toolbox.authoring import window
+from toolbox.modelling import OptionalQuantity
 
 TINY = 1e-20
 """A length [m] or speed [m/s] below all others: it gives a collar in the very middle of the hole a direction, and changes no digit elsewhere."""

@@ -14,8 +14,9 @@ from models.lumping import MOST, Lumping
 from models.sections import Section, read_sections
 from models.soft_string import side_force
 from models.survey import Survey, read_survey
-from toolbox import FrictionLaw, OptionalQuantities, SceneError, quantity
+from toolbox import FrictionLaw, SceneError, quantity
 from toolbox.authoring import is_finite_number
+from toolbox.modelling import OptionalQuantities
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 
 from models.gears import tooth_friction
-from toolbox import Component, Equations, OptionalQuantity, Quantity, SceneError, quantity, state
+from toolbox import Component, Equations, Quantity, SceneError, quantity, state
+from toolbox.modelling import OptionalQuantity
 
 
 @dataclass(frozen=True)

@@ -12,19 +12,10 @@ import numpy as np
 from models.axial import AxialChain
 from models.drill_string import TorsionalChain
 from models.friction import Coulomb
-from toolbox import (
-    Component,
-    ContactBody,
-    ContactProblem,
-    DryFriction,
-    Equations,
-    FrictionLaw,
-    Quantities,
-    Quantity,
-    SceneError,
-    quantity,
-)
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields, finite_array, is_finite_number
+from toolbox.contacts import ContactBody, ContactProblem
+from toolbox.modelling import Quantities
 
 
 @dataclass(frozen=True)
@@ -97,7 +88,7 @@ def sliding_resultant(friction: float, load: float, axial_speed: float, turning_
 def string_on_wall(
     axial: AxialChain, torsional: TorsionalChain, *, radius: float, loads: Sequence[float], friction: FrictionLaw, top_drive: bool = False
 ) -> ContactProblem:
-    """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.step_contacts`.
+    """A string with dry friction against the wall of its hole at every mass, by one cone for axial and turning slip, for `toolbox.contacts.step_contacts`.
 
     Inputs: `hook.speed` [m/s], downwards, and `top.speed` [rad/s] at which hook and top drive move; `bit.weight` [N] and `bit.torque` [N m] against the last
     mass. Outputs, relative to hook and top drive: `axial.i` [m], `twist.i` [rad], i from 0; the hook load is the weight of the string less stiffness[0]

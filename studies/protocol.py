@@ -37,8 +37,9 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, Exponential, GaussianStribeck, wells
-from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, Takeover, compose, margins, simulate, sweep
+from toolbox import Component, Controller, Equations, HybridSystem, Sampled, SimulationError, compose, margins, simulate, sweep
 from toolbox.measuring import measures
+from toolbox.modelling import Takeover
 
 WEIGHT = 97_347.0
 ROCK = BitRock(weight=WEIGHT)
@@ -287,7 +288,7 @@ def _one_by_one(
 
 
 class TakenOver:
-    """A Python law that takes over from the stiff drive at a time [s]: `toolbox.Takeover` for callables, the stiff drive sampled as slowly as the law.
+    """A Python law that takes over from the stiff drive at a time [s]: `toolbox.modelling.Takeover` for callables; the stiff drive is sampled as slowly.
 
     law: a predictive law as designed, which is told the torque that is held.  angle: integral [rad] of the stiff drive at the start.
     """

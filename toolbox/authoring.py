@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from toolbox.faces import face
+from toolbox import faces
 
 if TYPE_CHECKING:
     from toolbox.arguments import finite_array as finite_array
@@ -26,67 +26,21 @@ if TYPE_CHECKING:
     from toolbox.errors import suggest as suggest
     from toolbox.export.c_code import Declared as Declared
     from toolbox.export.c_code import written as written
-    from toolbox.files.archives import arrays as read_arrays
+    from toolbox.faces import face as face
+    from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public under this name)
     from toolbox.files.atomic import replaced as replaced
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
-    from toolbox.files.tables import read as read_table
+    from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)
     from toolbox.files.units import NumberOrText as NumberOrText
     from toolbox.files.units import in_si as in_si
     from toolbox.modelling.components import check_fields as check_fields
     from toolbox.modelling.elements import State as State
     from toolbox.modelling.regularisation import regularised as regularised
     from toolbox.prediction.rollout import Rollout as Rollout
-    from toolbox.prediction.rollout_loop import advance as advance_rollout
+    from toolbox.prediction.rollout_loop import advance as advance_rollout  # noqa: F401 (public under this name)
     from toolbox.robustness.loop import zero_order_hold as zero_order_hold
     from toolbox.simulation.deadline import time_left as time_left
     from toolbox.simulation.samples import window as window
 
-__all__ = [
-    "Column",
-    "Declared",
-    "NumberOrText",
-    "Rollout",
-    "State",
-    "Table",
-    "advance_rollout",
-    "announced",
-    "cached",
-    "check_fields",
-    "face",
-    "finite_array",
-    "in_si",
-    "is_finite_number",
-    "read_arrays",
-    "read_table",
-    "regularised",
-    "replaced",
-    "suggest",
-    "time_left",
-    "window",
-    "written",
-    "zero_order_hold",
-]
-
-_FILES = {
-    "toolbox.arguments": "finite_array, is_finite_number",
-    "toolbox.compilation.notices": "announced",
-    "toolbox.compilation.numba_cache": "cached",
-    "toolbox.errors": "suggest",
-    "toolbox.export.c_code": "Declared, written",
-    "toolbox.files.archives": "arrays as read_arrays",
-    "toolbox.files.atomic": "replaced",
-    "toolbox.files.tables": "Column, Table, read as read_table",
-    "toolbox.files.units": "NumberOrText, in_si",
-    "toolbox.modelling.components": "check_fields",
-    "toolbox.modelling.elements": "State",
-    "toolbox.modelling.regularisation": "regularised",
-    "toolbox.prediction.rollout": "Rollout",
-    "toolbox.prediction.rollout_loop": "advance as advance_rollout",
-    "toolbox.robustness.loop": "zero_order_hold",
-    "toolbox.simulation.deadline": "time_left",
-    "toolbox.simulation.samples": "window",
-}
-"""{file: what is imported from it, when it is first asked for}: a part costs nothing but its equations."""
-
-__getattr__, __dir__ = face(globals(), _FILES)
+__getattr__, __dir__ = faces.face()

@@ -1,7 +1,13 @@
 """Observers of a drill string: speed and torque of the bit, and the friction of the rock, from what is measured at the surface."""
 
-from controllers.moving_horizon import MovingHorizon
-from controllers.observers.linear import DisturbanceObserver, Kalman
-from controllers.observers.sliding import SlidingObserver
+from typing import TYPE_CHECKING
 
-__all__ = ["DisturbanceObserver", "Kalman", "MovingHorizon", "SlidingObserver"]
+from toolbox.authoring import face
+
+if TYPE_CHECKING:
+    from controllers.moving_horizon import MovingHorizon as MovingHorizon
+    from controllers.observers.linear import DisturbanceObserver as DisturbanceObserver
+    from controllers.observers.linear import Kalman as Kalman
+    from controllers.observers.sliding import SlidingObserver as SlidingObserver
+
+__getattr__, __dir__ = face()

@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from controllers.string_model import StringModel, entries, string_model, with_entries
-from toolbox import Equations, Observer, OptionalQuantities, Quantity, SceneError, Update, quantity, state
+from toolbox import Equations, Quantity, SceneError, Update, quantity, state
+from toolbox.modelling import Observer, OptionalQuantities
 
 
 @dataclass(frozen=True)

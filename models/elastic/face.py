@@ -6,8 +6,10 @@ from dataclasses import dataclass, field
 
 from models.elastic.reduced_body import ReducedBody
 from models.friction import Coulomb
-from toolbox import ContactBody, ContactProblem, FrictionLaw, OptionalQuantities, Quantity, SceneError, quantity
+from toolbox import FrictionLaw, Quantity, SceneError, quantity
 from toolbox.authoring import check_fields
+from toolbox.contacts import ContactBody, ContactProblem
+from toolbox.modelling import OptionalQuantities
 
 
 @dataclass(frozen=True)

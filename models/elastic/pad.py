@@ -10,7 +10,8 @@ import numpy as np
 
 from models.elastic.reduced_body import ReducedBody
 from models.friction import Coulomb
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, UnilateralContact, quantity, state
+from toolbox.modelling import Quantities
 
 
 @dataclass(frozen=True)

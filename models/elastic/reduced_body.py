@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from toolbox import ContactProblem, FrictionLaw, SceneError
+from toolbox import FrictionLaw, SceneError
 from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, read_arrays, replaced, suggest
+from toolbox.contacts import ContactProblem
 
 MATRICES = ("mass", "damping", "stiffness")
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from models.elastic.reduced_body import ReducedBody
 from models.friction import Exponential
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantities, Quantity, SceneError, quantity, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity, state
+from toolbox.modelling import Quantities
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class ElasticSlider(Component):
 
     Each contact is a port of the reduced body, `contact.0`, `contact.1`, ...: the mean displacement of a node, a row or a patch along the plate. It sticks and
     slips on its own under its own normal load, which does not change: loads from statics (`ElasticBody.row_areas` times a pressure, or the
-    normal forces of `toolbox.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
+    normal forces of `toolbox.contacts.press_contacts`). The spring and the damper act on the port `held`; the body may have more ports, and modes.
     Signals: needs `slider.pull` [N] (0) at `held` and `plate.speed` [m/s] (0); gives `slider.position` [m] and `slider.speed` [m/s] of `held`,
     `plate.drag` [N], the friction of all contacts on the body, and `plate.stuck` [1], the share of the load on contacts that stick. States:
     `slider.displacement` z, in which contacts are counted from `held`, q_c = z_c + z_held, and `slider.rate` q'. Strains are nanometres where the slider
@@ -28,7 +29,7 @@ class ElasticSlider(Component):
     The defaults of spring, damper and friction are those of `Slider`. Modes that no port moves are left out.
     Such a body is stiff: give its material some damping, else its fastest mode rings through the
     run, and take modes only where the drive moves them: one that a slow drive leaves at the size of round-off asks for short steps all the same.
-    Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.step_contacts`.
+    Range: small strain, loads that do not follow the motion, some thirty contacts; for more, and for contacts that open, `toolbox.contacts.step_contacts`.
     """
 
     body: ReducedBody = field(metadata={"meaning": "the reduced body; in a scene file the path of its .npz, or a table of its attributes"})

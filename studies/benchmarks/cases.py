@@ -10,7 +10,8 @@ from typing import Any
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, TwoDisks, wells
 from studies.benchmarks import reference
-from toolbox import HybridSystem, compose, sine
+from toolbox import HybridSystem, compose
+from toolbox.inputs import sine
 
 DRIVE = PI(proportional=4000.0, integral=1500.0, reference=8.0)
 TEN = {

@@ -20,7 +20,9 @@ import numpy as np
 
 from models import ElasticSlider, Exponential, ReducedBody
 from studies.questions.elastic_sliders import ACCELERATION, DAMPING, PRESSURE, SIDE, STIFFNESS, Pull, cube, first_slips, measures, row_run
-from toolbox import ContactProblem, ContactRun, Trajectory, compose, press_contacts, ramp, simulate, step_contacts
+from toolbox import Trajectory, compose, simulate
+from toolbox.contacts import ContactProblem, ContactRun, press_contacts, step_contacts
+from toolbox.inputs import ramp
 
 FRICTION = Exponential(static=0.35, kinetic=0.25, decay=1.0)
 HEAD = "| contacts | modes | step | error of force | by modes left out | error of share | passes a step | time |\n|---|---|---|---|---|---|---|---|"

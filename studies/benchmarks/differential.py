@@ -36,7 +36,8 @@ import numpy as np
 
 from studies.benchmarks.enumerated_modes import LeftOut, Reference
 from studies.benchmarks.rubbing_machines import KINDS, Trial, given, trial
-from toolbox import Budget, BudgetError, HybridSystem, Sampled, SceneError, SimulationError, compose, simulate, sweep
+from toolbox import Budget, HybridSystem, Sampled, SceneError, SimulationError, compose, simulate, sweep
+from toolbox.errors import BudgetError
 from toolbox.measuring import measures
 
 BUDGET = Budget(steps=500_000, seconds=30.0)

@@ -32,19 +32,9 @@ import numpy as np
 
 from models import BlockOnBelt, BlocksOnBelt, Coulomb, Exponential, TorsionalChain
 from studies.benchmarks import reference
-from toolbox import (
-    Component,
-    Equations,
-    HybridSystem,
-    Quantity,
-    UnilateralContact,
-    UnusualValue,
-    compose,
-    quantity,
-    simulate,
-    smoothed,
-    state,
-)
+from toolbox import Component, Equations, HybridSystem, Quantity, UnilateralContact, compose, quantity, simulate, state
+from toolbox.errors import UnusualValue
+from toolbox.modelling import smoothed
 
 PATIENCE = 20.0
 """Seconds that a program has."""

@@ -65,7 +65,6 @@ from toolbox import (
     Equations,
     FrictionLaw,
     HybridSystem,
-    Quantities,
     Quantity,
     Sampled,
     Scene,
@@ -77,10 +76,10 @@ from toolbox import (
     energy_audit,
     quantity,
     simulate,
-    sine,
     state,
-    step,
 )
+from toolbox.inputs import sine, step
+from toolbox.modelling import Quantities
 
 SCENES = Path(__file__).parents[1] / "scenes"
 ACCURACY = 1e-6

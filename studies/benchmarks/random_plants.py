@@ -15,7 +15,8 @@ import numpy as np
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, wells
-from toolbox import HybridSystem, compose, simulate, sine
+from toolbox import HybridSystem, compose, simulate
+from toolbox.inputs import sine
 
 ACCURACY = 1e-6
 

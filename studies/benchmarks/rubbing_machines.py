@@ -12,22 +12,9 @@ from typing import Any
 import numpy as np
 
 from models import Coulomb, Drop, Exponential
-from toolbox import (
-    Component,
-    Controller,
-    DryFriction,
-    Equations,
-    Hysteresis,
-    OptionalQuantities,
-    Quantities,
-    Quantity,
-    Relay,
-    UnilateralContact,
-    Update,
-    quantity,
-    sine,
-    state,
-)
+from toolbox import Component, Controller, DryFriction, Equations, Quantity, UnilateralContact, Update, quantity, state
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis, OptionalQuantities, Quantities, Relay
 
 KINDS = ("relays", "breaks and switches", "rubbing pairs", "loaded by walls", "loads in time", "samples", "everything")
 

@@ -28,7 +28,7 @@ from models import BitRock, BlockOnBelt, wells
 from toolbox import Sampled, Scene, compose, sweep, tune
 from toolbox.measuring import measures
 from toolbox.scenes.cases import Case
-from toolbox.sweeps.sweep import uniform
+from toolbox.sweeps import uniform
 
 RUNS = 1_000_000
 

@@ -29,7 +29,9 @@ import numpy as np
 
 from studies.benchmarks import reference
 from studies.benchmarks.cases import Case, cases
-from toolbox import WorkPrecision, simulate, smoothed, work_precision
+from toolbox import simulate, work_precision
+from toolbox.modelling import smoothed
+from toolbox.scenes import WorkPrecision
 from toolbox.scenes.work_precision import Point
 from toolbox.simulation.refinement import slips
 from toolbox.simulation.request import Request

@@ -19,7 +19,8 @@ from casadi import exp, fabs, tanh
 from scipy.optimize import brentq, minimize_scalar
 
 from models import BitRock, wells
-from toolbox import Component, Equations, compose, plot, quantity, ramp, simulate
+from toolbox import Component, Equations, compose, plot, quantity, simulate
+from toolbox.inputs import ramp
 
 rock = BitRock()
 law, load = rock.friction, rock.weight * rock.radius

@@ -16,7 +16,8 @@ import numpy as np
 
 import toolbox
 from models import wells
-from toolbox import Scene, compose, plot, ramp, simulate
+from toolbox import Scene, compose, plot, simulate
+from toolbox.inputs import ramp
 
 string = wells.AARSNES_SHOR
 bit = f"chain.{string.friction_at[-1]}"

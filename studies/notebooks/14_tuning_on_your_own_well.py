@@ -20,7 +20,8 @@ import numpy as np
 
 from controllers import PI, pipe_impedance
 from models import BitRock, DrillString, Transition
-from toolbox import Scene, compose, cycle_phases, export_c, measure, plot, simulate, tune, worst_case
+from toolbox import Scene, compose, export_c, measure, plot, simulate, tune, worst_case
+from toolbox.robustness import cycle_phases
 from toolbox.scenes.cases import Case
 
 tables = files("models") / "tables"

@@ -19,7 +19,8 @@ import matplotlib.pyplot as plt
 
 import studies.questions.synthetic as synthetic
 from models import BitRock, wells
-from toolbox import Recording, SceneError, compose, fit, plot
+from toolbox import SceneError, compose, fit, plot
+from toolbox.calibration import Recording
 
 data = Path(synthetic.FOLDER) / "rig.csv"
 print("\n".join(data.read_text().splitlines()[:4]))

@@ -32,7 +32,8 @@ import numpy as np
 from controllers.dither import widest
 from studies.questions import brakes, dither
 from studies.questions.drives import write_rows
-from toolbox import SimulationError, measure, simulate, sine
+from toolbox import SimulationError, measure, simulate
+from toolbox.inputs import sine
 
 PHASES = tuple(k / 8 for k in range(8))
 PART = 0.2

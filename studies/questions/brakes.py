@@ -62,7 +62,8 @@ from controllers.dither import LoadDither
 from models import DiscBrake
 from models.closed_forms import groan_growth
 from studies.questions.drives import update_times, write_rows
-from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate, sine
+from toolbox import HybridSystem, Sampled, SimulationError, Trajectory, compose, simulate
+from toolbox.inputs import sine
 
 BRAKE = DiscBrake(force=0.0)
 START, SLOWEST, FARTHEST = 6.0, 0.1, 0.15

@@ -28,7 +28,8 @@ import numpy as np
 from controllers import ImplicitSlidingMode, SlidingMode, SuperTwisting
 from controllers.sliding_mode import SlidingSurface
 from models import BitRock, wells
-from toolbox import Sampled, compose, simulate, sine
+from toolbox import Sampled, compose, simulate
+from toolbox.inputs import sine
 
 REACHING, INERTIA, DRAG = 2.0, 2122.0, 340.0
 LATE = (0, 1, 2, 3)

@@ -22,8 +22,9 @@ import numpy as np
 
 from controllers import StiffPI
 from models import BitRock, oscillators, wells
-from toolbox import Branch, Cycle, compose, follow, limit_cycle, plot, simulate, units
+from toolbox import compose, follow, limit_cycle, plot, simulate, units
 from toolbox.figures.style import name_axis
+from toolbox.orbits import Branch, Cycle
 
 FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30

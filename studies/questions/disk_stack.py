@@ -17,7 +17,8 @@ import numpy as np
 
 from models import DiskStack
 from studies.questions.disks import FIGURES, rest_of
-from toolbox import compose, measure, plot, ramp, simulate
+from toolbox import compose, measure, plot, simulate
+from toolbox.inputs import ramp
 from toolbox.simulation.trajectory import Trajectory
 
 

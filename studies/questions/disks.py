@@ -29,7 +29,8 @@ import numpy as np
 
 from models import Coulomb, PressedDisks, TwoDisks
 from studies.questions.critical_curve import critical_curve
-from toolbox import compose, measure, plot, ramp, simulate
+from toolbox import compose, measure, plot, simulate
+from toolbox.inputs import ramp
 from toolbox.measuring.measure import StickSlipPeriod
 from toolbox.simulation.trajectory import Trajectory
 

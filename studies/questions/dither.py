@@ -43,7 +43,8 @@ from controllers import ActiveDamping, NormalDither, PhasedDither, SquareDither,
 from controllers.dither import DitherMap
 from models import Absorber, BitRock, Block, DiscBrake, oscillators, tangential_dither, wells
 from studies.questions.drives import write_rows
-from toolbox import HybridSystem, Sampled, compose, measure, simulate, sine
+from toolbox import HybridSystem, Sampled, compose, measure, simulate
+from toolbox.inputs import sine
 
 PERIODS = 160.0
 BELOW = 0.8

@@ -73,9 +73,10 @@ from studies.protocol import (
     plant_with,
     rock_torques,
 )
-from toolbox import Controller, Sampled, Takeover, Trajectory, plot, simulate, units
+from toolbox import Controller, Sampled, Trajectory, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
+from toolbox.modelling import Takeover
 from toolbox.sweeps.executors import Workers
 
 __all__ = ["DELAY", "LIMITS", "NOISE", "PLANT", "WEIGHT", "Row", "laws", "row", "run_of", "step_time", "table"]

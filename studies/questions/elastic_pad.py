@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from models import Coulomb, ElasticPad, SquealingPad, block_mesh, body_of_mesh
-from toolbox import Trajectory, compose, plot, simulate, sine
+from toolbox import Trajectory, compose, plot, simulate
+from toolbox.inputs import sine
 
 FIGURES = Path(__file__).parents[1] / "figures"
 CONTACTS = 5

@@ -36,7 +36,9 @@ from models import (
     body_of_mesh,
 )
 from studies.questions.sliders import ACCELERATION, adhesion_time
-from toolbox import ContactProblem, ContactRun, Trajectory, compose, plot, press_contacts, ramp, simulate, step_contacts, time
+from toolbox import Trajectory, compose, plot, simulate, time
+from toolbox.contacts import ContactProblem, ContactRun, press_contacts, step_contacts
+from toolbox.inputs import ramp
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SIDE, PRESSURE, MU, STIFFNESS, DAMPING = 0.01, 1e5, 0.35, 1e4, 5e3

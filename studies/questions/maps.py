@@ -42,7 +42,7 @@ from toolbox.figures.style import name_axis
 from toolbox.measuring import measures
 from toolbox.onsets.borders import border
 from toolbox.onsets.severity_map import SeverityMap, severity_map
-from toolbox.sweeps.sweep import Sweep, Variations
+from toolbox.sweeps import Sweep, Variations
 
 FIGURES = Path(__file__).parents[1] / "figures"
 SPEEDS, WEIGHTS = (3.0, 14.0), (50e3, 110e3)  # [rad/s], [N]

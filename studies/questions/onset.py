@@ -31,9 +31,10 @@ import numpy as np
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, wells
-from toolbox import Branch, Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate, units
+from toolbox import Sampled, compose, follow, limit_cycle, measure, onset, plot, simulate, units
 from toolbox.figures.style import name_axis
 from toolbox.onsets.report import Onset
+from toolbox.orbits import Branch
 
 FOLDER = Path(__file__).parents[1] / "figures"
 RPM = math.pi / 30

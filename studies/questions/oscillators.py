@@ -33,7 +33,8 @@ from models import (
     oscillators,
 )
 from studies.questions.lyapunov import lyapunov
-from toolbox import HybridSystem, Trajectory, compose, energy_audit, equilibrium, linearise, measure, simulate, sine
+from toolbox import HybridSystem, Trajectory, compose, energy_audit, equilibrium, linearise, measure, simulate
+from toolbox.inputs import sine
 
 FOLDER = Path(__file__).parents[1] / "figures"
 FALLING = BlockOnBelt(damping=0.05, friction=Exponential(static=1.0, kinetic=0.5, decay=3.0))

@@ -37,9 +37,11 @@ from controllers import LQG, PI, ActiveDamping, HInfinity, ImplicitSlidingMode, 
 from controllers.observers import Kalman
 from studies import gains
 from studies.protocol import DELAY, PLANT, disk_margins
-from toolbox import Margins, Observed, Sampled, absorber_limit, margins, performance_limit, units
+from toolbox import Sampled, margins, units
 from toolbox.figures.style import name_axis
 from toolbox.files import tables
+from toolbox.modelling import Observed
+from toolbox.robustness import Margins, absorber_limit, performance_limit
 
 PERIOD = 0.01
 LATE = round(DELAY / PERIOD)

@@ -20,7 +20,8 @@ import numpy as np
 
 from models import BristleContact, Coulomb, InclinedSlider, PlateContact, Slider
 from studies.questions.critical_curve import critical_curve
-from toolbox import compose, plot, ramp, simulate, sine
+from toolbox import compose, plot, simulate
+from toolbox.inputs import ramp, sine
 from toolbox.simulation.trajectory import Trajectory
 
 FIGURES = Path(__file__).parents[1] / "figures"

@@ -29,7 +29,9 @@ import numpy as np
 
 from controllers import SoftTorque
 from models import BitRock, oscillators, wells
-from toolbox import Branch, Cycle, compose, follow, limit_cycle, plot, simulate, sine
+from toolbox import compose, follow, limit_cycle, plot, simulate
+from toolbox.inputs import sine
+from toolbox.orbits import Branch, Cycle
 
 FOLDER = Path(__file__).parents[1] / "figures"
 BLOCK = oscillators.THOMSEN_FIDLIN

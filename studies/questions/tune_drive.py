@@ -35,8 +35,9 @@ from controllers import LQG, PI, SlidingMode, SoftTorque
 from models import BitRock, WhirlingCollar, wells
 from studies.questions import whirl
 from studies.questions.drives import DELAY, LIMITS, NOISE, WEIGHT
-from toolbox import Sampled, Scene, Trajectory, Tuned, compose, measure, tune
+from toolbox import Sampled, Scene, Trajectory, compose, measure, tune
 from toolbox.scenes.cases import Waveform
+from toolbox.tuning import Tuned
 
 SET_POINT = 8.0
 STARTED = 60.0

@@ -14,7 +14,8 @@ from scipy.io import savemat
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, Exponential, Hyperbolic, wells
 from studies.questions.synthetic import COLUMNS, FOLDER, NOISE, TRUTH, recording, true_rig, write
-from toolbox import Recording, Sampled, Scene, SceneError, compose, fit, simulate
+from toolbox import Sampled, Scene, SceneError, compose, fit, simulate
+from toolbox.calibration import Recording
 from toolbox.commands.command_line import main
 
 FREE = list(TRUTH)

@@ -12,9 +12,9 @@ import time
 import numpy as np
 import pytest
 
-from toolbox import ZenoError
 from toolbox.commands import figures, terminal
 from toolbox.commands.command_line import main
+from toolbox.errors import ZenoError
 from toolbox.scenes import verdicts as study
 from toolbox.scenes.scene import Scene
 

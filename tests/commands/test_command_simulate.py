@@ -7,9 +7,11 @@ import sys
 import numpy as np
 import pytest
 
-from toolbox import Recording, Scene, ZenoError
+from toolbox import Scene
+from toolbox.calibration import Recording
 from toolbox.commands import figures
 from toolbox.commands.command_line import main
+from toolbox.errors import ZenoError
 
 BELT = """
 title = "Block on a belt"

@@ -24,7 +24,7 @@ from toolbox.commands import figures
 from toolbox.commands.command_line import main
 from toolbox.files.atomic import _exchanged, clear_left
 from toolbox.scenes import verdicts
-from toolbox.sweeps.sweep import Sweep
+from toolbox.sweeps import Sweep
 
 pytestmark = pytest.mark.timeout(600)
 

@@ -8,7 +8,9 @@ import pytest
 from PIL import Image
 
 from models import Coulomb
-from toolbox import ContactProblem, SceneError, ramp, step_contacts
+from toolbox import SceneError
+from toolbox.contacts import ContactProblem, step_contacts
+from toolbox.inputs import ramp
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,9 @@ import numpy as np
 import pytest
 
 from models import Coulomb
-from toolbox import (
-    Component,
-    ContactProblem,
-    DryFriction,
-    Equations,
-    UnilateralContact,
-    compose,
-    energy_audit,
-    simulate,
-    sine,
-    state,
-    step_contacts,
-)
+from toolbox import Component, DryFriction, Equations, UnilateralContact, compose, energy_audit, simulate, state
+from toolbox.contacts import ContactProblem, step_contacts
+from toolbox.inputs import sine
 
 MASS, LATERAL, LINING, DRAG, MU = 1.0, 40.0, 1000.0, 8.0, 0.4
 """Mass [kg], spring along the belt [N/m], stiffness of the contact [N/m], damping of all motions [N s/m], coefficient of friction."""

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from models import Coulomb
-from toolbox import ContactProblem, SimulationError, press_contacts, step_contacts
+from toolbox import SimulationError
+from toolbox.contacts import ContactProblem, press_contacts, step_contacts
 from toolbox.contacts.newton import ContactSolver, Given
 
 

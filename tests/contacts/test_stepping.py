@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from models import Block, BristleContact, Coulomb, Drop, ElasticBody, Exponential
-from toolbox import ContactProblem, Sampled, SceneError, SimulationError, compose, press_contacts, ramp, simulate, sine, step_contacts, time
+from toolbox import Sampled, SceneError, SimulationError, compose, simulate, time
+from toolbox.contacts import ContactProblem, press_contacts, step_contacts
+from toolbox.inputs import ramp, sine
 
 MU, LOAD, MASS = 0.4, 10.0, 2.0
 

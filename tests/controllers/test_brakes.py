@@ -13,7 +13,8 @@ from controllers.brake_law import groan_force
 from models import Coulomb, DiscBrake
 from models.closed_forms import groan_growth
 from studies.questions.brakes import HIGHER, LAG, contenders, run_of, stop_of, stops
-from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate, sine
+from toolbox import Scene, SceneError, compose, energy_audit, measure, simulate
+from toolbox.inputs import sine
 from toolbox.scenes import verdicts as study
 
 EVERY = {contender.label: contender for contender in contenders()}

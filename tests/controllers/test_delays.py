@@ -28,7 +28,8 @@ from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
 from studies.questions import chatter
-from toolbox import Sampled, SceneError, compose, simulate, sine
+from toolbox import Sampled, SceneError, compose, simulate
+from toolbox.inputs import sine
 
 RIG = compose(wells.JANSEN_2, BitRock())
 NUMBERS = {"reference": 12.0, "lowest_torque": 0.0, "highest_torque": 20_000.0}

@@ -27,8 +27,12 @@ from controllers.string_model import drilling_point, string_model
 from controllers.z_torque import compensated
 from models import BitRock, BlockOnBelt, Coulomb, TopDrive, TorsionalChain, wells
 from studies.questions import chatter
-from toolbox import Sampled, SceneError, Takeover, compose, impedance, linearise, overshoot, reflection, simulate, sine
+from toolbox import Sampled, SceneError, compose, impedance, linearise, simulate
+from toolbox.inputs import sine
+from toolbox.measure import overshoot
 from toolbox.measuring.measure import severity
+from toolbox.modelling import Takeover
+from toolbox.steady_states import reflection
 
 STRING = compose(wells.JANSEN_2)
 RIG = compose(wells.JANSEN_2, BitRock())

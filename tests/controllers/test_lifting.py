@@ -12,7 +12,8 @@ from models import BitRock, wells
 from studies import gains
 from studies.protocol import Law, Rig
 from studies.questions.drives import run_of
-from toolbox import Sampled, SceneError, Takeover, compose, simulate
+from toolbox import Sampled, SceneError, compose, simulate
+from toolbox.modelling import Takeover
 
 RIG = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}

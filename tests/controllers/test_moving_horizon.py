@@ -12,7 +12,8 @@ import pytest
 from controllers import LQR, StiffPI
 from controllers.observers import Kalman, MovingHorizon
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Observed, Sampled, SceneError, compose, simulate
+from toolbox import Sampled, SceneError, compose, simulate
+from toolbox.modelling import Observed
 
 RIG = compose(wells.JANSEN_2, BitRock())
 FREE = {"lowest_speed": None, "lowest_torque": None}

@@ -15,8 +15,9 @@ from controllers.quadratic_program import SOLVERS, QuadraticProgram, residuals
 from controllers.string_model import drilling_point
 from controllers.watchdog import MEMORY, STANDS, SWINGS, Watchdog
 from models import BitRock, TorsionalChain, wells
-from toolbox import Budget, BudgetError, Sampled, Scene, SceneError, compose, simulate
+from toolbox import Budget, Sampled, Scene, SceneError, compose, simulate
 from toolbox.authoring import zero_order_hold
+from toolbox.errors import BudgetError
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))

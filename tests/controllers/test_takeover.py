@@ -24,7 +24,8 @@ from controllers import (
 )
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from models import BitRock, wells
-from toolbox import Observed, Sampled, Takeover, compose, simulate
+from toolbox import Sampled, compose, simulate
+from toolbox.modelling import Observed, Takeover
 
 SPEED, AT, WEIGHT = 12.0, 40.0, 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))
@@ -113,7 +114,7 @@ def test_predictive_laws_begin_with_the_torque_that_acts(law, rig):
 
 @pytest.mark.parametrize("kind", [LQR, SlidingMode])
 def test_an_observer_that_does_not_know_where_the_string_is_kicks_the_drive(kind):
-    # the twin: toolbox.Observed starts its observer at rest
+    # the twin: toolbox.modelling.Observed starts its observer at rest
     run = smooth(Takeover(SoftTorque(**NUMBERS), Observed(kind(**NUMBERS), Kalman()), at=AT), RIGS["declared"])
     before, held = torques(run, 0.01)
     assert np.abs(held / before - 1.0).max() > 0.3

@@ -9,14 +9,9 @@ from controllers import PI, StiffPI
 from models import BitRock, wells
 from toolbox import (
     Controller,
-    Fit,
     HybridSystem,
-    Recording,
     Sampled,
-    SeverityMap,
-    Sweep,
     Trajectory,
-    Tuned,
     compare,
     compose,
     equilibrium,
@@ -30,6 +25,10 @@ from toolbox import (
     sweep,
     tune,
 )
+from toolbox.calibration import Fit, Recording
+from toolbox.onsets import SeverityMap
+from toolbox.sweeps import Sweep
+from toolbox.tuning import Tuned
 
 Floats = NDArray[np.float64]
 

@@ -15,15 +15,15 @@ from toolbox import (
     linearise,
     measure,
     onset,
-    performance_limit,
-    pole_locus,
-    ramp,
     severity_map,
     simulate,
     sweep,
     tune,
     worst_case,
 )
+from toolbox.inputs import ramp
+from toolbox.robustness import performance_limit
+from toolbox.steady_states import pole_locus
 
 law = SoftTorque(reference="95 rpm", highest_torque="20 kN m")
 speed: float = law.reference

@@ -31,7 +31,8 @@ from controllers.linear_mpc_c import export
 from controllers.observers import Kalman
 from controllers.string_model import drilling_point
 from models import BitRock, wells
-from toolbox import Controller, Observed, Sampled, SceneError, Takeover, compose, export_c, linearise, simulate, to_control
+from toolbox import Controller, Sampled, SceneError, compose, export_c, linearise, simulate, to_control
+from toolbox.modelling import Observed, Takeover
 
 PLANT = compose(wells.JANSEN_2, BitRock())
 LIMITS = {"lowest_torque": 0.0, "highest_torque": 20_000.0}

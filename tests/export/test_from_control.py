@@ -8,21 +8,9 @@ import pytest
 
 from controllers import PI
 from models import BitRock, wells
-from toolbox import (
-    Sampled,
-    SceneError,
-    compose,
-    export_c,
-    from_control,
-    limit_cycle,
-    onset,
-    severity,
-    severity_map,
-    simulate,
-    step,
-    sweep,
-    to_control,
-)
+from toolbox import Sampled, SceneError, compose, export_c, from_control, limit_cycle, onset, severity_map, simulate, sweep, to_control
+from toolbox.inputs import step
+from toolbox.measure import severity
 from toolbox.measuring import measures
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

@@ -18,18 +18,13 @@ from models import BitRock, wells
 from toolbox import (
     Sampled,
     Scene,
-    SeverityMap,
-    Sweep,
     Trajectory,
-    absorber_limit,
     compare,
     compose,
     equilibrium,
     hopf_points,
     margins,
-    performance_limit,
     plot,
-    ramp,
     severity_map,
     simulate,
     sweep,
@@ -39,7 +34,11 @@ from toolbox import (
 from toolbox.commands.command_line import main
 from toolbox.files.unit_systems import asked_in, asked_units
 from toolbox.files.units import TypedNumber, parse
+from toolbox.inputs import ramp
 from toolbox.measuring import measures
+from toolbox.onsets import SeverityMap
+from toolbox.robustness import absorber_limit, performance_limit
+from toolbox.sweeps import Sweep
 
 RPM = np.pi / 30
 WEIGHED = BitRock(weight=97_347.0)

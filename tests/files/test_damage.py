@@ -11,9 +11,10 @@ import pytest
 from scipy.io import savemat
 
 from models import BitRock, BlockOnBelt, wells
-from toolbox import SceneError, SeverityMap, Trajectory, compose, severity_map, simulate, sweep
+from toolbox import SceneError, Trajectory, compose, severity_map, simulate, sweep
 from toolbox.calibration.recording import Recording
-from toolbox.sweeps.sweep import Sweep
+from toolbox.onsets import SeverityMap
+from toolbox.sweeps import Sweep
 from toolbox.tuning.journal import Journal
 
 pytestmark = pytest.mark.timeout(600)

@@ -13,26 +13,16 @@ import pytest
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, Drop, HystereticBitRock, TorsionalChain, TwoDisks, wells
 from studies.benchmarks.cases import cases
-from toolbox import (
-    Component,
-    Equations,
-    Hysteresis,
-    Sampled,
-    SceneError,
-    TaylorSeries,
-    UnilateralContact,
-    compose,
-    quantity,
-    simulate,
-    sine,
-    state,
-)  # fmt: skip
+from toolbox import Component, Equations, Sampled, SceneError, UnilateralContact, compose, quantity, simulate, state
 from toolbox.compilation import taylor
 from toolbox.compilation.work_layout import INCONSISTENT, NO_SERIES, UNDERFLOW
+from toolbox.inputs import sine
 from toolbox.lanes.lanes import Lanes, run_lanes
 from toolbox.measuring import measures
 from toolbox.measuring.measure import extent
+from toolbox.modelling import Hysteresis
 from toolbox.modelling.start import place_start
+from toolbox.simulation import TaylorSeries  # fmt: skip
 from toolbox.simulation.methods import Explicit
 from toolbox.simulation.request import Request
 from toolbox.sweeps.batch import Task, finished

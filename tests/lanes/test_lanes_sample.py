@@ -18,7 +18,6 @@ from toolbox import (
     Controller,
     DryFriction,
     Equations,
-    Observed,
     Sampled,
     SceneError,
     UnilateralContact,
@@ -28,16 +27,17 @@ from toolbox import (
     severity_map,
     state,
     sweep,
-)  # fmt: skip
+)
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
+from toolbox.modelling import Observed  # fmt: skip
 from toolbox.onsets.severity_map import STICK_SLIP
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.request import Request
 from toolbox.stepping import noise
-from toolbox.sweeps import batch
+from toolbox.sweeps import batch, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes, single
-from toolbox.sweeps.sweep import shared_run, uniform, varied_numbers
+from toolbox.sweeps.sweep import shared_run, varied_numbers
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -6,7 +6,8 @@ import pytest
 from controllers import StiffPI
 from models import BitRock, BlockOnBelt, wells
 from models.friction import Coulomb
-from toolbox import Scene, SceneError, compose, energy_audit, simulate, sine, step
+from toolbox import Scene, SceneError, compose, energy_audit, simulate
+from toolbox.inputs import sine, step
 
 WEIGHT = 97_347.0
 RIG = compose(wells.JANSEN_2, BitRock(weight=WEIGHT))

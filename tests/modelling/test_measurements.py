@@ -11,22 +11,9 @@ from scipy import stats
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, TopDrive, wells
-from toolbox import (
-    Component,
-    Controller,
-    Equations,
-    Observed,
-    Observer,
-    Sampled,
-    SceneError,
-    Takeover,
-    Update,
-    compose,
-    quantity,
-    simulate,
-    state,
-    step,
-)
+from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, quantity, simulate, state
+from toolbox.inputs import step
+from toolbox.modelling import Observed, Observer, Takeover
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,9 @@ import pytest
 from controllers import PI, StiffPI
 from controllers.observers import DisturbanceObserver, Kalman, SlidingObserver
 from models import BitRock, BlockOnBelt, Coulomb, TorsionalChain, wells
-from toolbox import Observed, Sampled, SceneError, compose, simulate, stick_intervals
+from toolbox import Sampled, SceneError, compose, simulate
+from toolbox.measure import stick_intervals
+from toolbox.modelling import Observed
 
 RIG = compose(wells.JANSEN_2, BitRock())
 EVERY = pytest.mark.parametrize("observer", [Kalman(), DisturbanceObserver(), SlidingObserver()], ids=lambda o: type(o).__name__)

@@ -10,8 +10,10 @@ import pytest
 
 from controllers import PI, IdealSlidingMode
 from models import BitRock, BlockOnBelt, Coulomb, TwoDisks, wells
-from toolbox import Component, Equations, SceneError, Smoothing, UnilateralContact, compose, linearise, quantity, simulate, smoothed, state
+from toolbox import Component, Equations, SceneError, UnilateralContact, compose, linearise, quantity, simulate, state
 from toolbox.errors import AccuracyError
+from toolbox.modelling import smoothed
+from toolbox.simulation import Smoothing
 
 BELT = compose(BlockOnBelt())
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))

@@ -13,7 +13,8 @@ import pytest
 import toolbox
 from controllers import PI, ImpedanceSuperTwisting, Lifting, ZTorque
 from models import BitRock, BlockOnBelt, Exponential, GaussianStribeck, TorsionalChain, wells
-from toolbox import Budget, Sampled, SceneError, compose, equilibrium, inputs, onset, ramp, severity_map, simulate, sine, sweep
+from toolbox import Budget, Sampled, SceneError, compose, equilibrium, inputs, onset, severity_map, simulate, sweep
+from toolbox.inputs import ramp, sine
 from toolbox.modelling.inputs import Table
 
 RPM = math.pi / 30
@@ -163,8 +164,8 @@ def test_every_verb_takes_text_with_units_and_means_what_the_number_means():
         (lambda: simulate(RIG, 1.0).time_in("bit", "stick", after="1 N"), r"`after` must be in s"),
         (lambda: simulate(RIG, 1.0).at("1 N"), r"`time` must be in s"),
         (lambda: toolbox.measure.overshoot(simulate(RIG, 1.0), "top.speed", "3 N"), r"`target` must be in rad/s"),
-        (lambda: toolbox.pole_locus(RIG, "top.torque", ["3 N"]), r"`values.0` must be in N m"),
-        (lambda: toolbox.performance_limit(RIG, {"top.speed": "3 N"}), r"`top.speed` must be in rad/s"),
+        (lambda: toolbox.steady_states.pole_locus(RIG, "top.torque", ["3 N"]), r"`values.0` must be in N m"),
+        (lambda: toolbox.robustness.performance_limit(RIG, {"top.speed": "3 N"}), r"`top.speed` must be in rad/s"),
     ],
 )  # fmt: skip
 def test_a_wrong_unit_is_refused_by_every_verb(call, words):

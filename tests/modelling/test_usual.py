@@ -12,7 +12,8 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import BitRock, DragBit, TorsionalChain, wells
-from toolbox import Component, Equations, UnusualValue, compose, quantity, simulate, state
+from toolbox import Component, Equations, compose, quantity, simulate, state
+from toolbox.errors import UnusualValue
 from toolbox.files.units import _WARNED as GIVEN  # only to begin anew
 from toolbox.files.units import MISTAKEN, parse
 from toolbox.scenes import catalogue

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from models import DiscBrake, TorsionalChain
-from toolbox import SceneError, compose, simulate, square, triangle
+from toolbox import SceneError, compose, simulate
+from toolbox.inputs import square, triangle
 
 
 @pytest.mark.parametrize(("shape", "peak"), [(square, 0.25 * 0.4), (triangle, 0.125 * 0.4)])

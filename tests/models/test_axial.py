@@ -10,7 +10,8 @@ import pytest
 from scipy.linalg import eigh, expm
 
 from models import AxialChain, BitRock, TorsionalChain, TorsionalPendulum, wells
-from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate, sine
+from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, simulate
+from toolbox.inputs import sine
 
 RIGID = AxialChain(mass=(30_000.0,), stiffness=(), damping=(), hook_load=290_000.0)
 HUNG = AxialChain(mass=(5000.0, 12_000.0, 20_000.0), stiffness=(5e6, 3e6, 4e6), damping=(1e4, 2e4, 0.0))

@@ -12,7 +12,8 @@ from scipy.optimize import brentq
 
 from models import BitRock, Coulomb, Exponential, HystereticBitRock, SmoothBitRock, SmoothHystereticBitRock, TorsionalChain, wells
 from models.hysteretic_bit_rock import acceleration
-from toolbox import SceneError, compose, energy_audit, severity, simulate
+from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox.measure import severity
 
 WEIGHT, RADIUS, INERTIA = 97_347.0, 0.155575, 471.9698
 PUSH = {"top.torque": 10_000.0}

@@ -10,7 +10,8 @@ import pytest
 
 from models import BristleContact, Coulomb, PlateContact, Slider, parabolic_shares
 from studies.questions import sliders as study
-from toolbox import SceneError, compose, energy_audit, ramp, simulate, sine
+from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox.inputs import ramp, sine
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from models import Block, BlockOnBelt, Coulomb, Dahl, Dankowicz, Exponential, LuGre
-from toolbox import compose, energy_audit, linearise, measure, simulate, sine
+from toolbox import compose, energy_audit, linearise, measure, simulate
+from toolbox.inputs import sine
 
 STRIBECK = Exponential(static=1.0, kinetic=0.6, decay=3.0)
 HEAVY = Block(mass=1e12, stiffness=0.0)  # moves at the speed it starts with, whatever rubs on it

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from models import Block, Coulomb, FrictionDamper
-from toolbox import compose, energy_audit, measure, simulate, sine
+from toolbox import compose, energy_audit, measure, simulate
+from toolbox.inputs import sine
 
 LAW = Coulomb(static=1.0, kinetic=1.0)
 

@@ -22,9 +22,9 @@ from toolbox import (
     measure,
     quantity,
     simulate,
-    sine,
     state,
 )
+from toolbox.inputs import sine
 
 BRAKE = DiscBrake()
 STEADY = dataclasses.replace(BRAKE, friction=Coulomb(static=0.4, kinetic=0.4))

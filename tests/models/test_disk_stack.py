@@ -12,7 +12,8 @@ from scipy.linalg import expm
 from models import Coulomb, DiskStack, TwoDisks
 from studies.questions import disk_stack as study
 from studies.questions.disks import rest_of
-from toolbox import SceneError, compose, energy_audit, measure, ramp, simulate, step
+from toolbox import SceneError, compose, energy_audit, measure, simulate
+from toolbox.inputs import ramp, step
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from models import AxialChain, BitRock, Coulomb, ElasticRock, HystereticBitRock, TorsionalChain, TorsionalPendulum, wells
-from toolbox import SceneError, compose, energy_audit, equilibrium, simulate, sine, time
+from toolbox import SceneError, compose, energy_audit, equilibrium, simulate, time
+from toolbox.inputs import sine
 from toolbox.measuring.measure import extent
 
 MASS, WEIGHT = 34_000.0, 60_000.0

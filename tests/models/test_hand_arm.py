@@ -9,7 +9,8 @@ import pytest
 
 from models import BlockOnBelt, Exponential, HandArm
 from models.hand_arm import daily_exposure, weighted_acceleration, weighting
-from toolbox import SceneError, compose, energy_audit, linearise, simulate, sine
+from toolbox import SceneError, compose, energy_audit, linearise, simulate
+from toolbox.inputs import sine
 
 pytestmark = pytest.mark.timeout(60)
 

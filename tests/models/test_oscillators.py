@@ -28,7 +28,8 @@ from models import (
     oscillators,
 )
 from studies.questions.lyapunov import lyapunov
-from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine
+from toolbox import SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate
+from toolbox.inputs import sine
 
 
 def poles(plant, **arguments):

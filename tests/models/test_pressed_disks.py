@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 
 from models import PressedDisks, TwoDisks
 from studies.questions import disks as study
-from toolbox import SceneError, compose, energy_audit, ramp, simulate
+from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox.inputs import ramp
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 
 from models import Coulomb, InclinedSlider, PlateContact, Slider
 from studies.questions import sliders as study
-from toolbox import SceneError, compose, energy_audit, simulate, sine
+from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox.inputs import sine
 
 pytestmark = pytest.mark.timeout(60)
 

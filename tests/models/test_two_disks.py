@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 from models import Coulomb, Exponential, TwoDisks, uniform_pressure_radius, uniform_wear_radius
 from studies.questions import disks as study
 from studies.questions.critical_curve import critical_curve
-from toolbox import SceneError, compose, cycles, simulate
+from toolbox import SceneError, compose, simulate
+from toolbox.measure import cycles
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -7,7 +7,9 @@ import pytest
 
 from controllers import PI, SoftTorque
 from models import AxialChain, Coulomb, TorsionalChain, WallContact, sliding_resultant, string_on_wall
-from toolbox import Sampled, SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, ramp, simulate, sine, step_contacts
+from toolbox import Sampled, SceneError, SimulationError, compose, energy_audit, equilibrium, linearise, simulate
+from toolbox.contacts import step_contacts
+from toolbox.inputs import ramp, sine
 
 RADIUS, MU = 0.1, 0.3
 LOADS = (2000.0, 5000.0, 8000.0)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 
-from toolbox import SeverityMap
+from toolbox.onsets import SeverityMap
 from toolbox.onsets.borders import border
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING
 from toolbox.onsets.regions import MEANINGS, outlines

@@ -234,7 +234,8 @@ def test_a_law_that_switches_is_judged_by_what_is_measured(checks, rig):
 ROBUST = """
 from controllers import LQG, StiffPI
 from models import BitRock, wells
-from toolbox import Sampled, compose, cycle_phases, simulate
+from toolbox import Sampled, compose, simulate
+from toolbox.robustness import cycle_phases
 
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
 STUCK = simulate(RIG, 100.0, controller=StiffPI(reference=6.5), sample_time=0.01)

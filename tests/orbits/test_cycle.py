@@ -16,9 +16,7 @@ from models import BitRock, Block, BlockOnBelt, Coulomb, TwoDisks, oscillators, 
 from studies.questions import cycles
 from toolbox import (
     Component,
-    CycleError,
     Equations,
-    Hysteresis,
     SceneError,
     UnilateralContact,
     compose,
@@ -26,14 +24,15 @@ from toolbox import (
     follow,
     limit_cycle,
     linearise,
-    pole_locus,
     quantity,
     simulate,
-    sine,
     state,
-    step,
     time,
 )
+from toolbox.inputs import sine, step
+from toolbox.modelling import Hysteresis
+from toolbox.orbits import CycleError
+from toolbox.steady_states import pole_locus
 
 pytestmark = pytest.mark.timeout(90)
 

@@ -12,7 +12,8 @@ from scipy.linalg import expm
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Controller, Sampled, SceneError, Update, compose, follow, limit_cycle, quantity, simulate, sine, square, state, triangle
+from toolbox import Controller, Sampled, SceneError, Update, compose, follow, limit_cycle, quantity, simulate, state
+from toolbox.inputs import sine, square, triangle
 
 pytestmark = pytest.mark.timeout(90)
 

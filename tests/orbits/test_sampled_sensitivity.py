@@ -11,21 +11,8 @@ from scipy.optimize import minimize
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, wells
-from toolbox import (
-    Component,
-    Controller,
-    Equations,
-    GrazingError,
-    Sampled,
-    SceneError,
-    Update,
-    compose,
-    measure,
-    quantity,
-    sensitivity,
-    simulate,
-    state,
-)
+from toolbox import Component, Controller, Equations, Sampled, SceneError, Update, compose, measure, quantity, sensitivity, simulate, state
+from toolbox.errors import GrazingError
 
 pytestmark = pytest.mark.timeout(90)
 

@@ -11,23 +11,10 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, Block, BlockOnBelt, BlocksOnBelt, Coulomb, Exponential, TwoDisks, wells
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    GrazingError,
-    Hysteresis,
-    Relay,
-    SceneError,
-    UnilateralContact,
-    compose,
-    quantity,
-    sensitivity,
-    simulate,
-    sine,
-    state,
-    step,
-)
+from toolbox import Component, DryFriction, Equations, SceneError, UnilateralContact, compose, quantity, sensitivity, simulate, state
+from toolbox.errors import GrazingError
+from toolbox.inputs import sine, step
+from toolbox.modelling import Hysteresis, Relay
 
 pytestmark = pytest.mark.timeout(90)
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import fsolve
 
 from models import BlockOnBelt, Coulomb
-from toolbox import compose, follow, limit_cycle, sine
+from toolbox import compose, follow, limit_cycle
+from toolbox.inputs import sine
 from toolbox.orbits.sliding import segments, sliding_kind
 
 pytestmark = pytest.mark.timeout(120)

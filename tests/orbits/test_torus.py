@@ -11,7 +11,8 @@ from scipy.optimize import brentq, fsolve
 
 from models import BlockOnBelt, Coulomb, oscillators
 from studies.questions import torus
-from toolbox import compose, follow, limit_cycle, sine
+from toolbox import compose, follow, limit_cycle
+from toolbox.inputs import sine
 
 pytestmark = pytest.mark.timeout(90)
 

@@ -1,9 +1,11 @@
 """The documentation: every example runs, generated pages are up to date, and every page is reachable."""
 
 import dataclasses
+import importlib
 import importlib.util
 import inspect
 import os
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -109,7 +111,19 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_to_a_page():
             assert (path.parent / target).is_file(), f"{path.name} links to {target}"
 
 
-PUBLIC = ("toolbox", "toolbox.authoring", "toolbox.measure", "toolbox.plot", "toolbox.inputs", "toolbox.linear", "models", "controllers")
+PUBLIC = (
+    *(
+        "toolbox",
+        "toolbox.authoring",
+        "toolbox.measure",
+        "toolbox.plot",
+        "toolbox.inputs",
+        "toolbox.steady_states.linear",
+        "models",
+        "controllers",
+    ),
+    *(f"toolbox.{room.name}" for room in pkgutil.iter_modules([str(ROOT / "toolbox")]) if room.ispkg),
+)
 
 
 def described(text, section):
@@ -120,11 +134,8 @@ def described(text, section):
 
 def public_things():
     """(dotted name, function or class) of everything public that has a docstring, methods included."""
-    import toolbox
-
     for package in PUBLIC:
-        own = package.rpartition(".")[2]
-        module = getattr(toolbox, own) if own in ("measure", "plot", "inputs", "linear") else importlib.import_module(package)
+        module = importlib.import_module(package)
         for name in getattr(module, "__all__", None) or [name for name in vars(module) if not name.startswith("_")]:
             thing = getattr(module, name)
             if (inspect.isfunction(thing) or inspect.isclass(thing)) and thing.__module__.split(".")[0] in (

@@ -1,11 +1,13 @@
 """The rooms of `toolbox`: each imports only rooms below it, and no file is part of a circle."""
 
 import ast
-import itertools
+import importlib
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
+
+from toolbox.faces import public_names
 
 FLOORS = (
     "errors", "faces", "arguments", "messages", "files", "figures", "modelling", "compilation", "stepping", "simulation", "contacts",
@@ -108,11 +110,17 @@ def test_functions_take_few_arguments_unless_users_need_them(root):
 
 
 @pytest.mark.parametrize("package", ["models", "controllers"])
-def test_models_and_laws_import_only_what_is_public_in_the_toolbox(root, package):
+def test_models_and_laws_import_only_what_is_public_in_the_toolbox_and_its_rooms(root, package):
+    taken = set()
     for path in (root / package).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            module = node.module if isinstance(node, ast.ImportFrom) else ""
-            named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            for name in itertools.chain([module], named):
-                if name and name.split(".")[0] == "toolbox":
-                    assert name in ("toolbox", "toolbox.authoring"), f"{path.relative_to(root)}:{node.lineno} imports {name}"
+            place = f"{path.relative_to(root)}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "toolbox":
+                public = {*public_names(importlib.import_module(node.module)), *(("time",) if node.module == "toolbox" else ())}
+                assert node.module.count(".") <= 1, f"{place} imports from {node.module}, which is a file of a room"
+                for alias in node.names:
+                    assert alias.name in public, f"{place} imports {alias.name}, which is not public in {node.module}"
+                    taken.add(alias.name)
+            elif isinstance(node, ast.Import):
+                assert not any(alias.name.split(".")[0] == "toolbox" for alias in node.names), f"{place} imports a module of the toolbox"
+    assert len(taken) > 20

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import os
+import pkgutil
 import re
 import shutil
 import subprocess
@@ -12,19 +15,30 @@ from pathlib import Path
 import pytest
 
 import toolbox
+from toolbox.faces import public_names
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "docs" / "reference"
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
 
 
-def test_every_public_name_of_the_toolbox_stands_on_one_page_of_the_reference():
-    named = [
-        name
+def test_every_public_name_of_the_toolbox_and_its_rooms_stands_on_one_page_of_the_reference():
+    pages = {
+        path.stem: re.findall(r"^::: (toolbox(?:\.\w+)+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
         for path in REFERENCE.glob("*.md")
-        for name in re.findall(r"^::: toolbox\.(\w+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
-    ]
-    assert sorted(named) == sorted({*toolbox.__all__, "time"})
+    }
+    named = [name for page, names in pages.items() if page != "authoring" for name in names]
+    modules = [name for name in toolbox.__all__ if inspect.ismodule(getattr(toolbox, name)) and name != "authoring"]
+    face = [name for name in (*toolbox.__all__, "time") if not inspect.ismodule(getattr(toolbox, name))]
+    rooms = [room.name for room in pkgutil.iter_modules(toolbox.__path__) if room.ispkg]
+    expected = [f"toolbox.{name}" for name in face]
+    for place in (*modules, *rooms):
+        module = importlib.import_module(f"toolbox.{place}")
+        own = [name for name in public_names(module) if getattr(module, name) is not vars(toolbox).get(name)]
+        expected += [f"toolbox.{place}.{name}" for name in own]
+    assert sorted(name for name in named if name in expected) == sorted(expected)
+    assert all(name in expected or name.rpartition(".")[0] in expected for name in named)  # the rest are methods of these
+    assert sorted(pages["authoring"]) == [f"toolbox.authoring.{name}" for name in sorted(toolbox.authoring.__all__)]
 
 
 def test_a_part_has_a_table_of_its_fields():

@@ -11,20 +11,8 @@ from scipy.optimize import minimize
 
 from controllers import LQG, LQR, PI, ActiveDamping, HInfinity, SoftTorque, StiffPI, ZTorque
 from models import BitRock, TopDrive, TorsionalChain, wells
-from toolbox import (
-    Component,
-    Equations,
-    Sampled,
-    SceneError,
-    absorber_limit,
-    compose,
-    equilibrium,
-    linearise,
-    margins,
-    performance_limit,
-    quantity,
-    state,
-)
+from toolbox import Component, Equations, Sampled, SceneError, compose, equilibrium, linearise, margins, quantity, state
+from toolbox.robustness import absorber_limit, performance_limit
 from toolbox.robustness.limits import gramian, interpolation, smallest_peak
 from toolbox.steady_states.running import running
 

@@ -9,7 +9,8 @@ import pytest
 
 from controllers import LQG, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, wells
-from toolbox import Sampled, SceneError, compose, cycle_phases, measure, simulate, worst_case
+from toolbox import Sampled, SceneError, compose, measure, simulate, worst_case
+from toolbox.robustness import cycle_phases
 
 pytestmark = pytest.mark.timeout(120)
 

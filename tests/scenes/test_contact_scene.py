@@ -10,9 +10,12 @@ import pytest
 from controllers import PI
 from models import AxialChain, Coulomb, Exponential, ReducedBody, TorsionalChain, sliding_resultant, string_on_wall
 from studies.questions import elastic_sliders as study
-from toolbox import ContactScene, SceneError, press_contacts, ramp, step_contacts
+from toolbox import SceneError
 from toolbox.commands.command_line import main
+from toolbox.contacts import press_contacts, step_contacts
 from toolbox.contacts.newton import ContactSolver
+from toolbox.inputs import ramp
+from toolbox.scenes import ContactScene
 from toolbox.scenes.contact_scene import load_scene
 
 SCENE = """
@@ -106,7 +109,8 @@ def test_a_body_that_its_forces_lift_off_has_no_rest_to_begin_from(written, tmp_
 OWN = """
 from dataclasses import dataclass
 import numpy as np
-from toolbox import ContactBody, ContactProblem, FrictionLaw, Quantity, quantity
+from toolbox import FrictionLaw, Quantity, quantity
+from toolbox.contacts import ContactBody, ContactProblem
 from models import Coulomb
 
 

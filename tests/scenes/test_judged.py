@@ -8,8 +8,9 @@ import pytest
 
 from controllers import StiffPI
 from models import BitRock, Exponential, wells
-from toolbox import Sampled, Scene, SceneError, compose, cycle_phases, onset, severity_map, simulate, sweep, worst_case
+from toolbox import Sampled, Scene, SceneError, compose, onset, severity_map, simulate, sweep, worst_case
 from toolbox.onsets.checks import Checks
+from toolbox.robustness import cycle_phases
 
 LAW = Sampled(StiffPI(reference=4.0), 0.01)
 WEIGHTS = {"bit.weight": (60e3, 90e3)}

@@ -11,7 +11,8 @@ import pytest
 
 from controllers import SlidingMode, SoftTorque, StiffPI
 from models import BitRock, Block, BlockOnBelt, Coulomb, Exponential, wells
-from toolbox import Sampled, SceneError, compose, simulate, sine
+from toolbox import Sampled, SceneError, compose, simulate
+from toolbox.inputs import sine
 from toolbox.scenes.cases import Case, Waveform
 from toolbox.scenes.scene import Scene
 

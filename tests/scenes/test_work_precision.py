@@ -10,20 +10,9 @@ import pytest
 from models import BitRock, BlockOnBelt, TorsionalChain, wells
 from studies.benchmarks import tradeoff
 from studies.benchmarks.cases import cases
-from toolbox import (
-    Component,
-    Equations,
-    Scene,
-    SceneError,
-    Smoothing,
-    UnilateralContact,
-    compose,
-    quantity,
-    simulate,
-    state,
-    work_precision,
-)
+from toolbox import Component, Equations, Scene, SceneError, UnilateralContact, compose, quantity, simulate, state, work_precision
 from toolbox.commands.command_line import main
+from toolbox.simulation import Smoothing
 
 BELT = compose(BlockOnBelt())
 

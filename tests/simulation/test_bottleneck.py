@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb
-from toolbox import Budget, BudgetError, Component, Equations, Hysteresis, Sampled, compose, quantity, simulate, sine, state
+from toolbox import Budget, Component, Equations, Sampled, compose, quantity, simulate, state
+from toolbox.errors import BudgetError
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis
 
 STILL = compose(BlockOnBelt(belt_speed=0.0, friction=Coulomb(static=1.0, kinetic=1.0)))
 

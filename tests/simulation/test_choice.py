@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from models import BlockOnBelt, Coulomb, TorsionalChain
-from toolbox import Component, Equations, Hysteresis, ZenoError, compose, quantity, simulate, sine, state
+from toolbox import Component, Equations, compose, quantity, simulate, state
+from toolbox.errors import ZenoError
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis
 
 
 @dataclass(frozen=True)

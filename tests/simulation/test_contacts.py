@@ -14,20 +14,20 @@ from toolbox import (
     DryFriction,
     Equations,
     FrictionLaw,
-    Hysteresis,
     SceneError,
     SimulationError,
     UnilateralContact,
-    ZenoError,
     compose,
     energy_audit,
     equilibrium,
     linearise,
     quantity,
     simulate,
-    sine,
     state,
 )
+from toolbox.errors import ZenoError
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis
 
 
 @dataclass(frozen=True)

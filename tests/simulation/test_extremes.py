@@ -17,27 +17,23 @@ from controllers import LQG, LQR, PI, BrakePI, HInfinity, LinearMPC, NonlinearMP
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, DiscBrake, HystereticBitRock, TorsionalChain, wells
 from studies.benchmarks.extremes import EXTREMES, belt, belt_arcs, scaled
 from toolbox import (
-    AccuracyError,
     Budget,
-    BudgetError,
     Component,
     Controller,
     DryFriction,
     Equations,
-    Hysteresis,
-    Observed,
-    Relay,
     Sampled,
     SceneError,
     SimulationError,
-    Takeover,
-    TimeStepping,
     UnilateralContact,
     compose,
     quantity,
     state,
 )
+from toolbox.errors import AccuracyError, BudgetError
+from toolbox.modelling import Hysteresis, Observed, Relay, Takeover
 from toolbox.modelling.components import fields_of
+from toolbox.simulation import TimeStepping
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -96,7 +92,7 @@ def test_a_machine_at_the_edge_of_its_numbers_follows_its_closed_form(title, met
     assert scaled(run.states, case.truth(times)) < max(10 * accuracy, LIMIT.get(title, 1e-7))
 
 
-@pytest.mark.filterwarnings("ignore::toolbox.UnusualValue")  # no machine, but numbers that a formula must survive
+@pytest.mark.filterwarnings("ignore::toolbox.errors.UnusualValue")  # no machine, but numbers that a formula must survive
 @pytest.mark.parametrize("method", ["event", "stiff"])
 @pytest.mark.parametrize(("stiffness", "inertia"), [(1e-6, 400.0), (1e3, 400.0), (1e9, 400.0), (1e6, 2e-3), (1e-6, 2e-3)])
 def test_two_inertias_on_a_shaft_of_any_stiffness_follow_the_matrix_exponential(stiffness, inertia, method):
@@ -381,13 +377,13 @@ VERBS = {
     "fit seed": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", seed=bad), "seed", (math.nan, "strong", -1)),
     "fit confidence": (lambda bad: toolbox.fit(BELT, DATA, "block.mass", confidence=bad), "confidence", (*NO_NUMBERS, 0.0, 1.0)),
     "export_c period": (lambda bad: toolbox.export_c(StiffPI(), RIG, bad, "nowhere"), "period", (*NO_NUMBERS, 0.0)),
-    "severity after": (lambda bad: toolbox.severity(RUN, "block.speed", bad), "after", NO_NUMBERS),
-    "severity signal": (lambda bad: toolbox.severity(RUN, bad), "signal", NO_NAMES),
-    "severity definition": (lambda bad: toolbox.severity(RUN, "block.speed", definition=bad), "definition", NO_NAMES),
-    "settling target": (lambda bad: toolbox.settling(RUN, "block.speed", bad), "target", NO_NUMBERS),
-    "overshoot of": (lambda bad: toolbox.overshoot(bad, "block.speed", 1.0), "run", (*NO_NAMES, BELT)),
+    "severity after": (lambda bad: toolbox.measure.severity(RUN, "block.speed", bad), "after", NO_NUMBERS),
+    "severity signal": (lambda bad: toolbox.measure.severity(RUN, bad), "signal", NO_NAMES),
+    "severity definition": (lambda bad: toolbox.measure.severity(RUN, "block.speed", definition=bad), "definition", NO_NAMES),
+    "settling target": (lambda bad: toolbox.measure.settling(RUN, "block.speed", bad), "target", NO_NUMBERS),
+    "overshoot of": (lambda bad: toolbox.measure.overshoot(bad, "block.speed", 1.0), "run", (*NO_NAMES, BELT)),
     "energy_audit of": (toolbox.energy_audit, "run", (*NO_NAMES, BELT)),
-    "cycles element": (lambda bad: toolbox.cycles(RUN, bad), "element", NO_NAMES),
+    "cycles element": (lambda bad: toolbox.measure.cycles(RUN, bad), "element", NO_NAMES),
     "time_in element": (lambda bad: RUN.time_in(bad, "stick"), "element", NO_NAMES),
     "time_in mode": (lambda bad: RUN.time_in("belt", bad), "mode", NO_NAMES),
     "time_in after": (lambda bad: RUN.time_in("belt", "stick", after=bad), "after", (math.nan, "strong", None, object())),
@@ -399,7 +395,7 @@ VERBS = {
     "linearise outputs": (lambda bad: toolbox.linearise(RIG, {"bit.speed": 1.0}, outputs=bad), "name", (5, 1j, object(), [])),
     "hopf_points parameter": (lambda bad: toolbox.hopf_points(RIG, bad, (2.0, 8.0), controller=StiffPI()), "parameter", (*NO_NAMES, [])),
     "hopf_points values": (lambda bad: toolbox.hopf_points(RIG, "top.reference", (2.0, 8.0), controller=StiffPI(), values=bad), "values", NO_NUMBERS),
-    "pole_locus values": (lambda bad: toolbox.pole_locus(RIG, "top.reference", bad, controller=StiffPI()), "values", NO_NUMBERS),
+    "pole_locus values": (lambda bad: toolbox.steady_states.pole_locus(RIG, "top.reference", bad, controller=StiffPI()), "values", NO_NUMBERS),
     "limit_cycle accuracy": (lambda bad: toolbox.limit_cycle(RUN, accuracy=bad), "accuracy", NO_NUMBERS),
     "follow span": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", bad), "span", (*NO_NUMBERS, (1.0, 0.0))),
     "follow points": (lambda bad: toolbox.follow(CYCLE, "block.belt_speed", (0.1, 0.3), points=bad), "points", (*NO_NUMBERS, 0)),
@@ -418,8 +414,8 @@ VERBS = {
         "duration", (math.nan, "strong", 0.0, 1j),
     ),
     "impedance speed": (lambda bad: toolbox.impedance(StiffPI(), frequency=[1.0], speed=bad), "speed", NO_NUMBERS),
-    "reflection impedance": (lambda bad: toolbox.reflection(bad, 1.0), "impedance", (math.nan, "strong", None, [1.0, math.nan])),
-    "smoothed matched": (lambda bad: toolbox.smoothed(BELT, 0.1, matched=bad), "matched", NO_NUMBERS),
+    "reflection impedance": (lambda bad: toolbox.steady_states.reflection(bad, 1.0), "impedance", (math.nan, "strong", None, [1.0, math.nan])),
+    "smoothed matched": (lambda bad: toolbox.modelling.smoothed(BELT, 0.1, matched=bad), "matched", NO_NUMBERS),
     "part": (lambda bad: compose(BlockOnBelt(mass=bad)), "mass", NO_NUMBERS),
 }  # fmt: skip
 
@@ -434,7 +430,11 @@ def test_what_is_no_argument_is_refused_by_its_name(title):
 
 def test_a_run_of_no_time_has_nothing_to_measure_and_says_so():
     run = simulate(BELT, 0.0)
-    for measure in (toolbox.severity, partial(toolbox.settling, target=0.2), partial(toolbox.overshoot, target=0.2)):
+    for measure in (
+        toolbox.measure.severity,
+        partial(toolbox.measure.settling, target=0.2),
+        partial(toolbox.measure.overshoot, target=0.2),
+    ):
         with pytest.raises(SceneError, match="must last longer than 0 s"):
             measure(run, "block.speed")
     assert toolbox.energy_audit(run).residual == 0.0

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from toolbox import AccuracyError, Scene, SceneError, simulate
+from toolbox import Scene, SceneError, simulate
+from toolbox.errors import AccuracyError
 
 LONG = {"whirl", "predictive", "elastic_slider"}
 SCENES = [

@@ -26,8 +26,8 @@ from toolbox import (
     quantity,
     simulate,
     state,
-    step,
 )
+from toolbox.inputs import step
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -10,7 +10,9 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Drop, wells
 from tests.simulation.test_contacts import Ball
-from toolbox import Budget, BudgetError, SceneError, Smoothing, Trajectory, compose, energy_audit, fit, measure, simulate
+from toolbox import Budget, SceneError, Trajectory, compose, energy_audit, fit, measure, simulate
+from toolbox.errors import BudgetError
+from toolbox.simulation import Smoothing
 from toolbox.simulation.saved_run import interpolated, points
 
 

@@ -10,9 +10,12 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, BlocksOnBelt, Coulomb, wells
-from toolbox import Budget, BudgetError, SceneError, SimulationError, TimeStepping, ZenoError, compose, ramp, simulate, sine, step, time
+from toolbox import Budget, SceneError, SimulationError, compose, simulate, time
 from toolbox.authoring import time_left
+from toolbox.errors import BudgetError, ZenoError
+from toolbox.inputs import ramp, sine, step
 from toolbox.modelling.inputs import sweep
+from toolbox.simulation import TimeStepping
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -11,20 +11,9 @@ import pytest
 
 from controllers import IdealSlidingMode, SlidingMode
 from models import BitRock, TorsionalChain, wells
-from toolbox import (
-    Component,
-    Controller,
-    Equations,
-    Relay,
-    SceneError,
-    SimulationError,
-    ZenoError,
-    compose,
-    quantity,
-    simulate,
-    state,
-    time,
-)
+from toolbox import Component, Controller, Equations, SceneError, SimulationError, compose, quantity, simulate, state, time
+from toolbox.errors import ZenoError
+from toolbox.modelling import Relay
 
 pytestmark = pytest.mark.timeout(60)
 

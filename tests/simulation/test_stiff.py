@@ -12,25 +12,11 @@ from scipy.linalg import expm
 
 from controllers import LQG, LQR, PI, HInfinity
 from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    EventExact,
-    Scene,
-    compose,
-    energy_audit,
-    equilibrium,
-    linearise,
-    quantity,
-    ramp,
-    simulate,
-    sine,
-    state,
-)
+from toolbox import Component, DryFriction, Equations, Scene, compose, energy_audit, equilibrium, linearise, quantity, simulate, state
 from toolbox.compilation import work_layout
 from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
-from toolbox.simulation import carry_out
+from toolbox.inputs import ramp, sine
+from toolbox.simulation import EventExact, carry_out
 from toolbox.simulation.growth import longest_followed
 from toolbox.simulation.stiffness import pays, progress, spectral_radius, stiff_size
 from toolbox.simulation.work_arrays import work_arrays

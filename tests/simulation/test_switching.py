@@ -10,22 +10,9 @@ import pytest
 
 from models import BlockOnBelt, Coulomb
 from models.friction import Drop
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    Hysteresis,
-    Relay,
-    Sampled,
-    SimulationError,
-    compose,
-    quantity,
-    simulate,
-    sine,
-    state,
-    sweep,
-    time,
-)  # fmt: skip
+from toolbox import Component, DryFriction, Equations, Sampled, SimulationError, compose, quantity, simulate, state, sweep, time
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis, Relay  # fmt: skip
 
 METHODS = ("event", "explicit", "stiff")
 

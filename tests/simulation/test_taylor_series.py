@@ -10,24 +10,12 @@ import pytest
 
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
-from toolbox import (
-    Component,
-    DryFriction,
-    Equations,
-    EventExact,
-    Hysteresis,
-    SceneError,
-    TaylorSeries,
-    compose,
-    measure,
-    quantity,
-    sensitivity,
-    simulate,
-    sine,
-    state,
-)
+from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, quantity, sensitivity, simulate, state
 from toolbox.compilation.runge_kutta import DOP853, Pair
 from toolbox.compilation.taylor import Taylor
+from toolbox.inputs import sine
+from toolbox.modelling import Hysteresis
+from toolbox.simulation import EventExact, TaylorSeries
 
 ROCK = BitRock(weight=97_000.0)
 MACHINES = {

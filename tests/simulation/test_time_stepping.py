@@ -15,20 +15,20 @@ from toolbox import (
     Component,
     DryFriction,
     Equations,
-    Relay,
     Sampled,
     SceneError,
-    TimeStepping,
     UnilateralContact,
     compose,
     energy_audit,
     quantity,
     simulate,
-    sine,
     state,
     time,
-)  # fmt: skip
+)
 from toolbox.errors import AccuracyError
+from toolbox.inputs import sine
+from toolbox.modelling import Relay
+from toolbox.simulation import TimeStepping  # fmt: skip
 
 BELT = compose(BlockOnBelt())
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_000.0))

@@ -18,20 +18,8 @@ from scipy.optimize import brentq
 import toolbox
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, wells
-from toolbox import (
-    Budget,
-    Component,
-    DryFriction,
-    Equations,
-    FrictionLaw,
-    SceneError,
-    SimulationError,
-    compose,
-    quantity,
-    sine,
-    state,
-    time,
-)
+from toolbox import Budget, Component, DryFriction, Equations, FrictionLaw, SceneError, SimulationError, compose, quantity, state, time
+from toolbox.inputs import sine
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -26,14 +26,14 @@ from toolbox import (
     quantity,
     sensitivity,
     simulate,
-    sine,
-    smoothed,
     state,
     sweep,
     time,
 )
+from toolbox.inputs import sine
 from toolbox.measuring.measure import extent
 from toolbox.measuring.measures import maximum, mean, severity, time_in
+from toolbox.modelling import smoothed
 from toolbox.prediction.rollout import Rollout
 from toolbox.steady_states.running import running
 

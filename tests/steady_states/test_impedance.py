@@ -9,7 +9,8 @@ import pytest
 
 from controllers import PI, SlidingMode, SoftTorque, StiffPI
 from models import BitRock, TopDrive, wells
-from toolbox import Sampled, SceneError, compose, impedance, reflection
+from toolbox import Sampled, SceneError, compose, impedance
+from toolbox.steady_states import reflection
 
 W = np.array([0.1, 1.0, 3.0, 20.0])
 CHAIN = wells.JANSEN_2

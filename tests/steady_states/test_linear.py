@@ -13,7 +13,8 @@ import pytest
 
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Relay, SceneError, compose, quantity, simulate, state
+from toolbox import Component, DryFriction, Equations, FrictionLaw, SceneError, compose, quantity, simulate, state
+from toolbox.modelling import Relay
 from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.linear import equilibrium, linearise
 
@@ -343,7 +344,7 @@ def test_bad_arguments_are_refused_by_name(rig):
 
 
 def test_importing_it_loads_neither_control_nor_scipy():
-    code = "import sys, toolbox.linear, toolbox.measure; print([m for m in ('control', 'scipy', 'matplotlib') if m in sys.modules])"
+    code = "import sys, toolbox.steady_states.linear, toolbox.measure; print([m for m in ('control', 'scipy', 'matplotlib') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "[]"
 

@@ -11,7 +11,8 @@ import pytest
 
 from controllers import PI, IdealSlidingMode, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, TopDrive, TwoDisks, closed_forms, oscillators, wells
-from toolbox import Sampled, SceneError, compose, linearise, measure, simulate, sine
+from toolbox import Sampled, SceneError, compose, linearise, measure, simulate
+from toolbox.inputs import sine
 from toolbox.steady_states.equilibria import equilibria
 from toolbox.steady_states.hopf import hopf_curve, hopf_points
 from toolbox.steady_states.poles import critical_pole, friction_slopes, pole_locus

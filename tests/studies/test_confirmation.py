@@ -10,7 +10,8 @@ import pytest
 from controllers import PI, StiffPI
 from studies.protocol import DELAY, GROUPS, JUDGED, LIMITS, PLANT, SETTLING, Law, Rig, cycle
 from studies.questions import confirmation as study
-from toolbox import Sampled, Takeover, simulate
+from toolbox import Sampled, simulate
+from toolbox.modelling import Takeover
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="the C of a law is compiled with `cc`, which is not here")
 QUIET = np.zeros(80_000)

@@ -25,7 +25,8 @@ from models import (
     wells,
 )
 from studies.questions.dither import BRAKE, LEINE, STRING, cures, falling, judged
-from toolbox import Sampled, Scene, SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate, sine, square
+from toolbox import Sampled, Scene, SceneError, compose, energy_audit, equilibrium, linearise, measure, simulate
+from toolbox.inputs import sine, square
 
 NATURAL = 1.0 / (2.0 * math.pi)
 BLOCK = compose(oscillators.LEINE)

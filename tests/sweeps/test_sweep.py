@@ -20,27 +20,13 @@ import pytest
 
 from controllers import PI, StiffPI
 from models import BitRock, BlockOnBelt, TorsionalChain, WhirlingCollar, wells
-from toolbox import (
-    Budget,
-    BudgetError,
-    Component,
-    Equations,
-    Sampled,
-    Scene,
-    SceneError,
-    compose,
-    measure,
-    quantity,
-    simulate,
-    state,
-    sweep,
-)
+from toolbox import Budget, Component, Equations, Sampled, Scene, SceneError, compose, measure, quantity, simulate, state, sweep
+from toolbox.errors import BudgetError
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
+from toolbox.sweeps import Sweep, latin_hypercube, sobol, store, uniform
 from toolbox.sweeps import chunks as columns
 from toolbox.sweeps import executors as workers
-from toolbox.sweeps import store
-from toolbox.sweeps.sweep import Sweep, latin_hypercube, sobol, uniform
 
 pytestmark = pytest.mark.timeout(120)
 RIG = compose(wells.JANSEN_2, BitRock(weight=97_347.0))

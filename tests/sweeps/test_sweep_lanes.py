@@ -17,9 +17,8 @@ from toolbox import Component, DryFriction, Equations, Sampled, compose, measure
 from toolbox.lanes.lanes import Lanes
 from toolbox.measuring import measures
 from toolbox.modelling.inputs import sine
-from toolbox.sweeps import batch, store
+from toolbox.sweeps import Sweep, batch, store, uniform
 from toolbox.sweeps.batch import FEWEST_LANES, Task, finished, pays_in_lanes
-from toolbox.sweeps.sweep import Sweep, uniform
 from toolbox.sweeps.variants import shared_run, varied_numbers
 
 pytestmark = pytest.mark.timeout(120)

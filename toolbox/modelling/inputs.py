@@ -1,6 +1,6 @@
 """Inputs in time: tables and named shapes. Every number may be text with a unit: `ramp("35 rpm", "60 rpm", "60 s", "80 s")`.
 
-All shapes but one are names of `toolbox`, too: the swept sine is `toolbox.inputs.sweep`, because `toolbox.sweep` varies the numbers of a machine.
+They are imported from `toolbox.inputs`. The swept sine is `toolbox.inputs.sweep`; `toolbox.sweep` is another thing and varies the numbers of a machine.
 """
 
 from __future__ import annotations

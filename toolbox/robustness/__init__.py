@@ -1,1 +1,14 @@
 """How far a closed loop is from failing: margins at steady running, the best that any law can have, and the worst case of the machine itself."""
+
+from typing import TYPE_CHECKING
+
+from toolbox.faces import face
+
+if TYPE_CHECKING:
+    from toolbox.robustness.absorber import absorber_limit as absorber_limit
+    from toolbox.robustness.limits import performance_limit as performance_limit
+    from toolbox.robustness.margins import Margins as Margins
+    from toolbox.robustness.worst_case import WorstCase as WorstCase
+    from toolbox.robustness.worst_case import cycle_phases as cycle_phases
+
+__getattr__, __dir__ = face()

@@ -149,7 +149,7 @@ class TimeStepping(Method):
 
 @dataclass(frozen=True)
 class Smoothing(Method):
-    """Regularised friction, stepped by the linearly implicit method (see `toolbox.smoothed`).
+    """Regularised friction, stepped by the linearly implicit method (see `toolbox.modelling.smoothed`).
 
     Parameters
     ----------

@@ -1,1 +1,11 @@
 """Steady states, linearisation, poles, Hopf points, impedance."""
+
+from typing import TYPE_CHECKING
+
+from toolbox.faces import face
+
+if TYPE_CHECKING:
+    from toolbox.steady_states.impedance import reflection as reflection
+    from toolbox.steady_states.poles import pole_locus as pole_locus
+
+__getattr__, __dir__ = face()

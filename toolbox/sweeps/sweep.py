@@ -28,8 +28,9 @@ from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import UNHURRIED, Budget
+from toolbox.sweeps import Variations, grid, latin_hypercube, listed, sobol, uniform
 from toolbox.sweeps.batch import Call, Task
-from toolbox.sweeps.designs import Variations, grid, latin_hypercube, listed, sobol, uniform, variations_of
+from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models import Coulomb, block_mesh, body_of_mesh
-from toolbox import ContactProblem, press_contacts, step_contacts
+from toolbox.contacts import ContactProblem, press_contacts, step_contacts
 
 MODULUS, POISSON, MU = 2.1e11, 0.3, 0.4
 

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from models import Coulomb, ElasticBody, ElasticSlider, block_mesh, body_of_mesh
-from toolbox import ContactProblem, compose, press_contacts, ramp, simulate, step_contacts
+from toolbox import compose, simulate
+from toolbox.contacts import ContactProblem, press_contacts, step_contacts
+from toolbox.inputs import ramp
 
 LENGTH, STIFFNESS, HOLD, MU = 0.5, 2.1e7, 400.0, 0.4
 HOUR = 3600.0  # steps of minutes: nothing moves but by the pull

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from models import ElasticBody, ElasticSlider, PlateContact, ReducedBody, Slider
-from toolbox import Scene, SceneError, compose, ramp, simulate
+from toolbox import Scene, SceneError, compose, simulate
+from toolbox.inputs import ramp
 
 
 def chain(contacts=3):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from models import Coulomb, ElasticBody, ElasticSlider, PlateContact, Slider, block_mesh, body_of_mesh
-from toolbox import SceneError, compose, energy_audit, ramp, simulate
+from toolbox import SceneError, compose, energy_audit, simulate
+from toolbox.inputs import ramp
 
 DRIVE = {"plate.speed": ramp(0.0, 0.01, 0.0, 4.0)}
 

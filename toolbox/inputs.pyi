@@ -1,0 +1,1 @@
+from toolbox.modelling.inputs import *

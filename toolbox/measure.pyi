@@ -1,0 +1,1 @@
+from toolbox.measuring.measure import *

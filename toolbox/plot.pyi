@@ -1,0 +1,1 @@
+from toolbox.simulation.plot import *

@@ -1,8 +1,8 @@
 """Bumpless start of sampled laws: a law that takes over from another drive begins with the torque that acts.
 
-At its first sample a law reads the torque that is held at the top (`top.torque`, given by the drive before it, see `toolbox.modelling.Takeover`) and sets
-its integrals, filters and observers to what gives the same torque under the present measurement. Where no torque acts, nothing is taken over, and the memory keeps its
-start values: a rig at rest is started as before.
+At its first sample a law reads the torque that is held at the top (`top.torque`, given by the drive before it, see `toolbox.modelling.Takeover`) and sets its
+integrals, filters and observers to what gives the same torque under the present measurement. Where no torque acts, nothing is taken over, and the memory
+keeps its start values: a rig at rest is started as before.
 
 Source: bumpless transfer and tracking, K. J. Åström, T. Hägglund, Advanced PID Control, ISA 2006, section 3.6.
 """

@@ -17,7 +17,7 @@ from toolbox.messages import LOG
 
 if TYPE_CHECKING:
     from toolbox.modelling.hybrid_system import HybridSystem
-    from toolbox.sweeps import Variations
+    from toolbox.sweeps.designs import Variations
 
 SAMPLINGS = ("grid", "random", "latin-hypercube", "sobol")
 

@@ -24,8 +24,8 @@ from toolbox.onsets.search import sampled_state, whole
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
-from toolbox.sweeps import Variations
 from toolbox.sweeps.batch import Task, single
+from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.variants import varied_numbers
 
 STEPS = 8

@@ -24,8 +24,8 @@ from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.request import continuous_loop
 from toolbox.simulation.run import Run
 from toolbox.steady_states.linear import equilibrium, holding_elements, input_values, residual_functions, state_labels
-from toolbox.sweeps import Variations
 from toolbox.sweeps.batch import Numbers, Task
+from toolbox.sweeps.designs import Variations
 from toolbox.sweeps.executors import evaluated
 from toolbox.sweeps.results import Sweep
 from toolbox.sweeps.store import Store

@@ -35,7 +35,7 @@ from toolbox.onsets.borders import edges_of
 from toolbox.onsets.front import Front, Point
 from toolbox.onsets.map_loop import NONE, SMOOTH, STICK_SLIP, STUCK, SWING, MapLoop, MapRequest
 from toolbox.onsets.regions import MEANINGS
-from toolbox.sweeps import grid
+from toolbox.sweeps.designs import grid
 from toolbox.sweeps.store import folder_of
 
 if TYPE_CHECKING:

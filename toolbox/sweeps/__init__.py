@@ -11,6 +11,6 @@ if TYPE_CHECKING:
     from toolbox.sweeps.designs import listed as listed
     from toolbox.sweeps.designs import sobol as sobol
     from toolbox.sweeps.designs import uniform as uniform
-    from toolbox.sweeps.sweep import Sweep as Sweep
+    from toolbox.sweeps.results import Sweep as Sweep
 
 __getattr__, __dir__ = face()

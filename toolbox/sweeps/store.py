@@ -26,8 +26,9 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import clear_left, replaced, replaced_folder
-from toolbox.sweeps import grid, metadata
+from toolbox.sweeps import metadata
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
+from toolbox.sweeps.designs import grid
 
 STATUS = {"flag_values": [WAITING, DONE, FAILED], "flag_meanings": "waiting done failed"}
 """What the numbers of `status` mean, in the words of the CF conventions."""

@@ -28,7 +28,6 @@ from toolbox.scenes.judged import judged_contact, judged_speed
 from toolbox.simulation.methods import Method
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.sweeps import Variations, grid, latin_hypercube, listed, sobol, uniform
 from toolbox.sweeps.batch import Call, Task
 from toolbox.sweeps.designs import variations_of
 from toolbox.sweeps.executors import evaluated
@@ -38,8 +37,6 @@ from toolbox.sweeps.variants import held_defaults, run_fingerprint, shared_run, 
 
 if TYPE_CHECKING:
     from toolbox.scenes.scene import Scene
-
-__all__ = ["Sweep", "Variations", "grid", "latin_hypercube", "listed", "sobol", "sweep", "uniform"]
 
 
 def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Scene | None) -> dict[str, Measure | Call]:

@@ -20,8 +20,8 @@ from toolbox.modelling.laws import Held
 from toolbox.modelling.start import place_starts
 from toolbox.simulation.request import Request
 from toolbox.simulation.run import Run
-from toolbox.sweeps import Variations
 from toolbox.sweeps.batch import Numbers, Task, numbers_of_run, slots
+from toolbox.sweeps.designs import Variations
 
 
 def shared_run(plant: HybridSystem, variations: Variations, duration: float, **arguments: Any) -> Run:

@@ -297,17 +297,3 @@ def steady_string(A: np.ndarray, model: StringModel, sensors: np.ndarray) -> np.
     matrix = np.vstack([still, np.column_stack([sensors, np.zeros(m)])]) * size
     right = np.block([[np.zeros((n, m)), -1e3 * model.B[:, None]], [np.eye(m), np.zeros((m, 1))]])
     return size[:, None] * np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
-
-
-__all__ = [
-    "Predictive",
-    "PredictiveLaw",
-    "Record",
-    "riccati",
-    "sensor_rows",
-    "steady",
-    "steady_string",
-    "string_model",
-    "twist_row",
-    "without_actuators",
-]

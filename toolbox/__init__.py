@@ -16,6 +16,8 @@ def _public_module(name: str, file: str) -> ModuleType:
         spec.loader = LazyLoader(spec.loader)
         sys.modules[file] = module_from_spec(spec)
         spec.loader.exec_module(sys.modules[file])
+        room, _, own = file.rpartition(".")
+        setattr(sys.modules[room], own, sys.modules[file])  # as an import does
     sys.modules[f"{__name__}.{name}"] = sys.modules[file]
     return sys.modules[file]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.disturbance_filter import DisturbanceFilter, FilterModel
 from controllers.quadratic_program import SOLVERS, Answer
-from controllers.string_model import StringModel, string_model, without_actuators
+from controllers.string_model import StringModel
 from controllers.torque_limits import TorqueLimits
 from controllers.watchdog import Watchdog
 from toolbox import HybridSystem, Quantity, SceneError, quantity

@@ -20,32 +20,40 @@ Source: M. Jean, The non-smooth contact dynamics method, Comput. Methods Appl. M
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
-from toolbox.modelling.elements import Element, UnilateralContact
+from toolbox.compilation.emitter import Body, inline
+from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.modelling.elimination import masked_solve
-from toolbox.modelling.switching import Switching
 
 
 @dataclass(frozen=True)
-class Theta:
+class Theta(Formulas):
     """The number of the method: 1/2 is of order two between switches and damps nothing, 1 of order one and damps fast modes."""
 
-    name: str
     theta: float
-    order: int = 1
-    power: float = 1.0
-    error_low: tuple[float, ...] = ()
+
+    locates: ClassVar[bool] = False
+
+    def step(self, equations: ClosedEquations) -> StepCode:
+        trial = trial_step(self.theta, equations)
+        body = Body()
+        places = [("%x", 2), ("%p", 3), ("%m", 4), ("%k", 5)]
+        given = [[body.load(pointer, j) for j in range(trial.numel_in(i))] for pointer, i in places]
+        (values,) = inline(body, trial, [["%t"], ["%h"], *given])
+        for i, value in enumerate(values):
+            body.store(value, "%y", i)
+        return StepCode({"step": body}, (), trial.n_instructions(), equations.x.numel())
 
 
-MOREAU_JEAN = Theta("moreau-jean", 0.5)
+MOREAU_JEAN = Theta("moreau-jean", 1, 1.0, 0.5)
 
 
-def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, elements: Sequence[Element], form: Switching) -> ca.Function:
+def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     """casadi Function (t, h, x, p, m, marks) -> [x after | slip after | force | bound | slip before | closure half a step on |
     restitution] for given modes.
 
@@ -53,7 +61,9 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     friction falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x.
     Forces are means over a step.
     """
-    n, ne, theta = x.numel(), len(elements), method.theta
+    assert equations.flow is not None
+    t, x, p, flow, elements, form = equations.t, equations.x, equations.p, equations.flow, equations.elements, equations.form
+    n, ne = x.numel(), len(elements)
     h = ca.SX.sym("h")
 
     def column(values: list[ca.SX]) -> ca.SX:
@@ -61,8 +71,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
 
     force, mode, slip = (column([getattr(e, name) for e in elements]) for name in ("multiplier", "mode", "slip"))
     elastic, ahead, last = ca.SX.sym("elastic", ne), ca.SX.sym("ahead"), ca.SX.sym("last", ne)
-    restitution = column([e.restitution if isinstance(e, UnilateralContact) and e.unilateral else ca.SX(0) for e in elements])
-    closure = column([e.closure if isinstance(e, UnilateralContact) else ca.SX(0) for e in elements])
+    restitution = column([e.restitution for e in elements])
+    closure = column([e.closure for e in elements])
     # a load that an elastic contact gives is below zero until the contact is seen to be open, at the end of the step
     given = ca.vertcat(t, x, mode)
     positive = [e.law is not None and ca.depends_on(e.load, given) and not ca.depends_on(e.load, force) for e in elements]
@@ -79,7 +89,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     def about(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, force, last) if ne else expression
 
-    frictions = [i for i, e in enumerate(elements) if e.holds and not e.unilateral]
+    frictions = [i for i, e in enumerate(elements) if e.slides]
 
     def at_side(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, mode[frictions], side[frictions]) if frictions else expression

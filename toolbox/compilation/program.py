@@ -11,11 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation.moreau_jean import Theta
-from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
-from toolbox.compilation.runge_kutta import DOP853, Pair
-from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
-from toolbox.modelling.elements import SecondDirection
+from toolbox.compilation.formulas import ClosedEquations, Formulas
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
@@ -35,7 +31,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair | Rosenbrock | Theta | Taylor
+    formulas: Formulas
     kernel: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -67,23 +63,23 @@ class Program:
         ints[work_layout.COUPLED] = kernel.coupled
         ints[work_layout.BOUNDS] = len(self.bounded)
         ints[work_layout.FIRST_HELD] = self.first_held
-        ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.pair.order, self.pair is RODAS5P, bool(self.pair.error_low)
+        ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.formulas.order, self.formulas.implicit, self.formulas.two_errors
         return ints
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta | Taylor) -> Program:
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formulas: Formulas) -> Program:
     """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure.
 
-    Where Taylor series do not exist or would be too long, it is one of DOP853.
+    Where the formulas have no step for the system, it is that of those that they name `instead`.
     """
-    key = ("program", kinds, pair.name)
+    key = ("program", kinds, formulas.name)
     if key in system.kernels:
         return system.kernels[key]
     from toolbox.compilation import work_layout
-    from toolbox.compilation.kernel import equations, kernel_of
+    from toolbox.compilation.kernel import kernel_of
 
     u, coefficients, tables, coefficient_slot, table_slot = _placed_inputs(system, dict(kinds))
-    if any(isinstance(element, SecondDirection) for element in system.elements):
+    if any(element.second for element in system.elements):
         coefficients.append(resolution)
     first_held = system.p.numel() + sum(c.numel() for c in coefficients)
     held_size = system.held.numel()
@@ -100,19 +96,18 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         elements.append(twin)
     flow = closed(system.flow)
     changing = ca.vertcat(system.t, system.x, system.held, *tables)
-    rubbing = [i for i, e in enumerate(elements) if not e.unilateral]
+    rubbing = [i for i, e in enumerate(elements) if not e.rigid]
     varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
-    if isinstance(pair, Theta):
-        bounded = []
+    bounded = [i for i in varying if formulas.locates and not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
-    if not isinstance(pair, Theta):  # its forces are means over a step
+    if formulas.locates:
         x, excited, form = _with_hidden_forces(system, elements, form)
-    series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
-    if isinstance(pair, Taylor) and series is None:
-        return system.kernels.setdefault(key, program_of(system, kinds, DOP853))
+    equations = ClosedEquations(system.t, x, p, elements, form, flow)
+    step = formulas.step(equations)
+    if step is None:
+        return system.kernels.setdefault(key, program_of(system, kinds, formulas.instead))
     updates = []
     for update in system.updates:
         following, outputs = (
@@ -124,18 +119,16 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     known = sorted(set(units))
     program = Program(
         system=system,
-        pair=pair,
-        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series, _holds_expression(key)),
+        formulas=formulas,
+        kernel=kernel_of(equations, formulas, step, updates, _holds_expression(key)),
         excited=np.array(excited, np.int64),
-        kind=np.array([_kind(element) for element in elements], np.int64),
+        kind=np.array([element.kind for element in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
-        loader=np.array(
-            [work_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64
-        ),
+        loader=np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
         varying=varying,
         bounded=bounded,
-        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
+        forced=formulas.may_miss_peaks(equations) and _forced(system.t, form, elements),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
@@ -188,15 +181,6 @@ def _placed_inputs(
     return ca.vertcat(*inputs) if inputs else ca.SX(0, 1), coefficients, tables, coefficient_slot, table_slot
 
 
-def _kind(element: Any) -> int:
-    """The kind of an element in the loops; the second direction of a friction holds and slides with the first, and its own mode is that of a switch."""
-    from toolbox.compilation import work_layout
-
-    if isinstance(element, SecondDirection):
-        return work_layout.SWITCH
-    return work_layout.RIGID if element.unilateral else work_layout.FRICTION if element.holds else work_layout.SWITCH
-
-
 EXPRESSIONS = 16
 """Programs of a plant that are kept for inputs given as expressions, the last ones: each takes a tenth of a megabyte."""
 
@@ -236,7 +220,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
         rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
-    excited = [i - isinstance(elements[i], SecondDirection) for i in excited]  # both directions have the bound of the first
+    excited = [i - elements[i].second for i in excited]  # both directions have the bound of the first
     hidden = ca.SX.sym("hidden", len(rates))
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:
@@ -250,7 +234,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
 
 def _as_stuck(elements: list[Any], i: int, value: ca.SX) -> ca.SX:
     """What counts only while element i sticks, without what its other modes make of it where that is much: with friction in two slip directions."""
-    first = i - isinstance(elements[i], SecondDirection)
+    first = i - elements[i].second
     if elements[first].directions == 1:
         return value
     return ca.substitute(value, ca.vertcat(elements[first].mode, elements[first + 1].mode), ca.SX.zeros(2))
@@ -284,7 +268,7 @@ def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list
     found = []
     for i, element in enumerate(elements):
         if element.holds:
-            hides = (i in forces,) if element.unilateral else (i in forces, i in limits)
+            hides = (i in forces,) if element.rigid else (i in forces, i in limits)
             found += [(i, value) for value, hidden in zip(_hiding(form, i, element), hides, strict=True) if hidden]
     return [i for i, _ in found], [value for _, value in found]
 
@@ -309,7 +293,7 @@ def _stuck(elements: list[Any], expressions: list[ca.SX]) -> list[ca.SX]:
 
 def _hiding(form: Switching, i: int, element: Any) -> tuple[ca.SX, ...]:
     """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
-    return (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
+    return (form.force[i],) if element.rigid else (form.force[i], form.static[i])
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,7 +72,7 @@ def emit_guards(made: Pass, step: Step) -> Guards:
         turns &= (smallest(a + da * h * (1 / 3), b - db * h * (1 / 3)) <= 0.5 * largest(a, b)) & (step.error <= 1.0)
         maybe |= turns
         dips.append(Dip(turns, a, da, b, db))
-        if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
+        if j < 2 * ne and program.system.elements[j // 2].rigid:  # how deep an impact is located decides which bounce is the last
             odd |= armed[j] & (b <= 0.0)
         elif j < 2 * ne and program.table_slot:  # at its bound where an input turns: what follows decides
             odd |= step.to_stop & armed[j] & (b <= 0.0) & (b >= -1e-12 * guard_scale)

@@ -101,12 +101,12 @@ def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
     """{element: width} of the elements that are to be smoothed; raises SceneError as `smoothed` does."""
     check_one_direction(plant.elements, "Smoothing", "simulate the plant with located events")
     holding = {element.name: element for element in plant.elements if element.holds}
-    rigid = next((e.name for e in holding.values() if e.unilateral), None)
+    rigid = next((e.name for e in holding.values() if e.rigid), None)
     given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)
     for name, value in given.items():
         if name not in holding:
             raise SceneError(f"There is no friction or relay `{name}`: {suggest(name, holding)}")
-        if holding[name].unilateral:
+        if holding[name].rigid:
             raise SceneError(f"The rigid contact `{rigid}` cannot be smoothed: give it a `stiffness` in place of a restitution.")
         if not is_finite_number(value) or not value > 0:
             raise SceneError(f"Argument `width` of `{name}` must be > 0 {holding[name].slip_unit}, but it is {value!r}.")

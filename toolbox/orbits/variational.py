@@ -24,7 +24,6 @@ from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
-from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.work_layout import FRICTION, RIGID, SWITCH
 from toolbox.errors import GrazingError
 from toolbox.modelling.elements import check_one_direction
@@ -168,10 +167,9 @@ class VariationalEquations:
         body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]
-        pair = program.pair
-        assert isinstance(pair, Pair)  # runs that step implicitly are made again
-        a = np.array([[*row, *[0.0] * (len(pair.b) - len(row))] for row in pair.a])
-        self.tableau = Tableau(address, a, np.array(pair.b), np.array(pair.c), rows, entries)
+        formulas: Any = program.formulas  # explicit ones: runs by others are made again
+        a = np.array([[*row, *[0.0] * (len(formulas.b) - len(row))] for row in formulas.a])
+        self.tableau = Tableau(address, a, np.array(formulas.b), np.array(formulas.c), rows, entries)
         arguments_of = [t, x, p, modes]
         self.field = ca.Function("field", arguments_of, [field])
         self.guards = ca.Function("guards", arguments_of, [guards])

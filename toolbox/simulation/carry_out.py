@@ -11,20 +11,19 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.moreau_jean import Theta
+from toolbox.compilation.formulas import Formulas
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
-from toolbox.compilation.taylor import LACKING, Taylor
 from toolbox.errors import SimulationError
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.laws import External, fresh
-from toolbox.modelling.regularisation import SmoothSystem, smoothed
+from toolbox.modelling.regularisation import SmoothSystem
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.growth import attended
 from toolbox.simulation.method_choice import cheapest_method
-from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
-from toolbox.simulation.refinement import refined, tolerance
+from toolbox.simulation.methods import Explicit, Implicit
+from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
 from toolbox.simulation.trajectory import Stepped, Trajectory
@@ -39,15 +38,15 @@ def compiled_loop(run: Run, program: Program) -> Any:
     Says so on stderr where this machine has to compile it first.
     """
     run_on: Any
-    if isinstance(program.pair, Theta):
-        from toolbox.stepping.time_stepper import advance  # here, because numba is slow to import
-
-        name, run_on = "loop of time stepping", advance
-    else:
-        from toolbox.stepping.event_stepper import advance, run_on
+    if program.formulas.locates:
+        from toolbox.stepping.event_stepper import advance, run_on  # here, because numba is slow to import
 
         name = "event loop"
-    key = (advance, isinstance(program.pair, Taylor))  # steps of Taylor series have machine code of their own
+    else:
+        from toolbox.stepping.time_stepper import advance
+
+        name, run_on = "loop of time stepping", advance
+    key = (advance, program.formulas.series)  # steps of Taylor series have machine code of their own
     if key not in _LOADED:
         _LOADED.append(key)
         announced(name, advance)
@@ -55,31 +54,26 @@ def compiled_loop(run: Run, program: Program) -> Any:
     return attended(run_on, program)
 
 
-def _with_series(run: Run) -> bool:
-    """Whether the run asks for Taylor series."""
-    return isinstance(formulas_of(run), Taylor)
-
-
 def _undecided(run: Run) -> bool:
     """Whether the run may turn out to be stiff; a law in Python is asked once per sample, so that its runs do not begin anew."""
-    return isinstance(run.method, EventExact) and not run.laws
+    return run.method.watches_stiffness and not run.laws
 
 
-def formulas_of(run: Run) -> Any:
+def formulas_of(run: Run) -> Formulas:
     """The formulas that a run steps with."""
     return run.method.formulas(run.accuracy, bool(run.system.updates))
 
 
 def carry_out(run: Run) -> Trajectory:
     """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
-    if isinstance(run.method, Automatic):
+    if run.method.chooses:
         return cheapest_method(run)
     if run.method.refines:
         return refined(run)
-    if isinstance(run.method, Smoothing) and not isinstance(run.system, SmoothSystem):
-        sharp = Smoothing(run.method.width, run.method.tolerance or tolerance(run))
-        run = dataclasses.replace(run, system=smoothed(run.system, sharp.width or {}), method=sharp)
-    program = program_of(run.system, run.kinds, formulas_of(run))
+    if run.method.smooths and not isinstance(run.system, SmoothSystem):
+        run = with_tolerance(run)
+    formulas = formulas_of(run)
+    program = program_of(run.system, run.kinds, formulas)
     advance = compiled_loop(run, program)
     work = work_arrays(run, program)
     began = clock.perf_counter()
@@ -100,8 +94,8 @@ def carry_out(run: Run) -> Trajectory:
             if status == work_layout.DONE:
                 done = trajectory_so_far(run, program, work, began, answers)
                 done.laws = tuple(laws)
-                if _with_series(run) and not isinstance(program.pair, Taylor):
-                    done.why = f"{program.pair.name}: {LACKING}"
+                if program.formulas != formulas:
+                    done.why = f"{program.formulas.name}: {formulas.lacking}"
                 return _sound(done, program) if isinstance(done, Stepped) else done
             if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > run.budget.events:
                 raise exhausted(run, program, work, began, answers)
@@ -118,14 +112,17 @@ def carry_out(run: Run) -> Trajectory:
                     if pays(run, program, work, look):
                         LOG.debug("the plant is stiff: stepped implicitly from the start")
                         left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
-                        return carry_out(dataclasses.replace(run, method=Implicit(), budget=left))
+                        again = carry_out(dataclasses.replace(run, method=Implicit(), budget=left))
+                        if formulas.series:
+                            again.why = f"{again.program.formulas.name}: {again.program.formulas.steps}"
+                        return again
                     look = progress(work)
                     following = 2 * look[1]
                 if bar is None and spent > 1.0:
                     bar = progress_bar(run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
                 if bar is not None:
                     bar.update(float(work.reals[work_layout.TIME]) - bar.n)
-            elif isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
+            elif program.formulas.series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
                 left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
                 again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
                 LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[work_layout.TIME]))

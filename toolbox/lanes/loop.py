@@ -12,39 +12,9 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from toolbox.compilation import work_layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    APPLIED,
-    BUDGET,
-    CLOSE,
-    DONE,
-    END,
-    ENDLESS,
-    ERROR_OLD,
-    EVENTS,
-    FIRST_HELD,
-    JUMP,
-    LAST_EVENT,
-    LOCATED,
-    LONGEST,
-    MERGED,
-    NE,
-    OPENED,
-    OUTPUT,
-    PAUSED,
-    RECORDS,
-    REJECTED,
-    RTOL,
-    SERIES,
-    STARTED,
-    STEP,
-    STEP_OLD,
-    TAKEN,
-    TIME,
-    N,
-)
 from toolbox.lanes.layout import (
     ALONE,
     DOUBT,
@@ -128,7 +98,7 @@ def scalar_address(w):
     """Address of `toolbox.stepping.event_stepper.advance` for the arrays `w`, whose steps are Taylor series or not."""
     from numba import typeof
 
-    signature = (typeof(w), types.boolean if w.ints[SERIES] else types.none)
+    signature = (typeof(w), types.boolean if w.ints[work_layout.SERIES] else types.none)
     found = advance.overloads.get(signature)
     if found is None:
         advance.compile(signature)
@@ -140,15 +110,15 @@ def scalar_address(w):
 def _observe(b, lanes, lane, views, observe, w, t):
     """Measure the signals of a lane over a step that the scalar loop has taken: Simpson's integral and parabolas over 64 parts, from steps of their own."""
     block, rows, values = b.block, b.rows, lanes.signals
-    h = w.reals[TIME] - t
+    h = w.reals[work_layout.TIME] - t
     counts = False
     for v in range(views):
         counts = counts or block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]
-    if counts and w.ints[SERIES] != 0:
-        call(w.ints[SERIES], t, h, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, lanes.k_old)
+    if counts and w.ints[work_layout.SERIES] != 0:
+        call(w.ints[work_layout.SERIES], t, h, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, lanes.k_old)
     for part in range(65 if counts else 0):
         weight = h / 192.0 * (1.0 if part % 64 == 0 else (4.0 if part % 2 == 1 else 2.0))
-        call(w.ints[STEP], t, h * part / 64.0, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, w.y)
+        call(w.ints[work_layout.STEP], t, h * part / 64.0, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, w.y)
         for i in range(lanes.x_old.size):
             w.x_other[i] = w.y[i]
         call(observe, t + h * part / 64.0, 0.0, w.x_other, lanes.k_old, lanes.p_old, lanes.m_old, values[part % 3])
@@ -171,7 +141,7 @@ def _event(w, t):
     """What the scalar loop does with an event that has been stepped to; returns its status."""
     project_event(w, t, False)
     status = after_event(w, t)
-    return PAUSED if status == DONE else status
+    return work_layout.PAUSED if status == work_layout.DONE else status
 
 
 @inlined
@@ -186,9 +156,9 @@ def begin(scalar, w, rest, parameters, start, memory, held, steps):
     """Start a scenario in the arrays of the scalar loop and take at most so many steps; returns its status."""
     _copy(rest, w.p, 0)
     _copy(parameters, w.p, 0)
-    _copy(held, w.p, w.ints[FIRST_HELD])
+    _copy(held, w.p, w.ints[work_layout.FIRST_HELD])
     _copy(memory, w.memory, 0)
-    w.samplers[:, TAKEN], w.samplers[:, APPLIED] = 0, 0
+    w.samplers[:, work_layout.TAKEN], w.samplers[:, work_layout.APPLIED] = 0, 0
     w.x[:] = 0.0
     _copy(start, w.x, 0)
     for array in (w.k, w.m, w.scale, w.noise, w.group_scale, w.g, w.guard_scale, w.before):
@@ -196,9 +166,20 @@ def begin(scalar, w, rest, parameters, start, memory, held, steps):
     w.side[:] = 1.0
     for array in (w.armed, w.fired, w.zero, w.forced, w.bounced):
         array[:] = False
-    w.ints[ACCEPTED], w.ints[REJECTED], w.ints[STARTED], w.ints[JUMP], w.ints[CLOSE] = 0, 0, 0, 0, 0
-    w.ints[OUTPUT] = 0
-    w.reals[TIME], w.reals[STEP_OLD], w.reals[ERROR_OLD], w.reals[LAST_EVENT] = 0.0, 0.0, 0.0, -np.inf
+    (
+        w.ints[work_layout.ACCEPTED],
+        w.ints[work_layout.REJECTED],
+        w.ints[work_layout.STARTED],
+        w.ints[work_layout.JUMP],
+        w.ints[work_layout.CLOSE],
+    ) = 0, 0, 0, 0, 0
+    w.ints[work_layout.OUTPUT] = 0
+    w.reals[work_layout.TIME], w.reals[work_layout.STEP_OLD], w.reals[work_layout.ERROR_OLD], w.reals[work_layout.LAST_EVENT] = (
+        0.0,
+        0.0,
+        0.0,
+        -np.inf,
+    )
     return _alone(scalar, w, steps)
 
 
@@ -208,11 +189,11 @@ def _alone(scalar, w, steps):
 
     A refused step of series is tried again at once: the next would begin with a table of its own, and be as long.
     """
-    w.ints[BUDGET], w.ints[RECORDS], w.ints[OPENED] = steps, 0, 0
-    taken = w.ints[ACCEPTED]
-    while w.ints[SERIES] != 0:
+    w.ints[work_layout.BUDGET], w.ints[work_layout.RECORDS], w.ints[work_layout.OPENED] = steps, 0, 0
+    taken = w.ints[work_layout.ACCEPTED]
+    while w.ints[work_layout.SERIES] != 0:
         status = _call_scalar(scalar, owned(w), True)
-        if steps == 0 or status != PAUSED or w.ints[ACCEPTED] > taken:
+        if steps == 0 or status != work_layout.PAUSED or w.ints[work_layout.ACCEPTED] > taken:
             return status
     return _call_scalar(scalar, owned(w), None)
 
@@ -233,9 +214,9 @@ def _start_block(b, w):
     """A block without scenarios."""
     b.block[:] = 0.0
     b.block[STOP_ROW, :] = np.inf
-    b.block[LONGEST_ROW, :] = w.reals[LONGEST]
-    b.block[END_ROW, :] = w.reals[END]
-    b.block[RTOL_ROW, :] = w.reals[RTOL]
+    b.block[LONGEST_ROW, :] = w.reals[work_layout.LONGEST]
+    b.block[END_ROW, :] = w.reals[work_layout.END]
+    b.block[RTOL_ROW, :] = w.reals[work_layout.RTOL]
     b.block[FLAG_ROW, :] = STOP
     b.waiting[0] = 1
 
@@ -258,7 +239,7 @@ def _settle(code, b, lanes, running):
 @inlined
 def _note_settled(b, found, asked, lanes, lane, w):
     """Write down the event that has been settled in a lane; returns why the lane waits now."""
-    block, s, ne = b.block, lanes.scenario[lane], w.ints[NE]
+    block, s, ne = b.block, lanes.scenario[lane], w.ints[work_layout.NE]
     lanes.happened[lane] = False
     t = block[TIME_ROW, lane]
     changed = False
@@ -269,7 +250,9 @@ def _note_settled(b, found, asked, lanes, lane, w):
             _note_switch(found, asked, lanes, lane, s, i, lanes.modes[lane, i], mode, t)
             lanes.modes[lane, i] = mode
     found.counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
-    lanes.close[lane] = lanes.close[lane] + 1 if t - lanes.last_event[lane] <= 1e-13 * max(abs(t), min(w.reals[END], 1.0)) else 0
+    lanes.close[lane] = (
+        lanes.close[lane] + 1 if t - lanes.last_event[lane] <= 1e-13 * max(abs(t), min(w.reals[work_layout.END], 1.0)) else 0
+    )
     lanes.last_event[lane] = t
     if lanes.close[lane] <= 50 + 20 * ne:
         return GOES_ON
@@ -280,7 +263,7 @@ def _note_settled(b, found, asked, lanes, lane, w):
 @inlined
 def _round_off_again(b, lane, w):
     """Measure the round-off of a lane anew; returns whether it goes on."""
-    block, rows, n = b.block, b.rows, w.ints[N]
+    block, rows, n = b.block, b.rows, w.ints[work_layout.N]
     measure_round_off(w)
     for i in range(n):
         w.scale[i] = block[rows[SCALE] + i, lane]
@@ -288,26 +271,26 @@ def _round_off_again(b, lane, w):
     for i in range(n):
         block[rows[NOISE] + i, lane] = w.noise[i]
     block[FLAG_ROW, lane] = GOES_ON
-    return w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS
+    return w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < MOST_STEPS
 
 
 @inlined
 def _step_alone(code, b, lanes, lane, w, flag, edges, views):
     """One step of the scalar loop from where a lane stands, or what is due there; returns its status."""
-    t = w.reals[TIME]
-    for i in range(w.ints[N]):
+    t = w.reals[work_layout.TIME]
+    for i in range(w.ints[work_layout.N]):
         lanes.x_old[i], lanes.k_old[i] = w.x[i], w.k[i]
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[work_layout.NE]):
         lanes.m_old[i] = w.m[i]
     for i in range(w.p.size):
         lanes.p_old[i] = w.p[i]  # which may jump at the end of the step
-    longest = w.reals[LONGEST]
+    longest = w.reals[work_layout.LONGEST]
     for edge in edges:
         if flag == ALONE and t < edge * (1.0 - SLACK):
-            w.reals[LONGEST] = min(w.reals[LONGEST], edge - t)
+            w.reals[work_layout.LONGEST] = min(w.reals[work_layout.LONGEST], edge - t)
     status = _alone(code.scalar, w, 1 if flag == ALONE else 0)
-    w.reals[LONGEST] = longest
-    if lanes.signals.shape[1] > 0 and w.reals[TIME] > t:
+    w.reals[work_layout.LONGEST] = longest
+    if lanes.signals.shape[1] > 0 and w.reals[work_layout.TIME] > t:
         _observe(b, lanes, lane, views, code.observe, w, t)
     return status
 
@@ -320,13 +303,17 @@ def _look_after(code, b, given, found, lanes, lane, w, flag):
     if code.sample != 0:
         gather_samples(b.block, b.rows, lane, w, b.queue)
     if flag == ROUND_OFF:
-        return GOING if _round_off_again(b, lane, w) else PAUSED
-    if flag == STOP and t >= w.reals[END] and code.sample == 0:
-        return DONE
+        return GOING if _round_off_again(b, lane, w) else work_layout.PAUSED
+    if flag == STOP and t >= w.reals[work_layout.END] and code.sample == 0:
+        return work_layout.DONE
     gather_history(b.block, b.rows, lane, w)
-    w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP] = lanes.last_event[lane], lanes.close[lane], lanes.jump[lane]
+    w.reals[work_layout.LAST_EVENT], w.ints[work_layout.CLOSE], w.ints[work_layout.JUMP] = (
+        lanes.last_event[lane],
+        lanes.close[lane],
+        lanes.jump[lane],
+    )
     if flag == EVENT:
-        w.ints[LOCATED] = np.int64(b.block[LOCATED_ROW, lane])
+        w.ints[work_layout.LOCATED] = np.int64(b.block[LOCATED_ROW, lane])
         return _event(w, t)
     found.counts[s, 4] += flag == ALONE
     status = _step_alone(code, b, lanes, lane, w, flag, given.edges, given.windows.shape[0])
@@ -340,9 +327,13 @@ def _go_on(code, b, edges, lanes, lane, w):
     scatter(b.block, b.rows, lane, w, next_stop(w, edges))
     if code.sample != 0:
         scatter_samples(b.block, b.rows, lane, w, b.queue)
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[work_layout.NE]):
         lanes.modes[lane, i] = w.m[i]
-    lanes.last_event[lane], lanes.close[lane], lanes.jump[lane] = w.reals[LAST_EVENT], w.ints[CLOSE], w.ints[JUMP]
+    lanes.last_event[lane], lanes.close[lane], lanes.jump[lane] = (
+        w.reals[work_layout.LAST_EVENT],
+        w.ints[work_layout.CLOSE],
+        w.ints[work_layout.JUMP],
+    )
 
 
 @inlined
@@ -350,11 +341,11 @@ def _finish(code, b, given, found, lanes, lane, w, status):
     """Write down what a scenario has come to."""
     s, block, values = lanes.scenario[lane], b.block, lanes.signals
     signals, views = found.lowest.shape[1], found.lowest.shape[2]
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[work_layout.NE]):
         note_end(
             i,
             w.m[i],
-            w.reals[TIME],
+            w.reals[work_layout.TIME],
             False,
             lanes.since[lane],
             given.asked,
@@ -367,18 +358,18 @@ def _finish(code, b, given, found, lanes, lane, w, status):
     for i in range(found.states.shape[1]):
         found.states[s, i] = w.x[i]
     if signals > 0:
-        call(code.observe, w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
+        call(code.observe, w.reals[work_layout.TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
         found.doubtful[s] = block[b.rows[DOUBT], lane] != 0.0
     for q in range(signals):
         found.ends[s, q] = values[0, q]
         for v in range(views):
             place = b.rows[MEASURED] + 3 * (q * views + v)
             low, high = block[place, lane], block[place + 1, lane]
-            if given.windows[v, 1] >= w.reals[TIME]:  # the far side of a jump there
+            if given.windows[v, 1] >= w.reals[work_layout.TIME]:  # the far side of a jump there
                 low, high = min(low, values[0, q]), max(high, values[0, q])
             found.lowest[s, q, v], found.highest[s, q, v], found.integral[s, q, v] = low, high, block[place + 2, lane]
     found.statuses[s] = status
-    found.counts[s, 0], found.counts[s, 1] = w.ints[ACCEPTED], w.ints[REJECTED]
+    found.counts[s, 0], found.counts[s, 1] = w.ints[work_layout.ACCEPTED], w.ints[work_layout.REJECTED]
 
 
 @inlined
@@ -386,10 +377,10 @@ def _take(code, b, given, found, lanes, lane, w, s):
     """Begin scenario s in a lane; returns the status of the scalar loop."""
     signals, views = found.lowest.shape[1], found.lowest.shape[2]
     lanes.scenario[lane] = s
-    w.ints[EVENTS], w.ints[MERGED] = 0, 0
+    w.ints[work_layout.EVENTS], w.ints[work_layout.MERGED] = 0, 0
     status = begin(code.scalar, w, given.rest, given.parameters[s], given.starts[s], given.memories[s], given.held[s], 0)
     put_parameters(b.block, b.rows, lane, w, lanes.p)
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[work_layout.NE]):
         lanes.since[lane, i] = 0.0
     b.block[b.rows[DOUBT], lane] = 0.0
     for v in range(views):
@@ -426,20 +417,20 @@ def run(code, b, given, found, lanes, w, first, last):
                 if not settled:
                     continue  # until a few lanes wait together
                 lanes.happened[lane] = False
-            status = DONE
-            w.ints[EVENTS], w.ints[MERGED] = 0, 0
+            status = work_layout.DONE
+            w.ints[work_layout.EVENTS], w.ints[work_layout.MERGED] = 0, 0
             if flag == ENDLESS_FLAG:
-                status = ENDLESS
+                status = work_layout.ENDLESS
             elif s >= 0:
                 status = _look_after(code, b, given, found, lanes, lane, w, flag)
             if status == GOING:
                 continue
             while True:  # ends with a lane that goes on, or with none left to begin
                 if s >= 0:
-                    for e in range(w.ints[EVENTS]):
+                    for e in range(w.ints[work_layout.EVENTS]):
                         _note_switch(found, given.asked, lanes, lane, s, w.ev_i[e], w.ev_m[e, 0], w.ev_m[e, 1], w.ev_t[e])
-                    found.counts[s, 3] += w.ints[MERGED]
-                    if status == PAUSED and w.ints[ACCEPTED] + w.ints[REJECTED] < MOST_STEPS:
+                    found.counts[s, 3] += w.ints[work_layout.MERGED]
+                    if status == work_layout.PAUSED and w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < MOST_STEPS:
                         _go_on(code, b, given.edges, lanes, lane, w)
                         break
                     _finish(code, b, given, found, lanes, lane, w, status)

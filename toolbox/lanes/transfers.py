@@ -4,24 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from toolbox.compilation import work_layout
 from toolbox.compilation.numba_cache import inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    APPLIED,
-    END,
-    ERROR_OLD,
-    FIRST_OUTPUT,
-    JUMP,
-    NE,
-    NG,
-    OUTPUTS,
-    REJECTED,
-    STEP_OLD,
-    STEP_SIZE,
-    TAKEN,
-    TIME,
-    N,
-)
 from toolbox.lanes.layout import (
     ACCEPTED_ROW,
     ARMED,
@@ -55,26 +39,26 @@ from toolbox.lanes.layout import (
 @inlined
 def gather_point(block, rows, lane, w, p):
     """Where a lane stands, in the arrays of the scalar loop."""
-    w.reals[TIME] = block[TIME_ROW, lane]
-    w.ints[ACCEPTED] = np.int64(block[ACCEPTED_ROW, lane])
-    w.ints[REJECTED] = np.int64(block[REFUSED_ROW, lane])
-    for i in range(w.ints[N]):
+    w.reals[work_layout.TIME] = block[TIME_ROW, lane]
+    w.ints[work_layout.ACCEPTED] = np.int64(block[ACCEPTED_ROW, lane])
+    w.ints[work_layout.REJECTED] = np.int64(block[REFUSED_ROW, lane])
+    for i in range(w.ints[work_layout.N]):
         w.x[i] = block[rows[X] + i, lane]
         w.k[i] = block[rows[K] + i, lane]
     for i in range(w.p.size):
         w.p[i] = p[lane, i]
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[work_layout.NE]):
         w.m[i] = block[rows[M] + i, lane]
 
 
 @inlined
 def gather_history(block, rows, lane, w):
     """What a lane remembers of its way, in the arrays of the scalar loop."""
-    ne, ng = w.ints[NE], w.ints[NG]
-    w.reals[STEP_SIZE] = block[WANTED_ROW, lane]
-    w.reals[ERROR_OLD] = block[ERROR_OLD_ROW, lane]
-    w.reals[STEP_OLD] = block[STEP_OLD_ROW, lane]
-    for i in range(w.ints[N]):
+    ne, ng = w.ints[work_layout.NE], w.ints[work_layout.NG]
+    w.reals[work_layout.STEP_SIZE] = block[WANTED_ROW, lane]
+    w.reals[work_layout.ERROR_OLD] = block[ERROR_OLD_ROW, lane]
+    w.reals[work_layout.STEP_OLD] = block[STEP_OLD_ROW, lane]
+    for i in range(w.ints[work_layout.N]):
         w.scale[i] = block[rows[SCALE] + i, lane]
         w.noise[i] = block[rows[NOISE] + i, lane]
     for i in range(w.group_scale.size):
@@ -94,13 +78,13 @@ def gather_history(block, rows, lane, w):
 @inlined
 def scatter(block, rows, lane, w, stop):
     """The arrays of the scalar loop back in their lane."""
-    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
-    block[TIME_ROW, lane] = w.reals[TIME]
-    block[WANTED_ROW, lane] = w.reals[STEP_SIZE]
-    block[ERROR_OLD_ROW, lane] = w.reals[ERROR_OLD]
-    block[STEP_OLD_ROW, lane] = w.reals[STEP_OLD]
-    block[ACCEPTED_ROW, lane] = w.ints[ACCEPTED]
-    block[REFUSED_ROW, lane] = w.ints[REJECTED]
+    n, ne, ng = w.ints[work_layout.N], w.ints[work_layout.NE], w.ints[work_layout.NG]
+    block[TIME_ROW, lane] = w.reals[work_layout.TIME]
+    block[WANTED_ROW, lane] = w.reals[work_layout.STEP_SIZE]
+    block[ERROR_OLD_ROW, lane] = w.reals[work_layout.ERROR_OLD]
+    block[STEP_OLD_ROW, lane] = w.reals[work_layout.STEP_OLD]
+    block[ACCEPTED_ROW, lane] = w.ints[work_layout.ACCEPTED]
+    block[REFUSED_ROW, lane] = w.ints[work_layout.REJECTED]
     block[STOP_ROW, lane] = stop
     block[REJECTED_ROW, lane] = 0.0
     block[SEARCHING_ROW, lane] = 0.0
@@ -138,12 +122,12 @@ def gather_samples(block, rows, lane, w, queue):
     depth, widest = w.queue.shape[1], w.queue.shape[2]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        s[TAKEN] = np.int64(block[rows[SAMPLES] + 2 * c, lane])
-        s[APPLIED] = np.int64(block[rows[SAMPLES] + 2 * c + 1, lane])
-        for i in range(s[OUTPUTS]):
-            w.p[s[FIRST_OUTPUT] + i] = block[rows[P] + s[FIRST_OUTPUT] + i, lane]
-        for q in range(s[APPLIED], s[TAKEN]):
-            for i in range(s[OUTPUTS]):
+        s[work_layout.TAKEN] = np.int64(block[rows[SAMPLES] + 2 * c, lane])
+        s[work_layout.APPLIED] = np.int64(block[rows[SAMPLES] + 2 * c + 1, lane])
+        for i in range(s[work_layout.OUTPUTS]):
+            w.p[s[work_layout.FIRST_OUTPUT] + i] = block[rows[P] + s[work_layout.FIRST_OUTPUT] + i, lane]
+        for q in range(s[work_layout.APPLIED], s[work_layout.TAKEN]):
+            for i in range(s[work_layout.OUTPUTS]):
                 w.queue[c, q % depth, i] = queue[(c * depth + q % depth) * widest + i, lane]
     for i in range(w.memory.size):
         w.memory[i] = block[rows[MEMORY] + i, lane]
@@ -157,13 +141,13 @@ def scatter_samples(block, rows, lane, w, queue):
     block[rows[CALENDAR], lane] = stop
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        block[rows[SAMPLES] + 2 * c, lane] = s[TAKEN]
-        block[rows[SAMPLES] + 2 * c + 1, lane] = s[APPLIED]
-        stop = min(stop, s[TAKEN] * w.clocks[c, 0])
-        if s[APPLIED] < s[TAKEN]:
-            stop = min(stop, s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
-        for q in range(s[APPLIED], s[TAKEN]):
-            for i in range(s[OUTPUTS]):
+        block[rows[SAMPLES] + 2 * c, lane] = s[work_layout.TAKEN]
+        block[rows[SAMPLES] + 2 * c + 1, lane] = s[work_layout.APPLIED]
+        stop = min(stop, s[work_layout.TAKEN] * w.clocks[c, 0])
+        if s[work_layout.APPLIED] < s[work_layout.TAKEN]:
+            stop = min(stop, s[work_layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
+        for q in range(s[work_layout.APPLIED], s[work_layout.TAKEN]):
+            for i in range(s[work_layout.OUTPUTS]):
                 queue[(c * depth + q % depth) * widest + i, lane] = w.queue[c, q % depth, i]
     for i in range(w.memory.size):
         block[rows[MEMORY] + i, lane] = w.memory[i]
@@ -173,10 +157,10 @@ def scatter_samples(block, rows, lane, w, queue):
 @inlined
 def next_stop(w, edges):
     """The next instant of the calendar at which a step must end: an edge of a window, a jump of a parameter or the end."""
-    stop = w.reals[END]
+    stop = w.reals[work_layout.END]
     for edge in edges:
-        if w.reals[TIME] < edge * (1.0 - SLACK):
+        if w.reals[work_layout.TIME] < edge * (1.0 - SLACK):
             stop = min(stop, edge)
-    if w.ints[JUMP] < w.jump_t.size:
-        stop = min(stop, w.jump_t[w.ints[JUMP]])
+    if w.ints[work_layout.JUMP] < w.jump_t.size:
+        stop = min(stop, w.jump_t[w.ints[work_layout.JUMP]])
     return stop

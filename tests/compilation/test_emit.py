@@ -355,7 +355,7 @@ def test_a_simulation_does_not_depend_on_how_its_step_is_written(formulas, monke
     for unrolled in (0, 10**9):
         monkeypatch.setattr(explicit_step, "UNROLLED", unrolled)
         plant = compose(BlockOnBelt())
-        plant.kernels = {}  # compile for this run alone
+        plant.cache = {}  # compile for this run alone
         runs.append(simulate(plant, 20.0, accuracy=accuracy))
     looped, unrolled = runs
     assert [(e.before, e.after) for e in looped.events] == [(e.before, e.after) for e in unrolled.events]

@@ -170,7 +170,7 @@ def test_only_dense_groups_become_calls(monkeypatch):
 def steps(plant, limit, monkeypatch):
     """One implicit step with an elimination written out up to a limit of operations, and its program."""
     monkeypatch.setattr(implicit_step, "MOST", limit)
-    plant.kernels.clear()
+    plant.cache.clear()
     program = simulate(plant, 0.0, method="stiff", inputs={"top.torque": 10_000.0}).program
     kernel, random = program.kernel, np.random.default_rng(0)
     x, k, p = random.normal(size=kernel.states), random.normal(size=kernel.slopes), 0.5 + random.random(program.p_size)

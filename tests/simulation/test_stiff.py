@@ -369,7 +369,7 @@ class Relaxations(Component):
 def test_an_elimination_that_would_take_longer_than_the_run_is_not_written():
     # 2/3 40^3 instructions where all states depend on all; the twin without that is stepped by the stiff method
     runs = {mixed: simulate(compose(Relaxations(mixed)), 10.0) for mixed in (True, False)}
-    programs = {mixed: {key[2] for key in run.program.system.kernels if key[0] == "program"} for mixed, run in runs.items()}
+    programs = {mixed: {key[2] for key in run.program.system.cache if key[0] == "program"} for mixed, run in runs.items()}
     assert "rodas5p" not in programs[True] and runs[True].run.method == EventExact()
     assert runs[False].program.formulas is RODAS5P
     assert stiff_size(runs[True].program) > 40**3 * 2 / 3 > 100 * stiff_size(runs[False].program)

@@ -32,6 +32,7 @@ class RungeKutta(Formulas):
     b: tuple[float, ...]
     error: tuple[float, ...]
     error_low: tuple[float, ...]
+    interpolates: bool = False
 
     explicit: ClassVar[bool] = True
 

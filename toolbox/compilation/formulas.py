@@ -131,6 +131,11 @@ class Formulas:
         return False
 
     @property
+    def interpolates(self) -> bool:
+        """Whether states inside a step are known as exactly as at its end."""
+        return False
+
+    @property
     def steps(self) -> str:
         """The kind of steps, in words."""
         return "explicit steps"

@@ -9,7 +9,7 @@ Every function is `void f(double t, double h, x, k, p, m, y)` on arrays of doubl
     probe    y = [slip | slip rate | force | static bound | pace]       of the elements (`Switching.probed`)
     series   y = [coefficients of the states and guards at (t, x)]     of Taylor steps, which is then k of step; h tells how long one is about
     burden   y = [size of what the forces of elements cancel]         of each slope
-    impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [held | elastic]; only with rigid contacts
+    impulse  y = [x | impulses | slips before | after | bounds]       of an impact, with k = [sticking | elastic]; only with rigid contacts
     update_i y = [controller state | outputs]                          of sampled controller i, with its state in k
 """
 
@@ -63,8 +63,8 @@ def kernel_of(
         bodies[name] = body_of(name, equations.function(name, result), 0)
     symbols = [equations.t, equations.x, equations.p, equations.m]
     if form.impulse is not None:
-        held, elastic, results = form.impulse
-        bodies["impulse"] = body_of("impulse", ca.Function("impulse", [*symbols, ca.vertcat(held, elastic)], [results]))
+        sticking, elastic, results = form.impulse
+        bodies["impulse"] = body_of("impulse", ca.Function("impulse", [*symbols, ca.vertcat(sticking, elastic)], [results]))
     for i, (z, following, outputs) in enumerate(updates):
         update = ca.Function("update", [*symbols, z], [ca.densify(ca.vertcat(following, outputs))])
         bodies[f"update_{i}"] = plain_body(update, 0)

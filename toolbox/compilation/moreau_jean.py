@@ -3,12 +3,12 @@
 No switch is located. Over a step h the mean forces F and the change d of the state solve
 
     d = h (f + theta (f_x d + f_t h) + B F)          theta = 1/2, f and its derivatives at the begin of the step
-    held:     slip(t + h, x) + slip_x d = 0,  of a rigid contact that is struck -e slip(t, x)
+    stick:    slip(t + h, x) + slip_x d = 0,  of a rigid contact that is struck -e slip(t, x)
     sliding:  F + m kinetic = 0,              kinetic linearised about the begin, weighted by theta
 
-and the modes m are those with |F| <= static where held, m slip > 0 where sliding, and 0 <= N, -(slip + e slip_before) >= 0 with one of them zero at a contact
-that closes. Modes are found by pivoting, all wrong ones at once and one by one where that cycles; every trial is one sparse elimination without search for
-pivots, in an order of minimum degree, so that a chain of contacts costs in proportion to its length.
+and the modes m are those with |F| <= static where they stick, m slip > 0 where sliding, and 0 <= N, -(slip + e slip_before) >= 0 with one of them zero at a
+contact that closes. Modes are found by pivoting, all wrong ones at once and one by one where that cycles; every trial is one sparse elimination without search
+for pivots, in an order of minimum degree, so that a chain of contacts costs in proportion to its length.
 
 Inside a step with a switch the error is O(h), and a switch is known to a step. Where the momentum of such a step is right, as on a limit cycle, that error is
 not carried along, and away from switches O(h^2) is left. A sticking slip is zero to round-off. Bounces
@@ -38,6 +38,10 @@ class Theta(Formulas):
     theta: float
 
     locates: ClassVar[bool] = False
+
+    @property
+    def steps(self) -> str:
+        return "fixed steps"
 
     def step(self, equations: ClosedEquations) -> StepCode:
         trial = trial_step(self.theta, equations)
@@ -99,8 +103,8 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     free = h * (ca.densify(at_rest(flow)) + theta * h * about(ca.densify(ca.jacobian(flow, t))))
     to_slip = ca.jacobian(slip, x)
     later = ca.substitute(slip, t, t + h)
-    held = form.sticks
-    slides = 1 - held
+    sticks = form.sticks
+    slides = 1 - sticks
     target = -elastic * restitution * slip
 
     top = ca.horzcat(ca.SX.eye(n) - h * theta * slopes, -h * inputs)
@@ -109,9 +113,9 @@ def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
         ca.diag(mode * straight) @ (theta * about(at_side(ca.jacobian(kinetic, x)))),
         ca.SX.eye(ne) + ca.diag(mode) @ at_side(ca.jacobian(kinetic, force)),
     )
-    rows = ca.diag(held) @ stick_rows + ca.diag(slides) @ law_rows if ne else ca.SX(0, n)
+    rows = ca.diag(sticks) @ stick_rows + ca.diag(slides) @ law_rows if ne else ca.SX(0, n)
     law = at_rest(at_side(kinetic)) + straight * theta * h * about(at_side(ca.jacobian(kinetic, t))) if ne else ca.SX(0, 1)
-    right = ca.vertcat(free, held * (target - later - ca.mtimes(to_slip, free)) - slides * mode * law)
+    right = ca.vertcat(free, sticks * (target - later - ca.mtimes(to_slip, free)) - slides * mode * law)
     solved = _solved(ca.sparsify(ca.vertcat(top, rows)), right)
     change, found = solved[:n], solved[n:]
     bound = ca.substitute(static, force, found) if ne else static

@@ -42,6 +42,10 @@ class Taylor(Formulas):
             object.__setattr__(self, word, value)
 
     @property
+    def interpolates(self) -> bool:
+        return True
+
+    @property
     def steps(self) -> str:
         return f"Taylor series of order {self.order}"
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.explicit_step import RungeKutta
-from toolbox.compilation.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C
+from toolbox.compilation.runge_kutta import DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C
 from toolbox.lanes.polynomials import value_at
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, when_any
 
@@ -85,7 +85,7 @@ class Path:
         x: list[Value],
         k: list[Value],
     ) -> None:
-        assert formulas == DOP853
+        assert formulas.interpolates
         self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, was["x"], was["k"]
         self.others = [[value.name for value in was[name]] for name in ("p", "m")]
         self.slopes, self.x, self.k = slopes, x, k

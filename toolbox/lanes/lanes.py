@@ -15,7 +15,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of, solved_in_calls
-from toolbox.compilation.runge_kutta import DOP853, DOPRI5
+from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
@@ -81,7 +81,7 @@ class Lanes:
         method = run.method if run.method.in_lanes and not system.updates else Explicit()
         stepped = dataclasses.replace(run, method=method, output_times=None)
         formulas = formulas_of(stepped)
-        self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
+        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates and not formulas.interpolates else formulas)
         if self.program.formulas.series and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
         by_others = formulas.series and not self.program.formulas.series

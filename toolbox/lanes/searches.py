@@ -151,8 +151,8 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
         rises, falls = goes_on & ~guards.below, goes_on & guards.below
         low = begins.choose(0.0, rises.choose(was["fraction"], was["low"]))
         high = begins.choose(1.0, falls.choose(was["fraction"], was["high"]))
-        whole = begins.choose(h, was["whole"])
-        width = (high - low) * whole
+        bracketed = begins.choose(h, was["bracketed"])
+        width = (high - low) * bracketed
         g_low = [begins.choose(g, rises.choose(e, o)) for g, e, o in zip(was["g"], step.g, was["g_low"], strict=True)]
         g_high = [(begins | falls).choose(e, o) for e, o in zip(step.g, was["g_high"], strict=True)]
         part = h * 0.0 + 2.0
@@ -167,7 +167,7 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
         inside = low + part * (high - low)
         inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
         fraction = searches.choose(inside, was["fraction"])
-        bracket = {"whole": [whole], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
+        bracket = {"bracketed": [bracketed], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
         made.store(bracket | {"g_low": g_low, "g_high": g_high})
         return (lost,)
 

@@ -13,7 +13,7 @@ from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 from toolbox.measuring.quintics import signals_and_bounds
 
-SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "whole", "low", "high", "fraction", "tries",
+SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "bracketed", "low", "high", "fraction", "tries",
            "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
 """Rows of a block with one number per lane."""
 
@@ -117,7 +117,7 @@ def emit_step(made: Pass) -> Step:
     probing, cleared = (~was["dip"][0].differs(value) if made.probes else made.never for value in (PROBING, CLEARED))
     wanted = smallest(was["wanted"], was["longest"])
     to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
-    h = searching.choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
+    h = searching.choose(was["fraction"] * was["bracketed"], to_stop.choose(stop - t, wanted))
     h = probing.choose(was["dip"][5], h)
     unresolved = ~searching & ~probing & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
     names = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]

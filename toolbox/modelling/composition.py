@@ -379,7 +379,7 @@ class _Composer:
         )
         system.routes = self.routes
         system.values = np.array(self.values, float)
-        system.kernels = {}
+        system.cache = {}
         system.parts = ()
         symbols = [time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises]
         known = ca.vertcat(*symbols, *[element.speed for element in self.elements])
@@ -438,7 +438,7 @@ def _check_push(system: HybridSystem) -> None:
     elastic: dict[int, Any] = {i: element for i, element in enumerate(system.elements) if element.has_gap and not element.rigid}
     if not elastic:
         return
-    found = system.kernels.get("push")
+    found = system.cache.get("push")
     if found is None:
         shares = []
         for i, element in elastic.items():
@@ -446,7 +446,7 @@ def _check_push(system: HybridSystem) -> None:
             closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
             shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
         symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
-        found = system.kernels["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+        found = system.cache["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
     n = system.x.numel()
     tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
     seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])

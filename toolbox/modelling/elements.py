@@ -7,8 +7,9 @@ Here a contact carries one integer mode, and force alone decides when it leaves 
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
@@ -239,9 +240,7 @@ class Element:
         self.multiplier = ca.SX.sym(f"{name}.multiplier")
         self.force: ca.SX = self.multiplier
         self.mode = ca.SX.sym(f"{name}.mode")
-        self.static = ca.SX(0)
-        self.load = ca.SX(0)
-        self.sliding = ca.SX(0)
+        self.static, self.load, self.sliding = ca.SX(0), ca.SX(0), ca.SX(0)
 
     @property
     def kinetic(self) -> ca.SX:
@@ -262,6 +261,13 @@ class Element:
     def breaks(self) -> list[Element]:
         """The companions that say where its law has jumped."""
         return [each for each in self.companions if not each.second]
+
+    def mapped(self, change: Callable[[ca.SX], ca.SX]) -> Element:
+        """A copy with all its expressions changed."""
+        twin = copy.copy(self)
+        for name in self.expressions:
+            setattr(twin, name, change(getattr(self, name)))
+        return twin
 
     def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Two expressions that are positive while the mode holds; multiplier and bound are zero unless the element holds."""

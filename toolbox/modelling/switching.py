@@ -13,7 +13,7 @@ The mode vector m is a numeric input of one set of expressions: with B = df/dF, 
 so that no mode is ever enumerated or compiled on its own. A rigid unilateral contact is the same with its own bound: it holds while its multiplier pushes,
 and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
 
-    held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
+    sticking: sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 
 A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
@@ -54,8 +54,8 @@ class Switching(NamedTuple):
     sticks
         1 for an element that holds its slip, else 0.
     impulse
-        (held, elastic, [state, impulses, slips before, slips after, bounds of the impulses]) where a rigid contact can strike, else None. `held` marks the
-        elements that do not slide through the impact; `elastic` is 1, or 0 for an impact without restitution.
+        (sticking, elastic, [state, impulses, slips before, slips after, bounds of the impulses]) where a rigid contact can strike, else None. `sticking` marks
+        the elements that do not slide through the impact; `elastic` is 1, or 0 for an impact without restitution.
     attached
         For every element the number of the rigid contact whose force bounds it, or -1.
     loader
@@ -160,12 +160,12 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_rate = free_rate + gain @ solved
 
     limit = sticks * bound
-    held = sticks * solved
+    stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
-        of_cone = cones.guards(i, held, limit)
-        guards = ca.vertcat(guards, *(element.guards(held[i], limit[i]) if of_cone is None else of_cone))
+        of_cone = cones.guards(i, stuck, limit)
+        guards = ca.vertcat(guards, *(element.guards(stuck[i], limit[i]) if of_cone is None else of_cone))
     guards = cones.at_speed(guards, speeds)
     watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
@@ -233,13 +233,13 @@ def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
 def _impact(
     x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as held take part."""
-    held, elastic = ca.SX.sym("held", len(elements)), ca.SX.sym("elastic")
+    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
+    sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
     restitution = ca.vertcat(*[e.restitution for e in elements])
-    matrix = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held) + ca.diag((1 - held) * mode) @ coupling)
-    impulses = masked_solve(matrix, -held * (1 + elastic * restitution) * slip)
+    matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
-    return held, elastic, ca.vertcat(*map(ca.densify, results))
+    return sticking, elastic, ca.vertcat(*map(ca.densify, results))
 
 
 def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:

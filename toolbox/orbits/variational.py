@@ -157,8 +157,8 @@ class VariationalEquations:
         field, projected = (
             ca.vertcat(ca.densify(e[: self.plant]), rest) for e, rest in ((form.field, ca.SX.zeros(held.numel())), (form.projected, held))
         )
-        whole = ca.vertcat(field, ca.densify(form.guards[: 2 * count]), projected)
-        smooth, self.sides, arguments = sided(whole, ca.vertcat(t, x))
+        together = ca.vertcat(field, ca.densify(form.guards[: 2 * count]), projected)
+        smooth, self.sides, arguments = sided(together, ca.vertcat(t, x))
         field, guards, projected = smooth[:n], smooth[n : n + 2 * count], smooth[n + 2 * count :]
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)

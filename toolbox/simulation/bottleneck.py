@@ -58,9 +58,9 @@ def _largest_error(program: Program, work: Any) -> str:
     errors = np.abs(out[base : base + n]) / (share * size + work.noise * h)
     lowest = base + n if ints[work_layout.TWO_ERRORS] else base
     elements = [program.system.elements[int(i)].name for i in work.excited]
-    held = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])
+    in_stick = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])
     errors[n - hidden :] = np.abs(out[lowest + n - hidden : lowest + n]) / ((0.02 if ints[work_layout.TWO_ERRORS] else 3e-4) * np.maximum(
-        work.guard_scale[held], 1e-300))  # fmt: skip
+        work.guard_scale[in_stick], 1e-300))  # fmt: skip
     most = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
     if most >= n - hidden:
         return f"the force of `{elements[most - (n - hidden)]}`"

@@ -139,14 +139,14 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
 def _sharing(program: Program, point: Any, work: Any, t: float) -> str:
     """What to add where the slip of one element follows from those of others at this state; plants whose gain is constant were asked when composed."""
     elements = program.system.elements
-    held = [i for i, element in enumerate(elements) if element.slides]
+    sliding = [i for i, element in enumerate(elements) if element.slides]
     gain = output_function(program, "gain of elements", ca.densify(program.system.switching.gain))
-    matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(held, held)]
+    matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(sliding, sliding)]
     size = np.sqrt(np.abs(np.diag(matrix)))
     if not (np.isfinite(matrix).all() and size.all()):
         return ""
-    dependent = dependent_rows(matrix / np.outer(size, size)) if held else []
-    return f" {must_be_independent([elements[held[i]].title for i in dependent])}" if dependent else ""
+    dependent = dependent_rows(matrix / np.outer(size, size)) if sliding else []
+    return f" {must_be_independent([elements[sliding[i]].title for i in dependent])}" if dependent else ""
 
 
 def _resolution(t: float) -> str:

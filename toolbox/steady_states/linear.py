@@ -189,7 +189,7 @@ def linearise(
     check_unsampled(controller)
     plant = _closed(plant, controller)
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
-        if plant.kernels is at.plant.kernels:
+        if plant.cache is at.plant.cache:
             plant = at.plant
         elif {structure_of(part) for part in plant.parts} <= {
             structure_of(part) for part in at.plant.parts
@@ -347,7 +347,7 @@ def _point(
     x = np.zeros(plant.x.numel())
     t, own, given = 0.0, mapping("mode", mode), dict(values)
     placed = np.zeros(x.size, bool)
-    if isinstance(at, Equilibrium) and at.plant.kernels is not plant.kernels:
+    if isinstance(at, Equilibrium) and at.plant.cache is not plant.cache:
         for name in plant.states:
             place_start(plant, x, name, at[name])
         placed[:] = True

@@ -43,6 +43,26 @@ def balanced(w, t):
     return energy if energy > 1e-12 * size else 0.0
 
 
+@inlined
+def _end_low_flights(w, t):
+    """Close contacts whose next flight would be too low to be resolved."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    nudge(w)
+    call(w.ints[layout.FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for i in range(ne):
+        w.m_other[i] = w.z[2 * n + 2 * i]
+    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
+        w.m_other[i] = 64.0 * layout.EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        if w.bounced[i]:
+            after, fall = w.z[i], w.z[ne + i]
+            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
+                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+
+
 @called
 def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
@@ -75,18 +95,5 @@ def impact(w, t):
         elif w.kind[i] == layout.FRICTION:
             w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
-    nudge(w)
-    call(w.ints[layout.FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
-    for i in range(ne):
-        w.m_other[i] = w.z[2 * n + 2 * i]
-    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
-        w.m_other[i] = 64.0 * layout.EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
-    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(ne):
-        if w.bounced[i]:
-            after, fall = w.z[i], w.z[ne + i]
-            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
-            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
-                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+    _end_low_flights(w, t)
     project(w, t)

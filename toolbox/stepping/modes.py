@@ -144,7 +144,7 @@ def mark(w, again):
 def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
     ne, ng = w.ints[layout.NE], w.ints[layout.NG]
-    kink, strike, ended = False, False, False
+    kink, strike = False, False
     for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
         if w.fired[j]:
             w.side[j] = -w.side[j]
@@ -156,8 +156,26 @@ def fire(w, t):
         strike = strike or (w.kind[i] == layout.RIGID and w.before[i] != 0.0 and w.fired[2 * i])
     if strike:
         impact(owned(w), t)
-    for i in range(ne):
-        if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
+    else:
+        _come_to_rest(w, t)
+        _release(w)
+    events = w.ints[layout.EVENTS]
+    if not settle(w, t):
+        return False
+    if w.ints[layout.COUPLED] == 1:
+        for e in range(events, w.ints[layout.EVENTS]):
+            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
+    if w.ints[layout.EVENTS] == events and not kink:
+        w.ints[layout.MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
+    return True
+
+
+@inlined
+def _come_to_rest(w, t):
+    """Put frictions whose slip has ended at zero slip."""
+    ended = False
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
             if flies(w, i):
                 w.m[i] = -w.m[i]
                 continue
@@ -168,22 +186,18 @@ def fire(w, t):
                 ended = True
     if ended:
         project(w, t)
-    for i in range(ne):
-        if w.kind[i] == layout.FRICTION and not strike:
+
+
+@inlined
+def _release(w):
+    """Let go what is at the limit of its force: frictions in the direction of the guard that fired, rigid contacts that no longer push."""
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] == layout.FRICTION:
             w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
             if w.forced[i]:
                 w.m[i] = -1.0 if w.fired[2 * i] else 1.0
-        elif w.kind[i] == layout.RIGID and w.before[i] == 0.0 and w.fired[2 * i] and not strike:
+        elif w.kind[i] == layout.RIGID and w.before[i] == 0.0 and w.fired[2 * i]:
             w.m[i], w.forced[i] = 1.0, True
-    events = w.ints[layout.EVENTS]
-    if not settle(w, t):
-        return False
-    if w.ints[layout.COUPLED] == 1:
-        for e in range(events, w.ints[layout.EVENTS]):
-            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
-    if w.ints[layout.EVENTS] == events and not kink:
-        w.ints[layout.MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
-    return True
 
 
 @called
@@ -218,20 +232,10 @@ def _other_choice(w, t, i):
     return possible
 
 
-@called
-def begin(w):
-    """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
-
-    An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
-    switches turn until their guards agree.
-    """
-    w = lent(w)
-    n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
-    t = w.reals[layout.TIME]
-    for i in range(ne):
-        w.m[i] = w.initial[i]
-    # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
-    nudge(w)
+@inlined
+def _gaps_open(w, t):
+    """Set `m_other` to 1 where a gap is closed, to 0 where it is open; False where a rigid contact is inside."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     rigid = False
     for i in range(ne):
         rigid = rigid or w.kind[i] == layout.RIGID
@@ -247,6 +251,41 @@ def begin(w):
                 w.ints[layout.CULPRIT] = i
                 return False
             w.m_other[i] = 1.0 if close else 0.0
+    return True
+
+
+@inlined
+def _turn_switches(w, t):
+    """Turn switches until all guards agree: one may turn another."""
+    n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
+    for _ in range(2 * ne):
+        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        turned = False
+        for i in range(ne):
+            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
+            if w.kind[i] == layout.SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
+                w.m[i] = 1.0 - w.m[i]
+                turned = True
+        if not turned:
+            break
+
+
+@called
+def begin(w):
+    """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
+
+    An element slides where its slip is not zero; at zero slip force decides. Rigid contacts are closed where their gap is, and does not close or open;
+    switches turn until their guards agree.
+    """
+    w = lent(w)
+    n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
+    t = w.reals[layout.TIME]
+    for i in range(ne):
+        w.m[i] = w.initial[i]
+    # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
+    nudge(w)
+    if not _gaps_open(w, t):
+        return False
     call(w.ints[layout.PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
     call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
@@ -262,16 +301,7 @@ def begin(w):
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
         if two_directions(w, i):
             w.m[i + 1] = abs(w.m[i])
-    for _ in range(2 * ne):  # a switch may turn another
-        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-        turned = False
-        for i in range(ne):
-            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
-            if w.kind[i] == layout.SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
-                w.m[i] = 1.0 - w.m[i]
-                turned = True
-        if not turned:
-            break
+    _turn_switches(w, t)
     project(w, t)
     if not decide(w, t):
         return False

@@ -50,20 +50,20 @@ def open_series(w, t):
     width = n + ng
     call(w.ints[layout.SERIES], t, max(w.reals[layout.STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
     rate = SHARE * w.reals[layout.RTOL] / w.reals[layout.END]
-    first, second, guard, whole = 0.0, 0.0, 0.0, 0.0
+    first, second, guard, total = 0.0, 0.0, 0.0, 0.0
     last = (order - 1) * width
     for i in range(n - w.excited.size):
         size = max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
         weight = 1.0 / (rate * size + w.noise[i])
         first = max(first, abs(w.k[last + i]) * weight)
         second = max(second, abs(w.k[last - width + i]) * weight)
-        whole += abs(w.k[last + i])
+        total += abs(w.k[last + i])
     for j in range(ng):
         size = abs(w.k[last + n + j])
-        whole += size
+        total += size
         if guard_size(w, j) > 0.0:  # of a slip that has just begun only states have a size
             guard = max(guard, size / guard_size(w, j))
-    if not whole < math.inf:
+    if not total < math.inf:
         return False
     p = float(order)
     h = min(_allowance(first, 1.0 / (p - 1.0)), _allowance(second, 1.0 / (p - 2.0)))

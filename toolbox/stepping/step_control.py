@@ -37,9 +37,9 @@ def log2(x):
 @inlined
 def exp2(x):
     """Two to the power of x, |x| < 1000, to one part in two hundred."""
-    whole = math.floor(x)
-    fraction = x - whole
-    return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
+    floor = math.floor(x)
+    fraction = x - floor
+    return np.int64((np.int64(floor) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
 
 
 @inlined

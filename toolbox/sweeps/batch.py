@@ -172,7 +172,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
         readings = RunningMeasures(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-        work = whole = work_arrays(run, program)
+        work = full = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
@@ -188,7 +188,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             work.p[held] = task.held[i]
         readings.begin()
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
-        work = whole
+        work = full
         while True:
             work.ints[work_layout.BUDGET] = run.budget.steps - int(work.ints[work_layout.ACCEPTED] + work.ints[work_layout.REJECTED])
             status = advance(work)
@@ -204,7 +204,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             if run.budget.events < np.inf:
                 switches += np.bincount(work.ev_i[: work.ints[work_layout.EVENTS]], minlength=switches.size)
             readings.read(work, status == work_layout.DONE)
-            work = limited(whole, program, run.budget, int(switches.sum()))
+            work = limited(full, program, run.budget, int(switches.sum()))
             if status == work_layout.DONE:
                 broken = readings.broken_bound
                 if broken is None:

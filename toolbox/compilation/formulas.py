@@ -19,26 +19,14 @@ from toolbox.modelling.switching import Switching
 
 @dataclass(frozen=True, eq=False)
 class ClosedEquations:
-    """The equations of a closed system, whose only symbols are t, x, p and the modes.
-
-    Attributes
-    ----------
-    t, x, p
-        The symbols of time, states and parameters.
-    elements
-        The elements, whose modes and multipliers are symbols too.
-    form
-        The solved switching form.
-    flow
-        dx/dt with the multipliers as symbols, which steps with implicit forces need.
-    """
+    """The equations of a closed system, whose only symbols are t, x, p and the modes."""
 
     t: ca.SX
     x: ca.SX
     p: ca.SX
     elements: Sequence[Element]
     form: Switching
-    flow: ca.SX | None = None
+    flow: ca.SX | None = None  # dx/dt with the multipliers as symbols, which steps with implicit forces need
 
     @cached_property
     def m(self) -> ca.SX:
@@ -71,59 +59,27 @@ class ClosedEquations:
 
 
 class StepCode(NamedTuple):
-    """The machine code of a step before it is compiled.
+    """The machine code of a step before it is compiled."""
 
-    Attributes
-    ----------
-    bodies
-        {name: body} of `step`, and of `series` where the coefficients of a step are computed first.
-    texts
-        The functions that they call.
-    cost
-        Number of instructions of one step.
-    slopes
-        Size of `Work.k`, what a step takes as slopes.
-    """
-
-    bodies: dict[str, Body]
-    texts: tuple[str, ...]
-    cost: int
-    slopes: int
+    bodies: dict[str, Body]  # of `step`, and of `series` where the coefficients of a step are computed first
+    texts: tuple[str, ...]  # the functions that they call
+    cost: int  # number of instructions of one step
+    slopes: int  # size of `Work.k`, what a step takes as slopes
 
 
 @dataclass(frozen=True)
 class Formulas:
-    """Formulas of a step.
-
-    Attributes
-    ----------
-    name
-        What tells them from others.
-    order
-        Order of the global error.
-    power
-        Exponent of the step-size rule, for the error per unit step.
-    explicit
-        Whether a step is made of explicit stages, whose numbers `RungeKutta` holds.
-    implicit
-        Whether fast modes that have died limit no step.
-    series
-        Whether a step is one polynomial in time for states and guards, so that none is rejected.
-    locates
-        Whether steps end on switches; else a switch is known to a step, and forces are means over it.
-    lacking
-        Why a plant is stepped by `instead`, where it is.
-    """
+    """Formulas of a step, which are implicit, explicit or a series, or of fixed length."""
 
     name: str
-    order: int
-    power: float
+    order: int  # of the error at the end of a run
+    power: float  # exponent of the step-size rule, for the error per unit step
 
-    explicit: ClassVar[bool] = False
-    implicit: ClassVar[bool] = False
-    series: ClassVar[bool] = False
-    locates: ClassVar[bool] = True
-    lacking: ClassVar[str] = ""
+    explicit: ClassVar[bool] = False  # a step is made of explicit stages, whose numbers are those of `RungeKutta`
+    implicit: ClassVar[bool] = False  # fast modes that have died limit no step
+    series: ClassVar[bool] = False  # a step is one polynomial in time for states and guards, so that none is rejected
+    locates: ClassVar[bool] = True  # steps end on switches; else a switch is known to a step, and forces are means over it
+    lacking: ClassVar[str] = ""  # why a plant is stepped by `instead`, where it is
 
     @property
     def two_errors(self) -> bool:

@@ -15,31 +15,7 @@ from numba.extending import intrinsic
 from toolbox.compilation import work_layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.lanes.layout import (
-    ALONE,
-    DOUBT,
-    EDGES,
-    END_ROW,
-    ENDLESS_FLAG,
-    EVENT,
-    FLAG_ROW,
-    GOES_ON,
-    GOING,
-    LOCATED_ROW,
-    LONGEST_ROW,
-    MEASURED,
-    MOST_STEPS,
-    NOISE,
-    ROUND_OFF,
-    RTOL_ROW,
-    SCALE,
-    SLACK,
-    STOP,
-    STOP_ROW,
-    TIME_ROW,
-    WANTED_ROW,
-    M,
-)
+from toolbox.lanes import layout
 from toolbox.lanes.transfers import gather_history, gather_point, gather_samples, next_stop, put_parameters, scatter, scatter_samples
 from toolbox.measuring.measuring_loop import note_end
 from toolbox.stepping.event_stepper import advance
@@ -113,7 +89,7 @@ def _observe(b, lanes, lane, views, observe, w, t):
     h = w.reals[work_layout.TIME] - t
     counts = False
     for v in range(views):
-        counts = counts or block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]
+        counts = counts or block[rows[layout.EDGES] + 2 * v, lane] <= t < block[rows[layout.EDGES] + 2 * v + 1, lane]
     if counts and w.ints[work_layout.SERIES] != 0:
         call(w.ints[work_layout.SERIES], t, h, lanes.x_old, lanes.k_old, lanes.p_old, lanes.m_old, lanes.k_old)
     for part in range(65 if counts else 0):
@@ -129,8 +105,8 @@ def _observe(b, lanes, lane, views, observe, w, t):
                 middle -= (value - before) ** 2 / (8.0 * (value - 2.0 * middle + before))
                 low, high = min(value, middle), max(value, middle)
             for v in range(views):
-                if block[rows[EDGES] + 2 * v, lane] <= t < block[rows[EDGES] + 2 * v + 1, lane]:
-                    place = rows[MEASURED] + 3 * (q * views + v)
+                if block[rows[layout.EDGES] + 2 * v, lane] <= t < block[rows[layout.EDGES] + 2 * v + 1, lane]:
+                    place = rows[layout.MEASURED] + 3 * (q * views + v)
                     block[place, lane] = min(block[place, lane], low)
                     block[place + 1, lane] = max(block[place + 1, lane], high)
                     block[place + 2, lane] += weight * value
@@ -213,11 +189,11 @@ def _note_switch(found, asked, lanes, lane, s, i, before, after, t):
 def _start_block(b, w):
     """A block without scenarios."""
     b.block[:] = 0.0
-    b.block[STOP_ROW, :] = np.inf
-    b.block[LONGEST_ROW, :] = w.reals[work_layout.LONGEST]
-    b.block[END_ROW, :] = w.reals[work_layout.END]
-    b.block[RTOL_ROW, :] = w.reals[work_layout.RTOL]
-    b.block[FLAG_ROW, :] = STOP
+    b.block[layout.STOP_ROW, :] = np.inf
+    b.block[layout.LONGEST_ROW, :] = w.reals[work_layout.LONGEST]
+    b.block[layout.END_ROW, :] = w.reals[work_layout.END]
+    b.block[layout.RTOL_ROW, :] = w.reals[work_layout.RTOL]
+    b.block[layout.FLAG_ROW, :] = layout.STOP
     b.waiting[0] = 1
 
 
@@ -227,7 +203,7 @@ def _settle(code, b, lanes, running):
     few = max(b.block.shape[1] // 5, 2)
     events = 0
     for lane in range(b.block.shape[1]):
-        if b.block[FLAG_ROW, lane] == EVENT and lanes.scenario[lane] >= 0:
+        if b.block[layout.FLAG_ROW, lane] == layout.EVENT and lanes.scenario[lane] >= 0:
             lanes.happened[lane] = True
             events += 1
     settled = events >= few or events == running
@@ -241,23 +217,23 @@ def _note_settled(b, found, asked, lanes, lane, w):
     """Write down the event that has been settled in a lane; returns why the lane waits now."""
     block, s, ne = b.block, lanes.scenario[lane], w.ints[work_layout.NE]
     lanes.happened[lane] = False
-    t = block[TIME_ROW, lane]
+    t = block[layout.TIME_ROW, lane]
     changed = False
     for i in range(ne):
-        mode = block[b.rows[M] + i, lane]
+        mode = block[b.rows[layout.M] + i, lane]
         if mode != lanes.modes[lane, i]:
             changed = True
             _note_switch(found, asked, lanes, lane, s, i, lanes.modes[lane, i], mode, t)
             lanes.modes[lane, i] = mode
-    found.counts[s, 3] += not changed and block[LOCATED_ROW, lane] < 2 * ne
+    found.counts[s, 3] += not changed and block[layout.LOCATED_ROW, lane] < 2 * ne
     lanes.close[lane] = (
         lanes.close[lane] + 1 if t - lanes.last_event[lane] <= 1e-13 * max(abs(t), min(w.reals[work_layout.END], 1.0)) else 0
     )
     lanes.last_event[lane] = t
     if lanes.close[lane] <= 50 + 20 * ne:
-        return GOES_ON
+        return layout.GOES_ON
     gather_point(block, b.rows, lane, w, lanes.p)
-    return ENDLESS_FLAG
+    return layout.ENDLESS_FLAG
 
 
 @inlined
@@ -266,12 +242,12 @@ def _round_off_again(b, lane, w):
     block, rows, n = b.block, b.rows, w.ints[work_layout.N]
     measure_round_off(w)
     for i in range(n):
-        w.scale[i] = block[rows[SCALE] + i, lane]
-    spread_round_off(w, block[WANTED_ROW, lane])
+        w.scale[i] = block[rows[layout.SCALE] + i, lane]
+    spread_round_off(w, block[layout.WANTED_ROW, lane])
     for i in range(n):
-        block[rows[NOISE] + i, lane] = w.noise[i]
-    block[FLAG_ROW, lane] = GOES_ON
-    return w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < MOST_STEPS
+        block[rows[layout.NOISE] + i, lane] = w.noise[i]
+    block[layout.FLAG_ROW, lane] = layout.GOES_ON
+    return w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < layout.MOST_STEPS
 
 
 @inlined
@@ -286,9 +262,9 @@ def _step_alone(code, b, lanes, lane, w, flag, edges, views):
         lanes.p_old[i] = w.p[i]  # which may jump at the end of the step
     longest = w.reals[work_layout.LONGEST]
     for edge in edges:
-        if flag == ALONE and t < edge * (1.0 - SLACK):
+        if flag == layout.ALONE and t < edge * (1.0 - layout.SLACK):
             w.reals[work_layout.LONGEST] = min(w.reals[work_layout.LONGEST], edge - t)
-    status = _alone(code.scalar, w, 1 if flag == ALONE else 0)
+    status = _alone(code.scalar, w, 1 if flag == layout.ALONE else 0)
     w.reals[work_layout.LONGEST] = longest
     if lanes.signals.shape[1] > 0 and w.reals[work_layout.TIME] > t:
         _observe(b, lanes, lane, views, code.observe, w, t)
@@ -298,13 +274,13 @@ def _step_alone(code, b, lanes, lane, w, flag, edges, views):
 @inlined
 def _look_after(code, b, given, found, lanes, lane, w, flag):
     """Do what a lane waits for; returns the status of its scenario, or GOING where the lane simply goes on in its block."""
-    s, t = lanes.scenario[lane], b.block[TIME_ROW, lane]
+    s, t = lanes.scenario[lane], b.block[layout.TIME_ROW, lane]
     gather_point(b.block, b.rows, lane, w, lanes.p)
     if code.sample != 0:
         gather_samples(b.block, b.rows, lane, w, b.queue)
-    if flag == ROUND_OFF:
-        return GOING if _round_off_again(b, lane, w) else work_layout.PAUSED
-    if flag == STOP and t >= w.reals[work_layout.END] and code.sample == 0:
+    if flag == layout.ROUND_OFF:
+        return layout.GOING if _round_off_again(b, lane, w) else work_layout.PAUSED
+    if flag == layout.STOP and t >= w.reals[work_layout.END] and code.sample == 0:
         return work_layout.DONE
     gather_history(b.block, b.rows, lane, w)
     w.reals[work_layout.LAST_EVENT], w.ints[work_layout.CLOSE], w.ints[work_layout.JUMP] = (
@@ -312,10 +288,10 @@ def _look_after(code, b, given, found, lanes, lane, w, flag):
         lanes.close[lane],
         lanes.jump[lane],
     )
-    if flag == EVENT:
-        w.ints[work_layout.LOCATED] = np.int64(b.block[LOCATED_ROW, lane])
+    if flag == layout.EVENT:
+        w.ints[work_layout.LOCATED] = np.int64(b.block[layout.LOCATED_ROW, lane])
         return _event(w, t)
-    found.counts[s, 4] += flag == ALONE
+    found.counts[s, 4] += flag == layout.ALONE
     status = _step_alone(code, b, lanes, lane, w, flag, given.edges, given.windows.shape[0])
     put_parameters(b.block, b.rows, lane, w, lanes.p)
     return status
@@ -359,11 +335,11 @@ def _finish(code, b, given, found, lanes, lane, w, status):
         found.states[s, i] = w.x[i]
     if signals > 0:
         call(code.observe, w.reals[work_layout.TIME], 0.0, w.x, w.k, w.p, w.m, values[0])
-        found.doubtful[s] = block[b.rows[DOUBT], lane] != 0.0
+        found.doubtful[s] = block[b.rows[layout.DOUBT], lane] != 0.0
     for q in range(signals):
         found.ends[s, q] = values[0, q]
         for v in range(views):
-            place = b.rows[MEASURED] + 3 * (q * views + v)
+            place = b.rows[layout.MEASURED] + 3 * (q * views + v)
             low, high = block[place, lane], block[place + 1, lane]
             if given.windows[v, 1] >= w.reals[work_layout.TIME]:  # the far side of a jump there
                 low, high = min(low, values[0, q]), max(high, values[0, q])
@@ -382,12 +358,12 @@ def _take(code, b, given, found, lanes, lane, w, s):
     put_parameters(b.block, b.rows, lane, w, lanes.p)
     for i in range(w.ints[work_layout.NE]):
         lanes.since[lane, i] = 0.0
-    b.block[b.rows[DOUBT], lane] = 0.0
+    b.block[b.rows[layout.DOUBT], lane] = 0.0
     for v in range(views):
         for i in range(2):
-            b.block[b.rows[EDGES] + 2 * v + i, lane] = given.windows[v, i] * (1.0 - SLACK)
+            b.block[b.rows[layout.EDGES] + 2 * v + i, lane] = given.windows[v, i] * (1.0 - layout.SLACK)
         for q in range(signals):
-            place = b.rows[MEASURED] + 3 * (q * views + v)
+            place = b.rows[layout.MEASURED] + 3 * (q * views + v)
             b.block[place, lane], b.block[place + 1, lane], b.block[place + 2, lane] = np.inf, -np.inf, 0.0
     return status
 
@@ -407,30 +383,30 @@ def run(code, b, given, found, lanes, w, first, last):
     while True:
         settled = code.settle != 0 and b.waiting[0] != 0 and _settle(code, b, lanes, running)
         for lane in range(width if b.waiting[0] != 0 else 0):
-            flag = np.int64(b.block[FLAG_ROW, lane])
+            flag = np.int64(b.block[layout.FLAG_ROW, lane])
             s = lanes.scenario[lane]
-            if s >= 0 and settled and flag == GOES_ON and lanes.happened[lane]:
+            if s >= 0 and settled and flag == layout.GOES_ON and lanes.happened[lane]:
                 flag = _note_settled(b, found, given.asked, lanes, lane, w)
-            if flag == GOES_ON or (s < 0 and following >= last):
+            if flag == layout.GOES_ON or (s < 0 and following >= last):
                 continue
-            if flag == EVENT and code.settle != 0 and s >= 0:
+            if flag == layout.EVENT and code.settle != 0 and s >= 0:
                 if not settled:
                     continue  # until a few lanes wait together
                 lanes.happened[lane] = False
             status = work_layout.DONE
             w.ints[work_layout.EVENTS], w.ints[work_layout.MERGED] = 0, 0
-            if flag == ENDLESS_FLAG:
+            if flag == layout.ENDLESS_FLAG:
                 status = work_layout.ENDLESS
             elif s >= 0:
                 status = _look_after(code, b, given, found, lanes, lane, w, flag)
-            if status == GOING:
+            if status == layout.GOING:
                 continue
             while True:  # ends with a lane that goes on, or with none left to begin
                 if s >= 0:
                     for e in range(w.ints[work_layout.EVENTS]):
                         _note_switch(found, given.asked, lanes, lane, s, w.ev_i[e], w.ev_m[e, 0], w.ev_m[e, 1], w.ev_t[e])
                     found.counts[s, 3] += w.ints[work_layout.MERGED]
-                    if status == work_layout.PAUSED and w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < MOST_STEPS:
+                    if status == work_layout.PAUSED and w.ints[work_layout.ACCEPTED] + w.ints[work_layout.REJECTED] < layout.MOST_STEPS:
                         _go_on(code, b, given.edges, lanes, lane, w)
                         break
                     _finish(code, b, given, found, lanes, lane, w, status)
@@ -438,7 +414,7 @@ def run(code, b, given, found, lanes, w, first, last):
                 if following >= last:
                     lanes.scenario[lane] = -1
                     b.block[:, lane] = 0.0
-                    b.block[STOP_ROW, lane] = np.inf
+                    b.block[layout.STOP_ROW, lane] = np.inf
                     break
                 s = following
                 following += 1

@@ -27,33 +27,15 @@ from toolbox.errors import SceneError
 
 @dataclass(frozen=True)
 class Method:
-    """How a run steps. Every kind is a value, which answers what there is to know of it: two of the same options are equal.
+    """How a run steps. Every kind is a value, which answers what there is to know of it: two of the same options are equal."""
 
-    Attributes
-    ----------
-    text
-        The short form.
-    locates
-        Whether steps end on switches.
-    watches_stiffness
-        Whether a run that stability holds up begins anew with implicit steps (`toolbox.simulation.stiffness`).
-    in_lanes
-        Whether many runs may step side by side (`toolbox.lanes`).
-    chooses
-        Whether each run is to be given another method first.
-    smooths
-        Whether friction is regularised.
-    finer
-        How its option is written that runs with more accuracy need another value of; empty without.
-    """
-
-    text: ClassVar[str]
-    locates: ClassVar[bool] = True
-    watches_stiffness: ClassVar[bool] = False
-    in_lanes: ClassVar[bool] = False
-    chooses: ClassVar[bool] = False
-    smooths: ClassVar[bool] = False
-    finer: ClassVar[str] = ""
+    text: ClassVar[str]  # the short form
+    locates: ClassVar[bool] = True  # steps end on switches
+    watches_stiffness: ClassVar[bool] = False  # a run that stability holds up begins anew with implicit steps
+    in_lanes: ClassVar[bool] = False  # many runs may step side by side
+    chooses: ClassVar[bool] = False  # each run is to be given another method first
+    smooths: ClassVar[bool] = False  # friction is regularised
+    finer: ClassVar[str] = ""  # how the option is written that refines a run
 
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError for options with which a run of `duration` [s] cannot be stepped in at most `steps` steps."""

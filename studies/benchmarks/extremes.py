@@ -213,7 +213,7 @@ def scipy_events(case: Extreme, times: np.ndarray) -> np.ndarray:
     plant, p = case.plant, case.plant.values
     start, u = _numbers(case)
     bounds = plant.function("static_bounds", plant.switching.static, "static")
-    if any(e.unilateral for e in plant.elements):
+    if any(e.rigid for e in plant.elements):
         raise NotImplementedError("no impacts")
     zero = [0] * len(plant.elements)
     project = plant.function("projected", plant.switching.projected, "stopped")
@@ -235,7 +235,7 @@ def scipy_events(case: Extreme, times: np.ndarray) -> np.ndarray:
 
 def smeared(case: Extreme) -> tuple[ca.Function, np.ndarray]:
     """(t, x) -> x' with friction tanh(v / 1e-4 of the speed), and the start."""
-    if any(e.unilateral for e in case.plant.elements):
+    if any(e.rigid for e in case.plant.elements):
         raise NotImplementedError("no impacts")
     plant = smoothed(case.plant, 1e-4 * case.speed, matched=False)
     start, u = _numbers(case)

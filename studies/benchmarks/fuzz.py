@@ -156,7 +156,7 @@ class Network(Component):
                 elements.append(wall)
                 force[i] -= wall.force
         for wall in elements:
-            if isinstance(wall, UnilateralContact):
+            if wall.has_gap:
                 stored += wall.stored
                 losses[wall.name] = wall.loss
         return Equations(
@@ -306,7 +306,7 @@ def findings(run: Trajectory, again: Any) -> Iterator[tuple[str, str]]:
         return  # the run says that it cannot be computed
     system = run.program.system
     for i, element in enumerate(system.elements):
-        if element.unilateral or not element.holds:
+        if not element.slides:
             continue
         stuck = run.mode[:, i] == 0
         if not stuck.any():

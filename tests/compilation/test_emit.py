@@ -13,7 +13,8 @@ from scipy import special
 from models import Coulomb
 from toolbox import Component, DryFriction, Equations, SceneError, compose, simulate, state
 from toolbox.compilation import emitter as emit
-from toolbox.compilation import kernel
+from toolbox.compilation import explicit_step, kernel
+from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.vector_emitter import LARGEST_ANGLE, VectorBody, function_text
 from toolbox.modelling.elements import time
@@ -270,14 +271,15 @@ def test_a_cache_that_cannot_be_written_only_costs_time(tmp_path, monkeypatch):
 
 # --- the step functions
 
-PAIRS = pytest.mark.parametrize("pair", [DOPRI5, DOP853], ids=lambda pair: pair.name)
+FORMULAS = pytest.mark.parametrize("formulas", [DOPRI5, DOP853], ids=lambda formulas: formulas.name)
 
 
-def step_function(pair, flow, states, elements=(), parameters=None):
+def step_function(formulas, flow, states, elements=(), parameters=None):
     """(step, project-free) callable (t, h, x, p, m) -> (x(t + h), whole output vector) of a closed system."""
     p = ca.SX(0, 1) if parameters is None else parameters
     form = switching(time, states, flow, elements)
-    made = kernel.kernel_of(time, states, p, elements, form, pair)
+    equations = ClosedEquations(time, states, p, elements, form)
+    made = kernel.kernel_of(equations, formulas, formulas.step(equations))
     n, size = states.numel(), 4 * states.numel() + 2 * made.guards
     field, step = SIGNATURE(made.addresses[0]), SIGNATURE(made.addresses[1])
 
@@ -292,37 +294,37 @@ def step_function(pair, flow, states, elements=(), parameters=None):
     return call
 
 
-@PAIRS
+@FORMULAS
 @pytest.mark.parametrize("unrolled", [0, 10**9], ids=["looped", "unrolled"])
-def test_the_local_error_shrinks_with_the_order_of_the_pair_plus_one(pair, unrolled, monkeypatch):
+def test_the_local_error_shrinks_with_the_order_of_the_formulas_plus_one(formulas, unrolled, monkeypatch):
     # y' = y cos t, y(t) = exp(sin t), together with a pendulum-free rotation (c, s)' = (-s, c)
-    monkeypatch.setattr(kernel, "UNROLLED", unrolled)
+    monkeypatch.setattr(explicit_step, "UNROLLED", unrolled)
     z = ca.SX.sym("z", 3)
-    call = step_function(pair, ca.vertcat(z[0] * ca.cos(time), -z[2], z[1]), z)
+    call = step_function(formulas, ca.vertcat(z[0] * ca.cos(time), -z[2], z[1]), z)
 
     def error(h, t=0.3):
         exact = [math.exp(math.sin(t + h)), math.cos(t + h), math.sin(t + h)]
         return np.abs(call(t, h, [math.exp(math.sin(t)), math.cos(t), math.sin(t)])[:3] - exact)
 
-    h = 0.05 if pair is DOPRI5 else 0.4
+    h = 0.05 if formulas is DOPRI5 else 0.4
     order = np.log2(error(h) / error(h / 2))
     # the next term of the error adds about h to the ratio
-    np.testing.assert_allclose(order, pair.order + 1, atol=0.5)
+    np.testing.assert_allclose(order, formulas.order + 1, atol=0.5)
 
 
-@PAIRS
-def test_the_coefficients_satisfy_the_conditions_of_their_order(pair):
-    b, c = np.array(pair.b), np.array(pair.c)
-    for k in range(pair.order):  # quadrature: sum b c^k = 1 / (k + 1)
+@FORMULAS
+def test_the_coefficients_satisfy_the_conditions_of_their_order(formulas):
+    b, c = np.array(formulas.b), np.array(formulas.c)
+    for k in range(formulas.order):  # quadrature: sum b c^k = 1 / (k + 1)
         assert abs(b @ c**k - 1 / (k + 1)) < 1e-14
-    for row, node in zip(pair.a, pair.c, strict=True):
+    for row, node in zip(formulas.a, formulas.c, strict=True):
         assert abs(sum(row) - node) < 1e-14
-    assert abs(sum(pair.error)) < 1e-14  # an error estimate vanishes on a constant slope
-    assert abs(sum(pair.error_low)) < 1e-14
+    assert abs(sum(formulas.error)) < 1e-14  # an error estimate vanishes on a constant slope
+    assert abs(sum(formulas.error_low)) < 1e-14
 
 
-@PAIRS
-def test_the_looped_step_agrees_with_the_unrolled_step(pair, monkeypatch):
+@FORMULAS
+def test_the_looped_step_agrees_with_the_unrolled_step(formulas, monkeypatch):
     n = 7
     position, speed, p = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("p", 3)
     contacts = [DryFriction(f"c{i}", speed[i] - p[2], Coulomb(static=0.5, kinetic=0.3), 1 + 0.1 * i) for i in range(n)]
@@ -332,28 +334,28 @@ def test_the_looped_step_agrees_with_the_unrolled_step(pair, monkeypatch):
     states = ca.vertcat(position, speed)
     results = []
     for unrolled in (0, 10**9):
-        monkeypatch.setattr(kernel, "UNROLLED", unrolled)
-        call = step_function(pair, flow, states, contacts, p)
+        monkeypatch.setattr(explicit_step, "UNROLLED", unrolled)
+        call = step_function(formulas, flow, states, contacts, p)
         rng = np.random.default_rng(1)
         results.append([call(rng.uniform(0, 5), rng.uniform(0.01, 0.3), rng.normal(size=2 * n), rng.uniform(0.1, 2, 3), rng.integers(-1, 2, n))
                         for _ in range(40)])  # fmt: skip
     looped, unrolled = map(np.array, results)
-    written = slice(0, None) if pair.error_low else slice(0, -2 * n)
+    written = slice(0, None) if formulas.error_low else slice(0, -2 * n)
     assert np.isfinite(unrolled[:, written]).all()
     # the order of the same additions differs
     np.testing.assert_allclose(looped[:, written], unrolled[:, written], rtol=0, atol=1e-13 * (1 + np.abs(unrolled[:, written]).max()))
 
 
-@PAIRS
-def test_a_simulation_does_not_depend_on_how_its_step_is_written(pair, monkeypatch):
+@FORMULAS
+def test_a_simulation_does_not_depend_on_how_its_step_is_written(formulas, monkeypatch):
     from models import BlockOnBelt
 
-    accuracy = 1e-4 if pair is DOPRI5 else 1e-9
+    accuracy = 1e-4 if formulas is DOPRI5 else 1e-9
     runs = []
     for unrolled in (0, 10**9):
-        monkeypatch.setattr(kernel, "UNROLLED", unrolled)
+        monkeypatch.setattr(explicit_step, "UNROLLED", unrolled)
         plant = compose(BlockOnBelt())
-        plant.kernels = {}  # compile for this run alone
+        plant.cache = {}  # compile for this run alone
         runs.append(simulate(plant, 20.0, accuracy=accuracy))
     looped, unrolled = runs
     assert [(e.before, e.after) for e in looped.events] == [(e.before, e.after) for e in unrolled.events]

@@ -420,6 +420,6 @@ def test_where_series_would_be_too_long_and_between_samples_lanes_step_explicitl
     np.testing.assert_allclose(found.states, [[0.5 * math.cos(3.0), -0.5 * math.sin(3.0)]], atol=1e-6)
     monkeypatch.undo()
     sampled = Request(RIG, 1.0, controller=Sampled(PI(), 0.01), method="taylor").checked()
-    assert Lanes(sampled).program.pair.name == Lanes(dataclasses.replace(sampled, method=Explicit())).program.pair.name
+    assert Lanes(sampled).program.formulas.name == Lanes(dataclasses.replace(sampled, method=Explicit())).program.formulas.name
     assert not Lanes(sampled).why
-    assert Lanes(Request(RIG, 1.0, method="taylor").checked()).program.pair.name == "taylor16"
+    assert Lanes(Request(RIG, 1.0, method="taylor").checked()).program.formulas.name == "taylor16"

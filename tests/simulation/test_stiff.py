@@ -14,7 +14,9 @@ from controllers import LQG, LQR, PI, HInfinity
 from models import BitRock, BlockOnBelt, Exponential, Hyperbolic, TorsionalChain
 from toolbox import Component, DryFriction, Equations, Scene, compose, energy_audit, equilibrium, linearise, quantity, simulate, state
 from toolbox.compilation import work_layout
-from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P, elimination, factors
+from toolbox.compilation.implicit_step import FASTEST_GROWTH
+from toolbox.compilation.rosenbrock import RODAS5P
+from toolbox.compilation.sparse_factors import elimination, factors
 from toolbox.inputs import ramp, sine
 from toolbox.simulation import EventExact, carry_out
 from toolbox.simulation.growth import longest_followed
@@ -327,13 +329,13 @@ def test_a_stiff_plant_is_recognised_and_a_mild_one_left_alone():
     # the open-loop twin: the explicit method pays for the same answer with ten times the steps
     plant, inputs = compose(string(100), BitRock()), {"top.torque": 10_000.0}
     run = simulate(plant, 60.0, inputs=inputs, accuracy=1e-4)
-    assert run.program.pair is RODAS5P
+    assert run.program.formulas is RODAS5P
     explicit = simulate(plant, 60.0, inputs=inputs, accuracy=1e-4, method="explicit")
     assert sum(explicit.steps) > 10 * sum(run.steps)
     assert switches(run) == switches(explicit)
     assert run.error < 1e-3
     mild = simulate(compose(BlockOnBelt()), 2000.0)
-    assert mild.program.pair is not RODAS5P
+    assert mild.program.formulas is not RODAS5P
 
 
 @dataclass(frozen=True)
@@ -353,9 +355,9 @@ class Relaxations(Component):
 def test_an_elimination_that_would_take_longer_than_the_run_is_not_written():
     # 2/3 40^3 instructions where all states depend on all; the twin without that is stepped by the stiff method
     runs = {mixed: simulate(compose(Relaxations(mixed)), 10.0) for mixed in (True, False)}
-    programs = {mixed: {key[2] for key in run.program.system.kernels if key[0] == "program"} for mixed, run in runs.items()}
+    programs = {mixed: {key[2] for key in run.program.system.cache if key[0] == "program"} for mixed, run in runs.items()}
     assert "rodas5p" not in programs[True] and runs[True].run.method == EventExact()
-    assert runs[False].program.pair is RODAS5P
+    assert runs[False].program.formulas is RODAS5P
     assert stiff_size(runs[True].program) > 40**3 * 2 / 3 > 100 * stiff_size(runs[False].program)
 
 
@@ -374,7 +376,7 @@ def test_the_choice_is_the_same_with_output_times():
     times = np.linspace(0, 60, 61)
     run = simulate(plant, 60.0, inputs=inputs, accuracy=1e-3, output_times=times)
     whole = simulate(plant, 60.0, inputs=inputs, accuracy=1e-3)
-    assert run.program.pair is whole.program.pair is RODAS5P
+    assert run.program.formulas is whole.program.formulas is RODAS5P
     np.testing.assert_array_equal(run.time, times)
     np.testing.assert_array_equal(run.states, whole.at(times).states)
 
@@ -408,7 +410,7 @@ def test_a_law_in_python_is_asked_once_per_sample():
     law.measures, law.drives = ("top.speed",), ("top.torque",)
     run = simulate(compose(string(100), BitRock()), 60.0, controller=law, sample_time=0.5, accuracy=1e-3)
     assert len(asked) == 120
-    assert run.program.pair is not RODAS5P
+    assert run.program.formulas is not RODAS5P
 
 
 def test_linear_analysis_does_not_depend_on_the_method():

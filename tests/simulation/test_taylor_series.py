@@ -11,11 +11,10 @@ import pytest
 from controllers import PI
 from models import BitRock, BlockOnBelt, Coulomb, Exponential, Hyperbolic, TorsionalChain, TwoDisks, wells
 from toolbox import Component, DryFriction, Equations, SceneError, compose, measure, quantity, sensitivity, simulate, state
-from toolbox.compilation.runge_kutta import DOP853, Pair
-from toolbox.compilation.taylor import Taylor
+from toolbox.compilation.runge_kutta import DOP853
 from toolbox.inputs import sine
 from toolbox.modelling import Hysteresis
-from toolbox.simulation import EventExact, TaylorSeries
+from toolbox.simulation import TaylorSeries
 
 ROCK = BitRock(weight=97_000.0)
 MACHINES = {
@@ -46,7 +45,7 @@ def test_the_accuracy_asked_is_kept_with_the_switches_of_explicit_steps(name):
     assert len(exact.events) >= 4
     for accuracy in (1e-4, 1e-6, 1e-8):
         run = simulate(plant, duration, accuracy=accuracy, method="taylor", **arguments)
-        assert isinstance(run.program.pair, Taylor)
+        assert run.program.formulas.series
         assert switches(run) == switches(exact), accuracy
         assert run.difference(exact) < 10 * accuracy
         np.testing.assert_allclose([e.time for e in run.events], [e.time for e in exact.events], atol=100 * accuracy)
@@ -178,7 +177,7 @@ def test_a_plant_whose_series_would_be_too_long_is_stepped_by_explicit_formulas(
     chain = TorsionalChain(inertia=(100.0,) * n, stiffness=(1e4,) * (n - 1), damping=(100.0,) * (n - 1), top_drag=400.0,
                            friction=Hyperbolic(static=1.0, decay=1.0), friction_load=(100.0,) * n)  # fmt: skip
     run = simulate(compose(chain), 0.1, method="taylor", inputs={"top.torque": 1e4})
-    assert run.program.pair is DOP853
+    assert run.program.formulas is DOP853
     assert "too long" in run.why
 
 
@@ -207,14 +206,14 @@ def test_an_order_that_is_none_is_refused():
             simulate(MACHINES["block on belt"][0], 1.0, method=TaylorSeries(order))
 
 
-def test_located_events_take_series_where_asked_and_not_between_samples():
+def test_the_choice_takes_series_but_not_between_samples():
     plant, duration, arguments = MACHINES["block on belt"]
-    run = simulate(plant, duration, method=EventExact(series=True), **arguments)
+    run = simulate(plant, duration, method="auto", **arguments)
     np.testing.assert_array_equal(run.states, simulate(plant, duration, method="taylor", **arguments).states)
     sampled, duration, arguments = MACHINES["drill string under a sampled law"]
-    assert isinstance(simulate(sampled, duration, method=EventExact(series=True), **arguments).program.pair, Pair)
-    with pytest.raises(SceneError, match="Argument `series` must be True or False"):
-        simulate(plant, 1.0, method=EventExact(series=1))
+    run = simulate(sampled, duration, method="auto", **arguments)
+    assert run.program.formulas.explicit
+    np.testing.assert_array_equal(run.states, simulate(sampled, duration, method="event", **arguments).states)
 
 
 def test_derivatives_of_a_run_by_series_are_those_of_explicit_steps():

@@ -22,7 +22,7 @@ import numpy as np
 from toolbox.calibration.columnwise import Columnwise
 from toolbox.calibration.recording import Recording
 from toolbox.errors import GrazingError, SceneError, SimulationError, suggest
-from toolbox.modelling.elements import DryFriction, check_one_direction
+from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.start import place_start
 from toolbox.orbits.sensitivity import sensitivity
@@ -157,19 +157,19 @@ class MeasuredLoop:
         self, plant: HybridSystem, recording: Recording, names: Sequence[str], contact: str, inputs: Mapping[str, Any], still: float | None
     ):
         elements = [element.name for element in plant.elements]
-        if contact not in elements or not isinstance(plant.elements[elements.index(contact)], DryFriction):
+        if contact not in elements or plant.elements[elements.index(contact)].law is None:
             raise SceneError(f"There is no contact with dry friction `{contact}`: {suggest(contact, elements)}")
         check_one_direction(plant.elements, "Measured friction", "fit the motion instead")
         self.plant, self.recording, self.names, self.place = plant, recording, names, elements.index(contact)
         element: Any = plant.elements[self.place]
         force = plant.F[self.place]
         self.output = self._holder(contact, force)
-        switches = [elements.index(twin.name) for twin in element.companions]
+        switches = [elements.index(twin.name) for twin in element.breaks]
         inside = self._inputs(inputs)
         gain, rest = ca.jacobian(plant.expression(self.output), force), ca.substitute(plant.expression(self.output), force, 0)
         side = ca.SX.sym("side")
         law: list[Any] = [element.slip, rest - gain * element.mode * element.kinetic, rest - gain * side * element.static]
-        law += [-gain * side, ca.vertcat(*[twin.high for twin in element.companions])]
+        law += [-gain * side, ca.vertcat(*[twin.high for twin in element.breaks])]
         law = [ca.substitute(each, plant.u, inside) for each in law]
         self._complain_about_missing(contact, ca.vertcat(*law))
         free = ca.vertcat(*[plant.p[plant._parameter(name).offset] for name in names])
@@ -225,7 +225,7 @@ class MeasuredLoop:
     def _jumps(self, element: Any) -> bool:
         """Whether the force drops at release: then release is sharp, and the force before it is the static bound; else slip itself tells the bound."""
         away = self.plant.p * 0 + self.plant.values * (1 + 0.1 * np.cos(np.arange(self.plant.values.size)))
-        law = ca.vertcat(element.load * element.law.sliding(ca.SX(0), *[0] * len(element.companions)), element.static)
+        law = ca.vertcat(element.load * element.law.sliding(ca.SX(0), *[0] * len(element.breaks)), element.static)
         law = ca.substitute(ca.substitute(law, self.plant.u, ca.SX.ones(self.plant.u.numel())), self.plant.p, away)
         kinetic, static = np.array(ca.evalf(ca.substitute(law, ca.vertcat(*ca.symvar(law)), 1.0))).ravel()
         return bool(abs(static - kinetic) > 1e-12 * abs(static))

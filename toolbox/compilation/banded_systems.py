@@ -57,8 +57,8 @@ def split(pattern: ca.Sparsity) -> Split | None:
     apart, others = _apart(pattern)
     if not others:
         return None
-    whole = ca.DM(pattern, 1)
-    left = (whole[others, others] + ca.mtimes(whole[others, apart], whole[apart, others]) + ca.DM.eye(len(others))).sparsity()
+    ones = ca.DM(pattern, 1)
+    left = (ones[others, others] + ca.mtimes(ones[others, apart], ones[apart, others]) + ca.DM.eye(len(others))).sparsity()
     order, width = _band_order(left)
     return Split(apart, [others[k] for k in order], width) if width <= WIDEST else None
 

@@ -147,7 +147,7 @@ class Body:
     def double(self, a: str) -> str:
         return self.value(f"bitcast {self.integers} {a} to {self.type}")
 
-    def whole(self, how: str, a: str, b: str | int) -> str:
+    def arithmetic(self, how: str, a: str, b: str | int) -> str:
         """Integer arithmetic: add, sub, shl, ashr, lshr, and."""
         return self.value(f"{how} {self.integers} {a}, {b if isinstance(b, str) else self.integer(b)}")
 

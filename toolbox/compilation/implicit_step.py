@@ -1,19 +1,38 @@
-"""The step of a linearly implicit method: the matrix of a step, its factors and its solutions as machine code, and the stages around them.
+"""Linearly implicit Runge-Kutta (Rosenbrock) formulas and their step as machine code, for plants whose fast modes die long before anything happens.
+
+With J = df/dx at the start of a step, stage i solves one linear system, all with the same matrix:
+
+    (1/(gamma h) - J) u_i = f(t + alpha_i h, x + sum_j a_ij u_j) + sum_j c_ij u_j / h + gamma_i h df/dt
+
+The last stage brings the solution to x + sum_j a_sj u_j + u_s, and u_s is its error estimate. Modes whose rate times h is large are damped out
+within a step (L-stability), so that the step follows what happens, not the fastest mode.
+
+The same damping would hide a mode that grows: its factor per step is right to 2 % where h times its rate is 2, has the wrong sign at 3, and falls to zero from
+1/gamma on, with no error to see where the state still is at rest. Friction that falls steeply with speed has such modes. A pivot of the elimination is
+1/(gamma h) less the rate at which its state grows: where one is below 1/(gamma h) - 2/h, the step is refused. Where contacts hold each other through coupled
+inertias pivots do not tell, and the eigenvalues of df/dx are asked (`toolbox.simulation.growth`).
+
+Why linearly implicit: within a mode the equations are smooth and their derivatives are known as formulas, so that one sparse factorisation per step, unrolled
+into machine code without search for pivots, replaces the Newton iterations of implicit methods; and the result is a smooth function of h, which is
+what finding events by stepping to them needs.
 
 Up to a size the elimination is written out; that of a longer chain is in loops (`toolbox.compilation.banded_systems`), whose text does not grow with it.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 
 from toolbox.compilation.banded_systems import Banded, banded, factor_text, least_text, solve_text, split
-from toolbox.compilation.bodies import end_bodies, internal_text, loop_over, slope_bodies
+from toolbox.compilation.bodies import end_bodies, internal_text, loop_over, operations, slope_bodies
 from toolbox.compilation.emitter import Body, inline, literal
+from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
+from toolbox.compilation.notices import announced_code
 from toolbox.compilation.rolled import Rolled, RolledBody
-from toolbox.compilation.rosenbrock import FASTEST_GROWTH, Rosenbrock, elimination, factors
+from toolbox.compilation.sparse_factors import elimination, factors
 from toolbox.modelling.switching import Switching
 
 MOST = 3_000
@@ -22,6 +41,38 @@ MOST = 3_000
 
 MOST_EIGENVALUES = 120
 """States beyond which eigenvalues would cost more than the steps."""
+
+
+FASTEST_GROWTH = 2.0
+"""Rate of growth of a mode, times the step, up to which the step stands."""
+
+
+@dataclass(frozen=True)
+class Rosenbrock(Formulas):
+    """Numbers of a stiffly accurate method, as in the equations of this module.
+
+    alpha: nodes of the stages;  gamma: the diagonal;  slope_weights: gamma_i, weights of df/dt;  a, c: rows of the stages.
+    """
+
+    gamma: float
+    alpha: tuple[float, ...]
+    slope_weights: tuple[float, ...]
+    a: tuple[tuple[float, ...], ...]
+    c: tuple[tuple[float, ...], ...]
+
+    implicit: ClassVar[bool] = True
+
+    @property
+    def steps(self) -> str:
+        return "implicit steps, which stability makes the cheaper ones"
+
+    def step(self, equations: ClosedEquations) -> StepCode:
+        rhs, field, n, stages = equations.rhs, equations.field, equations.x.numel(), len(self.a)
+        announced_code(implicit_size(equations.x, equations.force, equations.form))
+        linear = linear_algebra(self, equations)
+        body, inner = implicit_step(self, rhs, field, linear, n)
+        cost = stages * (operations(rhs) + n * stages) + operations(field) + linear.cost[0] + stages * linear.cost[1]
+        return StepCode({"step": body}, (inner,), cost, n)
 
 
 class LinearAlgebra(NamedTuple):
@@ -35,17 +86,17 @@ class LinearAlgebra(NamedTuple):
     cost: tuple[int, int]
 
 
-def linear_algebra(method: Rosenbrock, t: ca.SX, x: ca.SX, p: ca.SX, m: ca.SX, force: ca.SX, form: Switching) -> LinearAlgebra:
+def linear_algebra(method: Rosenbrock, equations: ClosedEquations) -> LinearAlgebra:
     """The functions for the matrix 1/(gamma h) - df/dx of a step.
 
     Forces that hold each other are unknowns beside the states, so that the matrix stays as sparse as the chain that couples them.
     """
-    h = ca.SX.sym("h")
+    t, x, force, form, h = equations.t, equations.x, equations.force, equations.form, ca.SX.sym("h")
     jacobian = ca.jacobian(*linearised(x, force, form))
     drift = ca.densify(ca.jtimes(form.field, t, ca.SX(1)))
     diagonal, extra = 1 / (method.gamma * h), form.balance.numel()
     pace = (1 / method.gamma - FASTEST_GROWTH) / h
-    given = [t, x, p, m, h]
+    given = [t, x, equations.p, equations.m, h]
     parts = split(jacobian.sparsity()) if not extra and sum(elimination(jacobian.sparsity())) > MOST else None
     if parts:
         return _in_loops(banded(jacobian, diagonal, parts), given, drift, diagonal, pace)

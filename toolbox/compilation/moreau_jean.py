@@ -3,12 +3,12 @@
 No switch is located. Over a step h the mean forces F and the change d of the state solve
 
     d = h (f + theta (f_x d + f_t h) + B F)          theta = 1/2, f and its derivatives at the begin of the step
-    held:     slip(t + h, x) + slip_x d = 0,  of a rigid contact that is struck -e slip(t, x)
+    stick:    slip(t + h, x) + slip_x d = 0,  of a rigid contact that is struck -e slip(t, x)
     sliding:  F + m kinetic = 0,              kinetic linearised about the begin, weighted by theta
 
-and the modes m are those with |F| <= static where held, m slip > 0 where sliding, and 0 <= N, -(slip + e slip_before) >= 0 with one of them zero at a contact
-that closes. Modes are found by pivoting, all wrong ones at once and one by one where that cycles; every trial is one sparse elimination without search for
-pivots, in an order of minimum degree, so that a chain of contacts costs in proportion to its length.
+and the modes m are those with |F| <= static where they stick, m slip > 0 where sliding, and 0 <= N, -(slip + e slip_before) >= 0 with one of them zero at a
+contact that closes. Modes are found by pivoting, all wrong ones at once and one by one where that cycles; every trial is one sparse elimination without search
+for pivots, in an order of minimum degree, so that a chain of contacts costs in proportion to its length.
 
 Inside a step with a switch the error is O(h), and a switch is known to a step. Where the momentum of such a step is right, as on a limit cycle, that error is
 not carried along, and away from switches O(h^2) is left. A sticking slip is zero to round-off. Bounces
@@ -20,32 +20,44 @@ Source: M. Jean, The non-smooth contact dynamics method, Comput. Methods Appl. M
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
 
-from toolbox.modelling.elements import Element, UnilateralContact
+from toolbox.compilation.emitter import Body, inline
+from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.modelling.elimination import masked_solve
-from toolbox.modelling.switching import Switching
 
 
 @dataclass(frozen=True)
-class Theta:
+class Theta(Formulas):
     """The number of the method: 1/2 is of order two between switches and damps nothing, 1 of order one and damps fast modes."""
 
-    name: str
     theta: float
-    order: int = 1
-    power: float = 1.0
-    error_low: tuple[float, ...] = ()
+
+    locates: ClassVar[bool] = False
+
+    @property
+    def steps(self) -> str:
+        return "fixed steps"
+
+    def step(self, equations: ClosedEquations) -> StepCode:
+        trial = trial_step(self.theta, equations)
+        body = Body()
+        places = [("%x", 2), ("%p", 3), ("%m", 4), ("%k", 5)]
+        given = [[body.load(pointer, j) for j in range(trial.numel_in(i))] for pointer, i in places]
+        (values,) = inline(body, trial, [["%t"], ["%h"], *given])
+        for i, value in enumerate(values):
+            body.store(value, "%y", i)
+        return StepCode({"step": body}, (), trial.n_instructions(), equations.x.numel())
 
 
-MOREAU_JEAN = Theta("moreau-jean", 0.5)
+MOREAU_JEAN = Theta("moreau-jean", 1, 1.0, 0.5)
 
 
-def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, elements: Sequence[Element], form: Switching) -> ca.Function:
+def trial_step(theta: float, equations: ClosedEquations) -> ca.Function:
     """casadi Function (t, h, x, p, m, marks) -> [x after | slip after | force | bound | slip before | closure half a step on |
     restitution] for given modes.
 
@@ -53,7 +65,9 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     friction falls so steeply that a step outruns it, no modes agree with its slope; and then the forces of the step before, for f_x.
     Forces are means over a step.
     """
-    n, ne, theta = x.numel(), len(elements), method.theta
+    assert equations.flow is not None
+    t, x, p, flow, elements, form = equations.t, equations.x, equations.p, equations.flow, equations.elements, equations.form
+    n, ne = x.numel(), len(elements)
     h = ca.SX.sym("h")
 
     def column(values: list[ca.SX]) -> ca.SX:
@@ -61,8 +75,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
 
     force, mode, slip = (column([getattr(e, name) for e in elements]) for name in ("multiplier", "mode", "slip"))
     elastic, ahead, last = ca.SX.sym("elastic", ne), ca.SX.sym("ahead"), ca.SX.sym("last", ne)
-    restitution = column([e.restitution if isinstance(e, UnilateralContact) and e.unilateral else ca.SX(0) for e in elements])
-    closure = column([e.closure if isinstance(e, UnilateralContact) else ca.SX(0) for e in elements])
+    restitution = column([e.restitution for e in elements])
+    closure = column([e.closure for e in elements])
     # a load that an elastic contact gives is below zero until the contact is seen to be open, at the end of the step
     given = ca.vertcat(t, x, mode)
     positive = [e.law is not None and ca.depends_on(e.load, given) and not ca.depends_on(e.load, force) for e in elements]
@@ -79,7 +93,7 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     def about(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, force, last) if ne else expression
 
-    frictions = [i for i, e in enumerate(elements) if e.holds and not e.unilateral]
+    frictions = [i for i, e in enumerate(elements) if e.slides]
 
     def at_side(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, mode[frictions], side[frictions]) if frictions else expression
@@ -89,8 +103,8 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
     free = h * (ca.densify(at_rest(flow)) + theta * h * about(ca.densify(ca.jacobian(flow, t))))
     to_slip = ca.jacobian(slip, x)
     later = ca.substitute(slip, t, t + h)
-    held = form.sticks
-    slides = 1 - held
+    sticks = form.sticks
+    slides = 1 - sticks
     target = -elastic * restitution * slip
 
     top = ca.horzcat(ca.SX.eye(n) - h * theta * slopes, -h * inputs)
@@ -99,9 +113,9 @@ def trial_step(method: Theta, t: ca.SX, x: ca.SX, p: ca.SX, flow: ca.SX, element
         ca.diag(mode * straight) @ (theta * about(at_side(ca.jacobian(kinetic, x)))),
         ca.SX.eye(ne) + ca.diag(mode) @ at_side(ca.jacobian(kinetic, force)),
     )
-    rows = ca.diag(held) @ stick_rows + ca.diag(slides) @ law_rows if ne else ca.SX(0, n)
+    rows = ca.diag(sticks) @ stick_rows + ca.diag(slides) @ law_rows if ne else ca.SX(0, n)
     law = at_rest(at_side(kinetic)) + straight * theta * h * about(at_side(ca.jacobian(kinetic, t))) if ne else ca.SX(0, 1)
-    right = ca.vertcat(free, held * (target - later - ca.mtimes(to_slip, free)) - slides * mode * law)
+    right = ca.vertcat(free, sticks * (target - later - ca.mtimes(to_slip, free)) - slides * mode * law)
     solved = _solved(ca.sparsify(ca.vertcat(top, rows)), right)
     change, found = solved[:n], solved[n:]
     bound = ca.substitute(static, force, found) if ne else static

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,11 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation.moreau_jean import Theta
-from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
-from toolbox.compilation.runge_kutta import DOP853, Pair
-from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
-from toolbox.modelling.elements import SecondDirection
+from toolbox.compilation.formulas import ClosedEquations, Formulas
+from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape
@@ -35,7 +31,7 @@ class Program:
     """
 
     system: HybridSystem
-    pair: Pair | Rosenbrock | Theta | Taylor
+    formulas: Formulas
     kernel: Any
     p_size: int
     coefficient_slot: dict[str, int]
@@ -67,23 +63,23 @@ class Program:
         ints[work_layout.COUPLED] = kernel.coupled
         ints[work_layout.BOUNDS] = len(self.bounded)
         ints[work_layout.FIRST_HELD] = self.first_held
-        ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.pair.order, self.pair is RODAS5P, bool(self.pair.error_low)
+        ints[list(work_layout.FORMULAS)] = *kernel.addresses, self.formulas.order, self.formulas.implicit, self.formulas.two_errors
         return ints
 
 
-def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: Pair | Rosenbrock | Theta | Taylor) -> Program:
+def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], formulas: Formulas) -> Program:
     """The compiled program of a closed system for inputs of the given kinds (see `toolbox.simulate`); cached with the system's structure.
 
-    Where Taylor series do not exist or would be too long, it is one of DOP853.
+    Where the formulas have no step for the system, it is that of those that they name `instead`.
     """
-    key = ("program", kinds, pair.name)
-    if key in system.kernels:
-        return system.kernels[key]
+    key = ("program", kinds, formulas.name)
+    if key in system.cache:
+        return system.cache[key]
     from toolbox.compilation import work_layout
-    from toolbox.compilation.kernel import equations, kernel_of
+    from toolbox.compilation.kernel import kernel_of
 
     u, coefficients, tables, coefficient_slot, table_slot = _placed_inputs(system, dict(kinds))
-    if any(isinstance(element, SecondDirection) for element in system.elements):
+    if any(element.second for element in system.elements):
         coefficients.append(resolution)
     first_held = system.p.numel() + sum(c.numel() for c in coefficients)
     held_size = system.held.numel()
@@ -92,68 +88,66 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
     def closed(expression: ca.SX) -> ca.SX:
         return ca.substitute(expression, system.u, u) if system.inputs else expression
 
-    elements = []
-    for element in system.elements:
-        twin = copy.copy(element)
-        for kind in element.expressions:
-            setattr(twin, kind, closed(getattr(element, kind)))
-        elements.append(twin)
-    flow = closed(system.flow)
-    changing = ca.vertcat(system.t, system.x, system.held, *tables)
-    rubbing = [i for i, e in enumerate(elements) if not e.unilateral]
-    varying = [rubbing[k] for k in sorted(depending([elements[i].static for i in rubbing], changing))]
+    elements, flow = [element.mapped(closed) for element in system.elements], closed(system.flow)
+    varying = _varying(elements, ca.vertcat(system.t, system.x, system.held, *tables))
     own = ca.vertcat(system.m, *[e.multiplier for e in elements])
-    bounded = [i for i in varying if not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
-    if isinstance(pair, Theta):
-        bounded = []
+    bounded = [i for i in varying if formulas.locates and not ca.depends_on(elements[i].static, own)]  # else what presses sees to it
     form = switching(system.t, system.x, flow, elements, bounded, resolution)
     x, excited = system.x, list[int]()
-    if not isinstance(pair, Theta):  # its forces are means over a step
+    if formulas.locates:
         x, excited, form = _with_hidden_forces(system, elements, form)
-    series = series_of(pair, equations(system.t, x, p, system.m, form)) if isinstance(pair, Taylor) else None
-    if isinstance(pair, Taylor) and series is None:
-        return system.kernels.setdefault(key, program_of(system, kinds, DOP853))
-    updates = []
-    for update in system.updates:
-        following, outputs = (
-            ca.substitute(closed(e), system.F, form.force) if system.elements else closed(e) for e in (update.following, update.outputs)
-        )
-        updates.append((ca.vertcat(update.memory, update.noise), following, outputs))
-    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)]
-    units += ["hidden force"] * len(excited)
-    known = sorted(set(units))
+    equations = ClosedEquations(system.t, x, p, elements, form, flow)
+    step = formulas.step(equations)
+    if step is None:
+        return system.cache.setdefault(key, program_of(system, kinds, formulas.instead))
+
+    def of_states(expression: ca.SX) -> ca.SX:
+        return ca.substitute(closed(expression), system.F, form.force) if system.elements else closed(expression)
+
+    updates = [(ca.vertcat(u.memory, u.noise), of_states(u.following), of_states(u.outputs)) for u in system.updates]
+    groups, group_count = _by_unit(system, len(excited))
     program = Program(
         system=system,
-        pair=pair,
-        kernel=kernel_of(system.t, x, p, elements, form, pair, updates, flow, series, _holds_expression(key)),
+        formulas=formulas,
+        kernel=kernel_of(equations, formulas, step, updates, _holds_expression(key)),
         excited=np.array(excited, np.int64),
-        kind=np.array([_kind(element) for element in elements], np.int64),
+        kind=np.array([element.kind for element in elements], np.int64),
         initial=np.array([e.initial for e in elements], float),
         attached=np.array(form.attached, np.int64),
-        loader=np.array(
-            [work_layout.SECOND if isinstance(e, SecondDirection) else j for e, j in zip(elements, form.loader, strict=True)], np.int64
-        ),
+        loader=np.array([work_layout.SECOND if e.second else j for e, j in zip(elements, form.loader, strict=True)], np.int64),
         varying=varying,
         bounded=bounded,
-        forced=(series is None or peaks_in_time(equations(system.t, x, p, system.m, form))) and _forced(system.t, form, elements),
+        forced=formulas.may_miss_peaks(equations) and _forced(system.t, form, elements),
         p_size=p.numel(),
         coefficient_slot=coefficient_slot,
         held_slot=first_held,
         table_slot={name: first_held + held_size + offset for name, offset in table_slot.items()},
         first_held=first_held,
-        groups=np.array([known.index(unit) for unit in units], np.int64),
-        group_count=len(known),
+        groups=groups,
+        group_count=group_count,
         outputs={},
         updates=updates,
         expressions=(p, u, form.force),
         form=form,
     )
-    system.kernels[key] = program
+    system.cache[key] = program
     if _holds_expression(key):
-        known = [other for other in list(system.kernels) if _holds_expression(other)]
-        for old in known[:-EXPRESSIONS]:
-            system.kernels.pop(old, None)
+        for old in [other for other in list(system.cache) if _holds_expression(other)][:-EXPRESSIONS]:
+            system.cache.pop(old, None)
     return program
+
+
+def _by_unit(system: HybridSystem, hidden: int) -> tuple[np.ndarray, int]:
+    """The number of the unit of every state and of so many hidden forces, and how many units there are."""
+    units = [unit for _, size, unit in system.states.values() for _ in range(size or 1)] + ["hidden force"] * hidden
+    known = sorted(set(units))
+    return np.array([known.index(unit) for unit in units], np.int64), len(known)
+
+
+def _varying(elements: list[Element], changing: ca.SX) -> list[int]:
+    """Numbers of the elements that slide or switch and whose bound depends on what changes during a run."""
+    places = [i for i, element in enumerate(elements) if not element.rigid]
+    return [places[k] for k in sorted(depending([elements[i].static for i in places], changing))]
 
 
 def _placed_inputs(
@@ -188,15 +182,6 @@ def _placed_inputs(
     return ca.vertcat(*inputs) if inputs else ca.SX(0, 1), coefficients, tables, coefficient_slot, table_slot
 
 
-def _kind(element: Any) -> int:
-    """The kind of an element in the loops; the second direction of a friction holds and slides with the first, and its own mode is that of a switch."""
-    from toolbox.compilation import work_layout
-
-    if isinstance(element, SecondDirection):
-        return work_layout.SWITCH
-    return work_layout.RIGID if element.unilateral else work_layout.FRICTION if element.holds else work_layout.SWITCH
-
-
 EXPRESSIONS = 16
 """Programs of a plant that are kept for inputs given as expressions, the last ones: each takes a tenth of a megabyte."""
 
@@ -206,12 +191,12 @@ def _holds_expression(key: Any) -> bool:
     return isinstance(key, tuple) and key[0] == "program" and any(isinstance(kind, ExpressionKey) for _, kind in key[1])
 
 
-def _forced(t: ca.SX, form: Switching, elements: list[Any]) -> bool:
+def _forced(t: ca.SX, form: Switching, elements: list[Element]) -> bool:
     """Whether time enters nonlinearly."""
     if solved_in_calls(form):
         force = ca.vertcat(*[element.multiplier for element in elements])
-        whole = ca.vertcat(form.open_field, form.balance, *[element.static for element in elements])
-        return bool(ca.depends_on(ca.jacobian(whole, t), ca.vertcat(t, force)))
+        equations = ca.vertcat(form.open_field, form.balance, *[element.static for element in elements])
+        return bool(ca.depends_on(ca.jacobian(equations, t), ca.vertcat(t, force)))
     return bool(ca.depends_on(ca.jacobian(ca.vertcat(form.field, form.force, form.static, form.guards), t), t))
 
 
@@ -220,7 +205,7 @@ def solved_in_calls(form: Switching) -> bool:
     return bool(form.balance.numel() and calls(ca.Function("forces", ca.symvar(form.force), [form.force])))
 
 
-def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switching) -> tuple[ca.SX, list[int], Switching]:
+def _with_hidden_forces(system: HybridSystem, elements: list[Element], form: Switching) -> tuple[ca.SX, list[int], Switching]:
     """The states and field with one more state for every sticking force or bound that is nonlinear in states or time (see `toolbox.stepping.event_stepper`).
 
     Where all contacts stick states may move so evenly that they limit no step, while such a force rises and falls.
@@ -236,7 +221,7 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
         rates = [form.sticks[i] * ca.mtimes(ca.jacobian(value, along), pace) for i, value in zip(excited, values, strict=True)]
     if not rates:
         return system.x, [], form
-    excited = [i - isinstance(elements[i], SecondDirection) for i in excited]  # both directions have the bound of the first
+    excited = [i - elements[i].second for i in excited]  # both directions have the bound of the first
     hidden = ca.SX.sym("hidden", len(rates))
     impulse, n = form.impulse, system.x.numel()
     if impulse is not None:
@@ -248,15 +233,15 @@ def _with_hidden_forces(system: HybridSystem, elements: list[Any], form: Switchi
     return ca.vertcat(system.x, hidden), excited, wider
 
 
-def _as_stuck(elements: list[Any], i: int, value: ca.SX) -> ca.SX:
+def _as_stuck(elements: list[Element], i: int, value: ca.SX) -> ca.SX:
     """What counts only while element i sticks, without what its other modes make of it where that is much: with friction in two slip directions."""
-    first = i - isinstance(elements[i], SecondDirection)
+    first = i - elements[i].second
     if elements[first].directions == 1:
         return value
     return ca.substitute(value, ca.vertcat(elements[first].mode, elements[first + 1].mode), ca.SX.zeros(2))
 
 
-def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
+def _nonlinear_alone(form: Switching, elements: list[Element], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
     """What is nonlinear among the sticking forces and bounds: numbers of the elements, and expressions."""
     chosen = [(i, value) for i, element in enumerate(elements) if element.holds for value in _hiding(form, i, element)]
     if not chosen:
@@ -264,13 +249,13 @@ def _nonlinear_alone(form: Switching, elements: list[Any], along: ca.SX) -> tupl
     (stuck,) = _stuck(elements, [ca.vertcat(*[value for _, value in chosen])])
     if len(chosen) > MANY:  # one by one takes a time that grows as the square
         bent = _bent(stuck, along)
-        found = [pair for k, pair in enumerate(chosen) if k in bent]
+        found = [each for k, each in enumerate(chosen) if k in bent]
         return [i for i, _ in found], [value for _, value in found]
     found = [(i, value) for k, (i, value) in enumerate(chosen) if ca.depends_on(ca.jacobian(stuck[k], along), along)]
     return [i for i, _ in found], [value for _, value in found]
 
 
-def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
+def _nonlinear(form: Switching, elements: list[Element], along: ca.SX) -> tuple[list[int], list[ca.SX]]:
     """The same where forces are solved for in calls: nonlinear are those that one nonlinear equation of their balance, or another such force, concerns."""
     force = ca.vertcat(*[element.multiplier for element in elements])
     balance, bounds = _stuck(elements, [form.balance, ca.vertcat(*[element.static for element in elements])])
@@ -284,7 +269,7 @@ def _nonlinear(form: Switching, elements: list[Any], along: ca.SX) -> tuple[list
     found = []
     for i, element in enumerate(elements):
         if element.holds:
-            hides = (i in forces,) if element.unilateral else (i in forces, i in limits)
+            hides = (i in forces,) if element.rigid else (i in forces, i in limits)
             found += [(i, value) for value, hidden in zip(_hiding(form, i, element), hides, strict=True) if hidden]
     return [i for i, _ in found], [value for _, value in found]
 
@@ -301,15 +286,15 @@ MANY = 100
 """Forces and bounds beyond which they are looked at together."""
 
 
-def _stuck(elements: list[Any], expressions: list[ca.SX]) -> list[ca.SX]:
+def _stuck(elements: list[Element], expressions: list[ca.SX]) -> list[ca.SX]:
     """Expressions with all contacts sticking."""
     holding = [element.mode for element in elements if element.holds]
     return list(ca.substitute([ca.densify(e) for e in expressions], holding, [ca.SX(0)] * len(holding)))
 
 
-def _hiding(form: Switching, i: int, element: Any) -> tuple[ca.SX, ...]:
+def _hiding(form: Switching, i: int, element: Element) -> tuple[ca.SX, ...]:
     """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
-    return (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
+    return (form.force[i],) if element.rigid else (form.force[i], form.static[i])
 
 
 @dataclass(frozen=True, eq=False)

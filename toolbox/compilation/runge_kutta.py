@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta pairs: the numbers of the step functions.
+"""The numbers of explicit Runge-Kutta formulas.
 
 DOPRI5: J. R. Dormand, P. J. Prince, J. Comp. Appl. Math. 6 (1980) 19-26. DOP853: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
 Equations I, 2nd ed., Springer 1993, section II.10 (12 stages, order 8, error estimates of order 5 and 3).
@@ -6,29 +6,10 @@ Equations I, 2nd ed., Springer 1993, section II.10 (12 stages, order 8, error es
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Nodes c, stage rows a (row s combines slopes 0..s-1), weights b of the solution, and error weights.
-
-    `error` and `error_low` weigh the slopes into error estimates; `error` of a pair with `last_is_first` has one weight more, for the slope
-    at the new state. `power` is the exponent of the step-size rule, for the error per unit step.
-    """
-
-    name: str
-    order: int
-    c: tuple[float, ...]
-    a: tuple[tuple[float, ...], ...]
-    b: tuple[float, ...]
-    error: tuple[float, ...]
-    error_low: tuple[float, ...]
-    power: float
-
+from toolbox.compilation.explicit_step import RungeKutta
 
 # fmt: off
-DOPRI5 = Pair(
+DOPRI5 = RungeKutta(
     name="dopri5",
     order=5,
     c=(0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0),
@@ -46,7 +27,7 @@ DOPRI5 = Pair(
     power=1 / 4,
 )
 
-DOP853 = Pair(
+DOP853 = RungeKutta(
     name="dop853",
     order=8,
     c=(0.0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726, 0.3333333333333333, 0.25, 0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571, 1.0),
@@ -68,6 +49,7 @@ DOP853 = Pair(
     error=(0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294),
     error_low=(-0.18980075407240762, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082),
     power=1 / 7,
+    interpolates=True,
 )
 
 # dense output of order 7: nodes and rows of three more stages, and weights of the last four coefficients of the polynomial

@@ -16,42 +16,53 @@ A table of coefficients holds one row of `width` = states + guards per coefficie
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
 from toolbox.compilation.emitter import FLAGS, Body, literal
+from toolbox.compilation.formulas import ClosedEquations, Formulas, StepCode
 from toolbox.compilation.power_series import LOOK_AHEAD, NoSeries
 from toolbox.compilation.recurrences import solved, written
-
-
-@dataclass(frozen=True)
-class Taylor:
-    """Taylor series up to an order."""
-
-    order: int
-
-    @property
-    def name(self) -> str:
-        """Name of the formulas."""
-        return f"taylor{self.order}"
-
-    @property
-    def power(self) -> float:
-        """Exponent of the step-size rule, for the error per unit step."""
-        return 1.0 / (self.order - 1)
-
-    @property
-    def error_low(self) -> tuple[float, ...]:
-        """No second estimate."""
-        return ()
-
+from toolbox.compilation.runge_kutta import DOP853
 
 MOST = 12_000
 """Instructions of the coefficients beyond which explicit formulas are taken: to write and optimise so many takes a second, and more run no faster."""
 
 
-LACKING = "an operation of the plant has no Taylor series, or they would be too long"
-"""Why a plant is stepped by other formulas."""
+@dataclass(frozen=True, init=False)
+class Taylor(Formulas):
+    """Taylor series up to an order."""
+
+    series: ClassVar[bool] = True
+    lacking: ClassVar[str] = "an operation of the plant has no Taylor series, or they would be too long"
+
+    def __init__(self, order: int):
+        for word, value in (("name", f"taylor{order}"), ("order", order), ("power", 1.0 / (order - 1))):
+            object.__setattr__(self, word, value)
+
+    @property
+    def interpolates(self) -> bool:
+        return True
+
+    @property
+    def steps(self) -> str:
+        return f"Taylor series of order {self.order}"
+
+    @property
+    def instead(self) -> Formulas:
+        return DOP853
+
+    def step(self, equations: ClosedEquations) -> StepCode | None:
+        n, guards = equations.x.numel(), equations.form.guards.numel()
+        series = series_of(self, equations.with_guards)
+        if series is None:
+            return None
+        step = polynomial_body(self, n, guards)
+        return StepCode({"series": series, "step": step}, (), series.count + step.count, (self.order + 1) * (n + guards))
+
+    def may_miss_peaks(self, equations: ClosedEquations) -> bool:
+        return peaks_in_time(equations.with_guards)
 
 
 def series_of(formulas: Taylor, function: ca.Function) -> Body | None:

@@ -126,17 +126,17 @@ class VectorBody(Body):
     def rough_log2(self, x: str) -> str:
         """Binary logarithm of a positive number to one part in a hundred, as `toolbox.stepping.event_stepper` takes it for step sizes."""
         bits = self.bits(x)
-        exponent = self.double(self.whole("add", self.whole("lshr", bits, 52), 0x4338000000000000 - 1023))
-        mantissa = self.whole("or", self.whole("and", bits, 0xFFFFFFFFFFFFF), 0x3FF0000000000000)
+        exponent = self.double(self.arithmetic("add", self.arithmetic("lshr", bits, 52), 0x4338000000000000 - 1023))
+        mantissa = self.arithmetic("or", self.arithmetic("and", bits, 0xFFFFFFFFFFFFF), 0x3FF0000000000000)
         f = self.sub(self.double(mantissa), self.number(1.0))
         curve = self.mul(f, self.sub(self.number(1.3465), self.mul(self.number(0.3465), f)))
         return self.add(self.sub(exponent, self.number(_SHIFT)), curve)
 
     def rough_exp2(self, x: str) -> str:
         """Two to the power of x, |x| < 1000, to one part in two hundred."""
-        whole = self.intrinsic("floor", x)
-        f = self.sub(x, whole)
-        power = _power_of_two(self, self.whole("sub", self.bits(self.add(whole, self.number(_SHIFT))), 0x4338000000000000))
+        floor = self.intrinsic("floor", x)
+        f = self.sub(x, floor)
+        power = _power_of_two(self, self.arithmetic("sub", self.bits(self.add(floor, self.number(_SHIFT))), 0x4338000000000000))
         return self.mul(power, self.add(self.number(1.0), self.mul(f, self.add(self.number(0.6565), self.mul(self.number(0.3435), f)))))
 
     def combination(self, base: str, scale: str, factors: Sequence[float], values: Sequence[str]) -> str:
@@ -177,7 +177,7 @@ def _nearest(body: Body, x: str) -> tuple[str, str]:
 
 def _power_of_two(body: Body, exponent: str) -> str:
     """2 to an integer from -1022 to 1023."""
-    return body.double(body.whole("shl", body.whole("add", exponent, 1023), 52))
+    return body.double(body.arithmetic("shl", body.arithmetic("add", exponent, 1023), 52))
 
 
 @cache
@@ -205,19 +205,21 @@ def _exp(body: Body, x: str) -> str:
     r = body.sub(body.sub(x, body.mul(n, body.number(6.93147180369123816490e-01))), body.mul(n, body.number(1.90821492927058770002e-10)))
     tail = body.polynomial(r, _exp_coefficients())
     value = body.add(body.number(1.0), body.add(r, body.mul(body.mul(r, r), tail)))
-    exponent = body.whole("ashr", body.whole("shl", bits, 32), 32)
-    half = body.whole("ashr", exponent, 1)
+    exponent = body.arithmetic("ashr", body.arithmetic("shl", bits, 32), 32)
+    half = body.arithmetic("ashr", exponent, 1)
     scaled = body.mul(value, _power_of_two(body, half))
-    return body.mul(scaled, _power_of_two(body, body.whole("sub", exponent, half)))
+    return body.mul(scaled, _power_of_two(body, body.arithmetic("sub", exponent, half)))
 
 
 def _log(body: Body, x: str) -> str:
     tiny = body.compare("olt", x, body.number(2.0**-1022))
     scaled = body.select(tiny, body.mul(x, body.number(2.0**54)), x)
     bits = body.bits(scaled)
-    exponent = body.whole("ashr", body.whole("sub", bits, 0x3FE6A09E667F3BCD), 52)  # the mantissa is then between sqrt(1/2) and sqrt(2)
-    f = body.sub(body.double(body.whole("sub", bits, body.whole("shl", exponent, 52))), body.number(1.0))
-    shifted = body.double(body.whole("add", exponent, 0x4338000000000000))
+    exponent = body.arithmetic(
+        "ashr", body.arithmetic("sub", bits, 0x3FE6A09E667F3BCD), 52
+    )  # the mantissa is then between sqrt(1/2) and sqrt(2)
+    f = body.sub(body.double(body.arithmetic("sub", bits, body.arithmetic("shl", exponent, 52))), body.number(1.0))
+    shifted = body.double(body.arithmetic("add", exponent, 0x4338000000000000))
     k = body.sub(body.sub(shifted, body.number(_SHIFT)), body.select(tiny, body.number(54.0), body.number(0.0)))
     s = body.div(f, body.add(body.number(2.0), f))
     z = body.mul(s, s)
@@ -269,9 +271,9 @@ def _circular(which: str) -> Callable[[VectorBody, str], str]:
         lost = body.sub(body.sub(body.number(1.0), w), half)
         c = body.add(w, body.add(lost, body.mul(body.mul(z, z), body.polynomial(z, cosine))))
         if which == "cos":
-            bits = body.whole("add", bits, 1)
+            bits = body.arithmetic("add", bits, 1)
         swap = body.value(f"trunc {body.integers} {bits} to {body.truths}")
-        turned = body.value(f"trunc {body.integers} {body.whole('lshr', bits, 1)} to {body.truths}")
+        turned = body.value(f"trunc {body.integers} {body.arithmetic('lshr', bits, 1)} to {body.truths}")
         value = body.select(swap, c, s)
         return body.select(turned, body.value(f"fneg {body.type} {value}"), value)
 

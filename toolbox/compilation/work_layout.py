@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from toolbox.modelling.elements import FRICTION, RIGID, SWITCH  # noqa: F401
+
 # --- status codes of `advance`
 DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSISTENT, NEGATIVE_BOUND, NO_SERIES, GROWTH = range(11)
 
@@ -17,10 +19,6 @@ DONE, RECORDS_FULL, EVENTS_FULL, PAUSED, SAMPLE_DUE, ENDLESS, UNDERFLOW, INCONSI
 
 FORMULAS = (FIELD, STEP, PROJECT, PROBE, BURDEN, IMPULSE, SERIES, ORDER, IMPLICIT, TWO_ERRORS)
 """What the formulas of a step set, other than sizes."""
-
-
-# --- kinds of elements: friction and relays hold or slide; a rigid contact holds (mode 0) or is free (mode 1); a switch is in mode 0 or 1
-FRICTION, RIGID, SWITCH = range(3)
 
 
 SECOND = -2

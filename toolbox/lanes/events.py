@@ -10,11 +10,10 @@ import numpy as np
 
 from toolbox.compilation.emitter import inline
 from toolbox.compilation.program import Program
-from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.compilation.work_layout import RIGID, SWITCH
 from toolbox.lanes.layout import EVENT
-from toolbox.lanes.trial_step import explicit_pair
+from toolbox.lanes.trial_step import explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 
 
@@ -103,7 +102,7 @@ def settling(
     was = made.loaded()
     renewed = _renewed(made, was, firing, x, chosen, settled)
     noise = _round_off(made, was, x, chosen, renewed)
-    series = isinstance(program.pair, Taylor)  # the next step follows from its own coefficients
+    series = program.formulas.series  # the next step follows from its own coefficients
     columns = {"x": x, "k": renewed.k, "m": chosen, "g": renewed.g, "side": firing.side, "armed": renewed.armed, "guard_scale": renewed.guard_scale,
                "other_scale": renewed.other_scale, "scale": renewed.scale, "group_scale": renewed.group_scale, "noise": noise}  # fmt: skip
     body, was = made.body, made.loaded()
@@ -237,7 +236,7 @@ def _first_step(made: Event, x: list[Value], chosen: list[Value], renewed: Renew
         a = (ahead[i] - k[i]) * weights[i]
         d2 = d2 + a * a
     top = largest(made.root(d1 * (1 / n)), (h0 > 0.0).choose(made.root(d2 * (1 / n)) / h0, 0.0))
-    order = explicit_pair(made.program).order
+    order = explicit_formulas(made.program).order
     h1 = Value(body, body.rough_exp2((Value(body, body.rough_log2((0.01 / largest(top, 1e-15)).name)) * (1 / order)).name))
     h1 = (top > 1e-15).choose(h1, largest(h0 * 1e-3, 1e-6))
     h = largest(smallest(100.0 * h0, h1), 1e-9 * end)

@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation.emitter import inline
-from toolbox.compilation.runge_kutta import DOP853, DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C, Pair
+from toolbox.compilation.explicit_step import RungeKutta
+from toolbox.compilation.runge_kutta import DOP853_DENSE, DOP853_MORE_A, DOP853_MORE_C
 from toolbox.lanes.polynomials import value_at
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, when_any
 
@@ -75,7 +76,7 @@ class Path:
 
     def __init__(
         self,
-        pair: Pair,
+        formulas: RungeKutta,
         rhs: ca.Function,
         t: Value,
         h: Value,
@@ -84,7 +85,7 @@ class Path:
         x: list[Value],
         k: list[Value],
     ) -> None:
-        assert pair is DOP853
+        assert formulas.interpolates
         self.rhs, self.t, self.h, self.start, self.slope = rhs, t, h, was["x"], was["k"]
         self.others = [[value.name for value in was[name]] for name in ("p", "m")]
         self.slopes, self.x, self.k = slopes, x, k

@@ -1,6 +1,6 @@
 """One pass of a block of lanes as machine code: one call advances all lanes by one trial step; each lane has its own step size and its own error test.
 
-With an explicit pair a lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands,
+With explicit formulas a lane steps on, or searches an event inside a step whose end it has seen; either way a pass is one step from where the lane stands,
 so that lanes that search and lanes that step on share the same instructions. With Taylor series it ends on the event at once
 (`toolbox.lanes.series_pass`). The pass does what `toolbox.stepping.event_stepper` does between events, in the same order: error,
 guards, acceptance, step size. It flags what it leaves to the loop.
@@ -14,7 +14,6 @@ from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.emitter import compiled
 from toolbox.compilation.emitter import function_text as scalar_text
 from toolbox.compilation.program import Program
-from toolbox.compilation.taylor import Taylor
 from toolbox.compilation.vector_emitter import VectorBody, function_text
 from toolbox.compilation.work_layout import CUT_SHORT
 from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
@@ -25,7 +24,7 @@ from toolbox.lanes.quintics import measure_quintics
 from toolbox.lanes.samples import POINTERS, sampling
 from toolbox.lanes.searches import Guards, emit_dips, emit_guards, emit_search
 from toolbox.lanes.series_pass import series_pass
-from toolbox.lanes.trial_step import Pass, Step, emit_step, explicit_pair
+from toolbox.lanes.trial_step import Pass, Step, emit_step, explicit_formulas
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 from toolbox.measuring.quintics import with_derivatives
 
@@ -64,7 +63,7 @@ def block(program: Program, width: int, signals: tuple[str, ...] = (), windows: 
 
 def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: int, late: tuple[bool, ...]) -> Block:
     made = Pass(program, width, signals, windows)
-    flag = series_pass(made) if isinstance(program.pair, Taylor) else _explicit_pass(made)
+    flag = series_pass(made) if program.formulas.series else _explicit_pass(made)
     body, rows = made.body, made.rows
     body.store_bits(flag.differs(0.0).name, "%lanes", rows["waiting"])
     if program.updates:
@@ -80,7 +79,7 @@ def _compiled(program: Program, width: int, signals: tuple[str, ...], windows: i
 
 
 def _explicit_pass(made: Pass) -> Value:
-    """One trial step of an explicit pair in every lane; returns the flags."""
+    """One trial step of explicit formulas in every lane; returns the flags."""
     step = emit_step(made)
     guards = emit_guards(made, step)
     verdicts = _emit_verdicts(made, step, guards)
@@ -89,7 +88,7 @@ def _explicit_pass(made: Pass) -> Value:
     numbers, rejected = _emit_step_size(made, was, step, guards, verdicts, continues)
     numbers["time"], columns = emit_arrival(made, was, step, guards, verdicts)
     if made.count and not made.program.updates:
-        path = Path(explicit_pair(made.program), made.rhs, step.t, step.h, was, step.slopes, step.x, step.k)
+        path = Path(explicit_formulas(made.program), made.rhs, step.t, step.h, was, step.slopes, step.x, step.k)
         measure_step(made.observe, path, verdicts.moves, made.windows(was), made.rows, was["rtol"])
     numbers["flag"] = emit_flags(made, was, step, verdicts, rejected, numbers["accepted"], lost)
     made.store({name: [value] for name, value in numbers.items()} | columns)
@@ -151,7 +150,7 @@ def _emit_step_size(
     body, h, error = made.body, step.h, step.error
     accepted, refused, moves = verdicts.accepted, verdicts.refused, verdicts.moves
     new: dict[str, Value] = {}
-    power = float(explicit_pair(made.program).power)
+    power = float(explicit_formulas(made.program).power)
     logarithm = Value(body, body.rough_log2(largest(error, 1e-10).name))
     prediction = Value(body, body.rough_log2((h / was["step_old"]).name)) + power * (was["error_old"] - logarithm)
     growth = -power * logarithm

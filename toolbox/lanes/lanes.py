@@ -15,8 +15,7 @@ import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program, program_of, solved_in_calls
-from toolbox.compilation.runge_kutta import DOP853, DOPRI5
-from toolbox.compilation.taylor import LACKING, Taylor
+from toolbox.compilation.runge_kutta import DOP853
 from toolbox.errors import SceneError
 from toolbox.lanes.layout import ITEMS, BlockArrays, BlockCode, Results, Scenarios, lane_states
 from toolbox.measuring.measures import Layout, Measure, Readings
@@ -79,15 +78,14 @@ class Lanes:
         for measure in measures:
             measure.check(system, run.duration)
         self.loop, self.states, self.values = lanes_loop.run, system.x.numel(), system.values.size
-        method = run.method if isinstance(run.method, TaylorSeries) and not system.updates else Explicit()
+        method = run.method if run.method.in_lanes and not system.updates else Explicit()
         stepped = dataclasses.replace(run, method=method, output_times=None)
         formulas = formulas_of(stepped)
-        self.program = program_of(system, run.kinds, DOP853 if formulas is DOPRI5 and measures and not system.updates else formulas)
-        if isinstance(self.program.pair, Taylor) and not _by_series(self.program):
+        self.program = program_of(system, run.kinds, DOP853 if measures and not system.updates and not formulas.interpolates else formulas)
+        if self.program.formulas.series and not _by_series(self.program):
             self.program = program_of(system, run.kinds, DOP853)
-        self.why = (
-            f"{self.program.pair.name}: {LACKING}" if isinstance(formulas, Taylor) and not isinstance(self.program.pair, Taylor) else ""
-        )
+        by_others = formulas.series and not self.program.formulas.series
+        self.why = f"{self.program.formulas.name}: {formulas.lacking}" if by_others else ""
         self.layout = Layout(self.program, measures, run.duration)
         compiled_loop(stepped, self.program)
         self.work = work_arrays(stepped, self.program)
@@ -196,7 +194,7 @@ def has_series(run: Run) -> bool:
 
 def _by_series(program: Program) -> bool:
     """Whether lanes step a program by its series: not where forces are solved for in calls."""
-    return isinstance(program.pair, Taylor) and not solved_in_calls(program.form)
+    return program.formulas.series and not solved_in_calls(program.form)
 
 
 def host_width(program: Program) -> int:
@@ -204,5 +202,5 @@ def host_width(program: Program) -> int:
     import llvmlite.binding as llvm
 
     wide = bool(llvm.get_host_cpu_features().get("avx512f"))
-    full = program.kernel.states >= 10 or isinstance(program.pair, Taylor)
+    full = program.kernel.states >= 10 or program.formulas.series
     return (8 if wide else 4) * (1 if full else 2)

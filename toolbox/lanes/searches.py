@@ -72,7 +72,7 @@ def emit_guards(made: Pass, step: Step) -> Guards:
         turns &= (smallest(a + da * h * (1 / 3), b - db * h * (1 / 3)) <= 0.5 * largest(a, b)) & (step.error <= 1.0)
         maybe |= turns
         dips.append(Dip(turns, a, da, b, db))
-        if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
+        if j < 2 * ne and program.system.elements[j // 2].rigid:  # how deep an impact is located decides which bounce is the last
             odd |= armed[j] & (b <= 0.0)
         elif j < 2 * ne and program.table_slot:  # at its bound where an input turns: what follows decides
             odd |= step.to_stop & armed[j] & (b <= 0.0) & (b >= -1e-12 * guard_scale)
@@ -151,8 +151,8 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
         rises, falls = goes_on & ~guards.below, goes_on & guards.below
         low = begins.choose(0.0, rises.choose(was["fraction"], was["low"]))
         high = begins.choose(1.0, falls.choose(was["fraction"], was["high"]))
-        whole = begins.choose(h, was["whole"])
-        width = (high - low) * whole
+        bracketed = begins.choose(h, was["bracketed"])
+        width = (high - low) * bracketed
         g_low = [begins.choose(g, rises.choose(e, o)) for g, e, o in zip(was["g"], step.g, was["g_low"], strict=True)]
         g_high = [(begins | falls).choose(e, o) for e, o in zip(step.g, was["g_high"], strict=True)]
         part = h * 0.0 + 2.0
@@ -167,7 +167,7 @@ def emit_search(made: Pass, step: Step, guards: Guards, begins: Truth, goes_on: 
         inside = low + part * (high - low)
         inside = ((inside > low) & (inside <= high)).choose(inside, 0.5 * (low + high))
         fraction = searches.choose(inside, was["fraction"])
-        bracket = {"whole": [whole], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
+        bracket = {"bracketed": [bracketed], "low": [low], "high": [high], "fraction": [fraction], "tries": [tries]}
         made.store(bracket | {"g_low": g_low, "g_high": g_high})
         return (lost,)
 

@@ -11,10 +11,9 @@ import math
 from dataclasses import dataclass
 
 from toolbox.compilation.emitter import inline
-from toolbox.compilation.kernel import equations
+from toolbox.compilation.formulas import ClosedEquations
 from toolbox.compilation.power_series import LOOK_AHEAD
 from toolbox.compilation.recurrences import solved
-from toolbox.compilation.taylor import Taylor
 from toolbox.lanes.arrival import Verdicts, emit_arrival, emit_flags
 from toolbox.lanes.extrema import SeriesPath, measure_step
 from toolbox.lanes.layout import GOES_ON
@@ -104,7 +103,7 @@ def series_pass(made: Pass) -> Value:
     guards = Guards(runs, never, series.side, armed, hits, odd, never, never, never, seen.located, [])
     rejected = was["rejected"].differs(0.0)
     logarithm = Value(body, body.rough_log2(largest(end.error, 1e-10).name))
-    factor = Value(body, body.rough_exp2(smallest(largest(-made.program.pair.power * logarithm, -900.0), 900.0).name))
+    factor = Value(body, body.rough_exp2(smallest(largest(-made.program.formulas.power * logarithm, -900.0), 900.0).name))
     shrunk = end.h * (end.error < 1e30).choose(largest(0.9 * factor, 0.1), 0.1)
     numbers = {
         "wanted": refused.choose(shrunk, moves.choose(series.reach, was["wanted"])),
@@ -125,14 +124,13 @@ def series_pass(made: Pass) -> Value:
 def _expanded(made: Pass) -> Expansion:
     """The coefficients, and the step that they allow."""
     body, n, ng, program = made.body, made.n, made.ng, made.program
-    assert isinstance(program.pair, Taylor)
-    order = program.pair.order
+    order = program.formulas.order
     was = made.loaded()
     t, stop = was["time"], was["stop"]
     given = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
     look = was["wanted"] * LOOK_AHEAD
     weights = _weights(made, was)
-    function = equations(program.system.t, made.x, program.expressions[0], program.system.m, program.form)
+    function = ClosedEquations(program.system.t, made.x, program.expressions[0], program.system.elements, program.form).with_guards
     table = solved(body, function, t.name, look.name, [given[0], *given[2:]], order)
     columns = [[Value(body, row[i] or body.number(0.0)) for row in table] for i in range(n + ng)]
     side = [*[None] * (2 * made.ne), *was["side"][2 * made.ne :]]
@@ -235,7 +233,7 @@ def _crossings(made: Pass, series: Expansion, sound: Truth) -> Crossings:
             shown = [armed.choose(a, rises.choose(b, d)) for a, b, d in zip(c, later, latest, strict=True)]
             place = series.falls.first(shown, begins | creeps, (begins & (end > 0.0)).choose(0.5, 1.0))
             falls = place <= 1.0
-            if j < 2 * ne and program.system.elements[j // 2].unilateral:  # how deep an impact is located decides which bounce is the last
+            if j < 2 * ne and program.system.elements[j // 2].rigid:  # how deep an impact is located decides which bounce is the last
                 wrong |= falls
             elif program.table_slot and (
                 j < 2 * ne or j >= made.ng - len(program.bounded)

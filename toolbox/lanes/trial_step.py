@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
-from toolbox.compilation.kernel import stages
+from toolbox.compilation.explicit_step import RungeKutta, stages
 from toolbox.compilation.program import Program
-from toolbox.compilation.runge_kutta import Pair
 from toolbox.compilation.vector_emitter import VectorBody
 from toolbox.lanes.vectors import Rows, Truth, Value, largest, smallest
 from toolbox.measuring.quintics import signals_and_bounds
 
-SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "whole", "low", "high", "fraction", "tries",
+SCALARS = ("time", "wanted", "stop", "error_old", "step_old", "rejected", "searching", "bracketed", "low", "high", "fraction", "tries",
            "longest", "end", "rtol", "accepted", "refused", "flag", "located", "waiting")  # fmt: skip
 """Rows of a block with one number per lane."""
 
@@ -102,31 +102,31 @@ class Step:
     error: Value
 
 
-def explicit_pair(program: Program) -> Pair:
-    """The explicit pair that the lanes step with."""
-    assert isinstance(program.pair, Pair)
-    return program.pair
+def explicit_formulas(program: Program) -> RungeKutta:
+    """The explicit formulas that the lanes step with."""
+    formulas: Any = program.formulas
+    return formulas
 
 
 def emit_step(made: Pass) -> Step:
     """One step from where the lane stands."""
     body, n = made.body, made.n
-    pair = explicit_pair(made.program)
+    formulas = explicit_formulas(made.program)
     was = made.loaded()
     t, searching, stop = was["time"], was["searching"].differs(0.0), was["stop"]
     probing, cleared = (~was["dip"][0].differs(value) if made.probes else made.never for value in (PROBING, CLEARED))
     wanted = smallest(was["wanted"], was["longest"])
     to_stop = (t + wanted >= stop) | (stop - (t + wanted) < 1e-3 * wanted)
-    h = searching.choose(was["fraction"] * was["whole"], to_stop.choose(stop - t, wanted))
+    h = searching.choose(was["fraction"] * was["bracketed"], to_stop.choose(stop - t, wanted))
     h = probing.choose(was["dip"][5], h)
     unresolved = ~searching & ~probing & ~((h >= 1e-14 * abs(t)) & (h >= 1e-300))
     names = [[value.name for value in was[item]] for item in ("x", "k", "p", "m")]
-    slopes, ends, end_field = stages(body, pair, made.rhs, made.field, (t.name, h.name), names)
+    slopes, ends, end_field = stages(body, formulas, made.rhs, made.field, (t.name, h.name), names)
     x_new = [Value(body, name) for name in ends]
     end = [Value(body, name) for name in end_field]
     k_new, g_new = end[:n], end[n:]
     estimates = []
-    for weights in (pair.error, pair.error_low):
+    for weights in (formulas.error, formulas.error_low):
         used = [*slopes, end_field[:n]][: len(weights)]
         estimates.append([Value(body, body.combination("", h.name, weights, [k[i] for k in used])) for i in range(n if weights else 0)])
     was = made.loaded()

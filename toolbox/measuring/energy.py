@@ -12,7 +12,6 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.unit_systems import reading
-from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Samples, check_run, output_function, window
 from toolbox.simulation.trajectory import Trajectory
@@ -121,7 +120,7 @@ def energy_audit(run: Trajectory) -> EnergyAudit:
 
 def _taken_by_impacts(run: Trajectory, energy: ca.Function) -> float:
     """Fall of the stored energy at the instants at which unilateral contacts switched [J]."""
-    contacts = {e.name for e in run.program.system.elements if isinstance(e, UnilateralContact)}
+    contacts = {e.name for e in run.program.system.elements if e.has_gap}
     times = np.unique([event.time for event in run.events if event.element in contacts])
     if not times.size:
         return 0.0

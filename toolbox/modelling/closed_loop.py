@@ -65,7 +65,7 @@ def closed_loop(
             clocks.append((float(sampled.period), float(sampled.delay)))
             seeds.append(sampled.seed)
     key = ("closed", tuple(structure_of(part) for part in parts))
-    found = plant.kernels.get(key)
+    found = plant.cache.get(key)
     if found is None:
         closed = assembled((*plant.parts, *parts))
         by_name = {p.name: p.offset for p in plant.parameters.values()}
@@ -75,7 +75,7 @@ def closed_loop(
                 size = entry.size or 1
                 places += zip(range(by_name[entry.name], by_name[entry.name] + size), range(entry.offset, entry.offset + size), strict=True)
         first = sum(len(numbers_of(part)) for part in plant.parts)
-        found = plant.kernels[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
+        found = plant.cache[key] = (closed, np.array(places, np.int64).reshape(-1, 2), first)
     shared, places_of, first = found
     closed = copy.copy(shared)
     closed.parts = (*plant.parts, *parts)

@@ -31,7 +31,7 @@ from toolbox.modelling.components import (
     structure_of,
     symbolic_copy,
 )
-from toolbox.modelling.elements import Element, UnilateralContact, time
+from toolbox.modelling.elements import Element, time
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
@@ -379,7 +379,7 @@ class _Composer:
         )
         system.routes = self.routes
         system.values = np.array(self.values, float)
-        system.kernels = {}
+        system.cache = {}
         system.parts = ()
         symbols = [time, system.x, system.p, system.u, system.F, system.m, system.held, *memories, *noises]
         known = ca.vertcat(*symbols, *[element.speed for element in self.elements])
@@ -388,7 +388,7 @@ class _Composer:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
             remedy = f"element `{unlisted[0]}` must be in `elements`" if unlisted else "a state must be a key of `flow`"
             raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; {remedy}.")
-        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if isinstance(e, UnilateralContact)])
+        slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if e.has_gap])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
         _ = system.switching  # raises where the elements are not well posed
@@ -435,10 +435,10 @@ def _check_push(system: HybridSystem) -> None:
 
     Closing adds a N to the rate d'', N being proportional to d + (c / k) d': a must not be positive, or the contact would pull what it should stop.
     """
-    elastic = {i: element for i, element in enumerate(system.elements) if isinstance(element, UnilateralContact) and not element.holds}
+    elastic: dict[int, Any] = {i: element for i, element in enumerate(system.elements) if element.has_gap and not element.rigid}
     if not elastic:
         return
-    found = system.kernels.get("push")
+    found = system.cache.get("push")
     if found is None:
         shares = []
         for i, element in elastic.items():
@@ -446,7 +446,7 @@ def _check_push(system: HybridSystem) -> None:
             closed, opened = (ca.substitute(grows, system.m[i], mode) for mode in (0, 1))
             shares.append((closed - opened) / (element.closure + element.relaxation * element.rate))
         symbols = [system.t, system.x, system.u, system.p, system.F, system.m, system.held]
-        found = system.kernels["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
+        found = system.cache["push"] = ca.Function("push", symbols, [ca.densify(ca.vertcat(*shares))])
     n = system.x.numel()
     tried = [np.cos(np.arange(1, n + 1) * k) * 1e-3 for k in (1.0, 2.3, 3.7)]
     seen = np.column_stack([np.array(found(0.0, x, 0.0, system.values, 0.0, 1.0, 0.0)).ravel() for x in tried])
@@ -477,9 +477,7 @@ def _check_gain(system: HybridSystem) -> None:
     matrix = matrix / np.outer(size, size)
     # two stops of one body are never closed together: only one of them counts
     opposed = [
-        j
-        for j, b in enumerate(holding)
-        if b.unilateral and any(a.unilateral and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
+        j for j, b in enumerate(holding) if b.rigid and any(a.rigid and matrix[i, j] < -1 + 1e-12 for i, a in enumerate(holding[:j]))
     ]
     kept = [i for i in range(len(holding)) if i not in opposed]
     matrix, holding = matrix[np.ix_(kept, kept)], [holding[i] for i in kept]

@@ -7,8 +7,9 @@ Here a contact carries one integer mode, and force alone decides when it leaves 
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
@@ -202,23 +203,34 @@ class FrictionLaw:
         """Raise SceneError where fields contradict each other."""
 
 
+FRICTION, RIGID, SWITCH = range(3)
+"""Kinds of elements in the compiled steps: friction and relays hold or slide; a rigid contact holds (0) or is free (1); a switch is in mode 0 or 1."""
+
+
 class Element:
     """A set-valued or switching element with one integer mode.
 
     Elements that hold (`DryFriction`, `Relay`, rigid `UnilateralContact`) keep `slip` at zero in mode 0, by whatever multiplier that takes; else
     the multiplier is -mode * kinetic, kinetic = load * sliding. Switches (`Hysteresis`, elastic `UnilateralContact`, a break of a law) have mode 0 or 1 and
     no multiplier. `force` is an expression to be used, affinely, in the flow of the part that owns the element.
+
+    What an element can do it answers; nobody asks for its class.
     """
 
     legend: Mapping[int, str] = {0: "stick", 1: "slip+", -1: "slip-"}
-    expressions: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")
+    expressions: ClassVar[tuple[str, ...]] = ("slip", "static", "load", "sliding")  # names of what may hold symbols of the equations
+    watched: ClassVar[str] = ""  # name of the expression that switches it, where forces and slip do not
     holds: bool = True
-    unilateral: bool = False
+    rigid: bool = False  # holds a gap closed, and strikes
+    has_gap: ClassVar[bool] = False
+    second: ClassVar[bool] = False  # the second slip direction of the friction before it
     initial: int = 0
     law: FrictionLaw | None = None
-    companions: Sequence[Element] = ()
+    companions: Sequence[Element] = ()  # what comes with it, and stands behind it
     directions: int = 1
     speed: ca.SX = ca.SX(0, 1)
+    closure: ca.SX = ca.SX(0)
+    restitution: ca.SX = ca.SX(0)
 
     def __init__(self, name: str, slip: ca.SX | float, slip_unit: str, force_unit: str):
         self.name = name
@@ -228,14 +240,34 @@ class Element:
         self.multiplier = ca.SX.sym(f"{name}.multiplier")
         self.force: ca.SX = self.multiplier
         self.mode = ca.SX.sym(f"{name}.mode")
-        self.static = ca.SX(0)
-        self.load = ca.SX(0)
-        self.sliding = ca.SX(0)
+        self.static, self.load, self.sliding = ca.SX(0), ca.SX(0), ca.SX(0)
 
     @property
     def kinetic(self) -> ca.SX:
         """Magnitude of the force while sliding."""
         return self.load * self.sliding
+
+    @property
+    def slides(self) -> bool:
+        """Whether it holds its slip, or slides with a force that is bounded both ways; else a guard alone tells its mode, 0 or 1."""
+        return self.holds and not self.rigid
+
+    @property
+    def kind(self) -> int:
+        """FRICTION, RIGID or SWITCH, as which a second direction has its mode: it holds and slides with the first."""
+        return RIGID if self.rigid else FRICTION if self.holds and not self.second else SWITCH
+
+    @property
+    def breaks(self) -> list[Element]:
+        """The companions that say where its law has jumped."""
+        return [each for each in self.companions if not each.second]
+
+    def mapped(self, change: Callable[[ca.SX], ca.SX]) -> Element:
+        """A copy with all its expressions changed."""
+        twin = copy.copy(self)
+        for name in self.expressions:
+            setattr(twin, name, change(getattr(self, name)))
+        return twin
 
     def guards(self, multiplier: ca.SX, bound: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Two expressions that are positive while the mode holds; multiplier and bound are zero unless the element holds."""
@@ -310,6 +342,10 @@ class DryFriction(Element):
         self.sliding = ca.SX(law.sliding(speed, *[jump.mode for jump in jumps]))
         self.static = self.load * law.breakaway()
 
+    def slip_speed(self, slips: ca.SX) -> ca.SX:
+        """How fast it slips while it does, given its slips."""
+        return self.mode * slips if self.directions == 1 else length(slips)
+
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         if self.directions == 1:
             return super().signals()
@@ -322,6 +358,7 @@ class SecondDirection(Element):
     """The second direction of the `DryFriction` before it: its slip and its multiplier, and whose direction the force of both has."""
 
     legend: Mapping[int, str] = {0: "pull", 1: "slip"}
+    second: ClassVar[bool] = True
 
     @property
     def title(self) -> str:
@@ -373,6 +410,8 @@ class UnilateralContact(Element):
 
     legend: Mapping[int, str] = {1: "open", 0: "closed"}
     expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "closure", "rate", "relaxation", "restitution")
+    watched: ClassVar[str] = "closure"
+    has_gap: ClassVar[bool] = True
     initial = 1
 
     def __init__(
@@ -389,7 +428,7 @@ class UnilateralContact(Element):
     ):
         if (stiffness is None) == (restitution is None):
             raise SceneError(f"`{name}` must have either a `stiffness`, for an elastic contact, or a `restitution`, for a rigid one.")
-        self.holds = self.unilateral = stiffness is None
+        self.holds = self.rigid = stiffness is None
         super().__init__(name, rate if self.holds else 0, rate_unit, force_unit)
         self.closure = ca.SX(closure)
         self.rate = ca.SX(rate)
@@ -424,6 +463,7 @@ class Hysteresis(Element):
 
     legend: Mapping[int, str] = {0: "low", 1: "high"}
     expressions: ClassVar[tuple[str, ...]] = (*Element.expressions, "signal", "low", "high")
+    watched: ClassVar[str] = "signal"
     holds = False
 
     def __init__(self, name: str, signal: ca.SX, low: ca.SX | float, high: ca.SX | float, *, start: str = "low", signal_unit: str = "1"):

@@ -112,7 +112,7 @@ class HybridSystem:
         Those laws.
     routes
         {signal that control laws name: what they find in its place}.
-    kernels
+    cache
         What is computed or compiled once per structure.
     told
         {unit: unit that was typed} in the scene that the plant is of; None without one.
@@ -139,7 +139,7 @@ class HybridSystem:
     held: ca.SX
     updates: tuple[SampledUpdate, ...]
     routes: dict[str, str]
-    kernels: dict[Any, Any]
+    cache: dict[Any, Any]
     told: Mapping[str, str] | None = None
 
     @cached_property
@@ -169,9 +169,9 @@ class HybridSystem:
     @property
     def switching(self) -> Switching:
         """Fields, forces and guards with modes as numeric input, in the symbols t, x, u, p, m."""
-        made = self.kernels.get("switching")
+        made = self.cache.get("switching")
         if made is None:
-            made = self.kernels["switching"] = switching(self.t, self.x, self.flow, self.elements)
+            made = self.cache["switching"] = switching(self.t, self.x, self.flow, self.elements)
         return made
 
     @property
@@ -192,19 +192,19 @@ class HybridSystem:
     @property
     def input_defaults(self) -> ca.Function:
         """casadi Function p -> defaults of the inputs."""
-        made = self.kernels.get("input_defaults")
+        made = self.cache.get("input_defaults")
         if made is None:
             defaults = ca.vertcat(*[i.default for i in self.inputs.values()]) if self.inputs else ca.SX(0, 1)
-            made = self.kernels["input_defaults"] = ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
+            made = self.cache["input_defaults"] = ca.Function("input_defaults", [self.p], [ca.densify(defaults)], ["p"], ["u"])
         return made
 
     def function(self, name: str, expression: ca.SX, output: str) -> ca.Function:
         """casadi Function (t, x, u, p, m) -> expression, made once per name and structure."""
         names = ["t", "x", "u", "p", "m"]
-        made = self.kernels.get(name)  # shared by all plants of this structure
+        made = self.cache.get(name)  # shared by all plants of this structure
         if made is None:
             made = ca.Function(name, [self.t, self.x, self.u, self.p, self.m], [ca.densify(expression)], names, [output])
-            self.kernels[name] = made
+            self.cache[name] = made
         return made
 
     def to_casadi(self) -> dict[str, ca.SX]:
@@ -314,9 +314,9 @@ class HybridSystem:
         if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
             raise SceneError(f"Argument `names` must be names of parameters, but it is {names!r}.")
         key = ("varying", *names)
-        found = self.kernels.get(key)
+        found = self.cache.get(key)
         if found is None:
-            found = self.kernels[key] = self._released([self._parameter(name) for name in names])
+            found = self.cache[key] = self._released([self._parameter(name) for name in names])
         released = copy.copy(found)
         released.parts, released.values = self.parts, self.values
         return released
@@ -339,10 +339,7 @@ class HybridSystem:
 
         twin = copy.copy(self)
         twin.flow = of_time(self.flow)
-        twin.elements = tuple(copy.copy(element) for element in self.elements)
-        for element in twin.elements:
-            for kind in element.expressions:
-                setattr(element, kind, of_time(getattr(element, kind)))
+        twin.elements = tuple(element.mapped(of_time) for element in self.elements)
         twin.signals = {name: (of_time(expression), unit) for name, (expression, unit) in self.signals.items()}
         twin.losses = {name: of_time(power) for name, power in self.losses.items()}
         twin.supplies = {name: of_time(power) for name, power in self.supplies.items()}
@@ -353,7 +350,7 @@ class HybridSystem:
         twin.inputs = {**self.inputs, **inputs}
         twin.u = ca.vertcat(self.u, *symbols)
         twin.parameters = self.parameters | {entry.name: entry for entry in entries}
-        twin.kernels = {}
+        twin.cache = {}
         return twin
 
     def _offsets(self) -> Iterator[int]:

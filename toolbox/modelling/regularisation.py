@@ -87,9 +87,9 @@ def smoothed(plant: HybridSystem, width: float | Mapping[str, float], *, matched
         raise SceneError(f"Argument `matched` must be True or False, but it is {matched!r}.")
     widths = checked_widths(plant, width)
     key = ("smoothed", tuple(widths))
-    template = plant.kernels.get(key)
+    template = plant.cache.get(key)
     if template is None:
-        template = plant.kernels[key] = _smooth_structure(plant, list(widths))
+        template = plant.cache[key] = _smooth_structure(plant, list(widths))
     made = copy.copy(template)
     made.parts, made.sharp, made.widths, made.matched = plant.parts, plant, widths, matched
     peaks = [_peak(plant, template, name, w) if matched else 0.0 for name, w in widths.items()]
@@ -101,12 +101,12 @@ def checked_widths(plant: HybridSystem, width: Any) -> dict[str, float]:
     """{element: width} of the elements that are to be smoothed; raises SceneError as `smoothed` does."""
     check_one_direction(plant.elements, "Smoothing", "simulate the plant with located events")
     holding = {element.name: element for element in plant.elements if element.holds}
-    rigid = next((e.name for e in holding.values() if e.unilateral), None)
+    rigid = next((e.name for e in holding.values() if e.rigid), None)
     given = width if isinstance(width, Mapping) else dict.fromkeys(holding, width)
     for name, value in given.items():
         if name not in holding:
             raise SceneError(f"There is no friction or relay `{name}`: {suggest(name, holding)}")
-        if holding[name].unilateral:
+        if holding[name].rigid:
             raise SceneError(f"The rigid contact `{rigid}` cannot be smoothed: give it a `stiffness` in place of a restitution.")
         if not is_finite_number(value) or not value > 0:
             raise SceneError(f"Argument `width` of `{name}` must be > 0 {holding[name].slip_unit}, but it is {value!r}.")
@@ -139,10 +139,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
         if element.name in names:
             elements.append(Creep(element.name, element.slip, widths[names.index(element.name)]))
             continue
-        twin = copy.copy(element)
-        for kind in element.expressions:
-            setattr(twin, kind, smooth(getattr(element, kind)))
-        elements.append(twin)
+        elements.append(element.mapped(smooth))
     made.elements = tuple(elements)
     made.F = ca.vertcat(*[e.multiplier for e in elements]) if elements else ca.SX(0, 1)
     made.m = ca.vertcat(*[e.mode for e in elements]) if elements else ca.SX(0, 1)
@@ -160,7 +157,7 @@ def _smooth_structure(plant: HybridSystem, names: list[str]) -> SmoothSystem:
             ("smoothing_peak", first + len(chosen) + i, "1", "what the plain form lacks to its peak"),
         ):
             made.parameters[f"{element.name}.{tail}"] = Parameter(f"{element.name}.{tail}", unit, meaning, None, offset, {})
-    made.kernels = {}
+    made.cache = {}
     return made
 
 
@@ -169,13 +166,13 @@ def _peak(plant: HybridSystem, template: SmoothSystem, name: str, width: float) 
     element = next(e for e in plant.elements if e.name == name)
     if element.law is None:
         return 0.0
-    function = template.kernels.get(("peak", name))
+    function = template.cache.get(("peak", name))
     if function is None:
         v, w = ca.SX.sym("v"), ca.SX.sym("w")
         side = ca.tanh(v / w)
         law = element.law.sliding(v * side, *[ca.SX(0)] * len(element.law.breaks()))
         results = [side * law, side * ca.exp(-v * side / (2 * w)), ca.SX(element.law.breakaway())]
-        function = template.kernels[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
+        function = template.cache[("peak", name)] = ca.Function("peak", [v, w, plant.p], results)
     return missing_peak(lambda grid: function(grid[None, :], width, plant.values), width)
 
 

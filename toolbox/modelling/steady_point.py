@@ -68,10 +68,10 @@ class Equilibrium:
 
 def function_of(plant: HybridSystem, key: tuple[str, ...], make: Callable[[], list[ca.SX]]) -> ca.Function:
     """casadi Function (t, x, u, p, m) -> the expressions that `make` gives, kept for all plants of this structure."""
-    found = plant.kernels.get(("linear", *key))
+    found = plant.cache.get(("linear", *key))
     if found is None:
         symbols = [plant.t, plant.x, plant.u, plant.p, plant.m]
-        found = plant.kernels["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
+        found = plant.cache["linear", *key] = ca.Function(key[0], symbols, [ca.densify(expression) for expression in make()])
     return found
 
 

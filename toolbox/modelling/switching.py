@@ -13,7 +13,7 @@ The mode vector m is a numeric input of one set of expressions: with B = df/dF, 
 so that no mode is ever enumerated or compiled on its own. A rigid unilateral contact is the same with its own bound: it holds while its multiplier pushes,
 and is free (F_i = 0) in mode 1. A switch has no multiplier: its mode is a number in the expressions. At an impact, impulses P take the place of forces,
 
-    held:   sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
+    sticking: sum_j A_ij P_j = -(1 + e_i) v_i        sliding:  P_i + m_i K_i P = 0
 
 A friction with two slip directions has two rows, which hold and slide together, and its force a direction (`toolbox.modelling.two_directions`).
 """
@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, Hysteresis, UnilateralContact
+from toolbox.modelling.elements import Element
 from toolbox.modelling.elimination import coupled_groups, masked_solve
 from toolbox.modelling.two_directions import EXACT, Cones
 
@@ -54,8 +54,8 @@ class Switching(NamedTuple):
     sticks
         1 for an element that holds its slip, else 0.
     impulse
-        (held, elastic, [state, impulses, slips before, slips after, bounds of the impulses]) where a rigid contact can strike, else None. `held` marks the
-        elements that do not slide through the impact; `elastic` is 1, or 0 for an impact without restitution.
+        (sticking, elastic, [state, impulses, slips before, slips after, bounds of the impulses]) where a rigid contact can strike, else None. `sticking` marks
+        the elements that do not slide through the impact; `elastic` is 1, or 0 for an impact without restitution.
     attached
         For every element the number of the rigid contact whose force bounds it, or -1.
     loader
@@ -160,24 +160,21 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
     slip_rate = free_rate + gain @ solved
 
     limit = sticks * bound
-    held = sticks * solved
+    stuck = sticks * solved
     cones.moving_at(slip_rate)
     guards = ca.SX(0, 1)
     for i, element in enumerate(elements):
-        of_cone = cones.guards(i, held, limit)
-        guards = ca.vertcat(guards, *(element.guards(held[i], limit[i]) if of_cone is None else of_cone))
+        of_cone = cones.guards(i, stuck, limit)
+        guards = ca.vertcat(guards, *(element.guards(stuck[i], limit[i]) if of_cone is None else of_cone))
     guards = cones.at_speed(guards, speeds)
-    watched = [
-        e.closure if isinstance(e, UnilateralContact) else e.signal for e in elements if isinstance(e, (UnilateralContact, Hysteresis))
-    ]
-    watched = [cones.at_speed(each, speeds) for each in watched]
+    watched = [cones.at_speed(getattr(e, e.watched), speeds) for e in elements if e.watched]
     kinks = [arg for arg in kink_arguments(ca.vertcat(field, slip, bound, *watched)) if ca.depends_on(arg, ca.vertcat(t, x))]
     guards = ca.vertcat(guards, *kinks, *[bound[i] for i in bounded])
     guard_rates = ca.jtimes(guards, ca.vertcat(t, x), ca.vertcat(1, field)) if guards.numel() else ca.SX(0, 1)
     projected = _project(x, slip, slip_of_state, gain_of_force, matrix_of_impulse(gain, sticks, slides), sticks)
     burden = ca.fabs(gain_of_force) @ terms
     attached, impulse = [-1] * len(elements), None
-    rigid = [i for i, element in enumerate(elements) if element.unilateral]
+    rigid = [i for i, element in enumerate(elements) if element.rigid]
     if rigid:
         strength = ca.jacobian(static, force)
         for i in range(len(elements)):
@@ -188,7 +185,7 @@ def switching(t: ca.SX, x: ca.SX, flow: ca.SX, elements: Sequence[Element], boun
             bound[j] = balanced_size[j] / gain[j, j]
         impulse = _impact(x, slip, gain_of_force, gain, coupling, strength, mode, elements)
     pace = ca.diag(gain) * ca.vertcat(
-        *[1 if e.unilateral else bound[i] for i, e in enumerate(elements)]
+        *[1 if e.rigid else bound[i] for i, e in enumerate(elements)]
     )  # of a rigid contact that of a force of 1
     probed = ca.vertcat(*map(ca.densify, cones.probed(slip, slip_rate, solved, bound, pace)))
     return Switching(
@@ -224,7 +221,7 @@ class Balance(NamedTuple):
 
 def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
     """For every friction the unilateral contact that, when open, leaves it without any load; -1 for none."""
-    contacts = [(j, e) for j, e in enumerate(elements) if isinstance(e, UnilateralContact)]
+    contacts = [(j, e) for j, e in enumerate(elements) if e.has_gap]
     found = []
     for element in elements:
         symbols = [(j, ca.vertcat(e.multiplier, e.mode)) for j, e in contacts if element.law is not None]
@@ -236,18 +233,18 @@ def _loaders(elements: Sequence[Element]) -> tuple[int, ...]:
 def _impact(
     x: ca.SX, slip: ca.SX, gain_of_force: ca.SX, gain: ca.SX, coupling: ca.SX, strength: ca.SX, mode: ca.SX, elements: Sequence[Element]
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as held take part."""
-    held, elastic = ca.SX.sym("held", len(elements)), ca.SX.sym("elastic")
-    restitution = ca.vertcat(*[e.restitution if isinstance(e, UnilateralContact) and e.unilateral else 0 for e in elements])
-    matrix = ca.sparsify(ca.diag(held) @ gain + ca.diag(1 - held) + ca.diag((1 - held) * mode) @ coupling)
-    impulses = masked_solve(matrix, -held * (1 + elastic * restitution) * slip)
+    """State, impulses, slips before and after, and bounds of impulses at an impact in which the elements marked as sticking take part."""
+    sticking, elastic = ca.SX.sym("sticking", len(elements)), ca.SX.sym("elastic")
+    restitution = ca.vertcat(*[e.restitution for e in elements])
+    matrix = ca.sparsify(ca.diag(sticking) @ gain + ca.diag(1 - sticking) + ca.diag((1 - sticking) * mode) @ coupling)
+    impulses = masked_solve(matrix, -sticking * (1 + elastic * restitution) * slip)
     results = (x + gain_of_force @ impulses, impulses, slip, slip + gain @ impulses, strength @ impulses)
-    return held, elastic, ca.vertcat(*map(ca.densify, results))
+    return sticking, elastic, ca.vertcat(*map(ca.densify, results))
 
 
 def check_rates(t: ca.SX, x: ca.SX, others: ca.SX, flow: ca.SX, elements: Sequence[Element]) -> None:
     """Raise SceneError where the rate of a unilateral contact is not the time derivative of its closure, as numbers at random points show."""
-    contacts = [element for element in elements if isinstance(element, UnilateralContact)]
+    contacts = [element for element in elements if element.has_gap]
     if not contacts:
         return
     closure, rate = (ca.vertcat(*[getattr(e, name) for e in contacts]) for name in ("closure", "rate"))

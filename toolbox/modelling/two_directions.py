@@ -28,7 +28,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import Element, SecondDirection, length
+from toolbox.modelling.elements import Element, length
 from toolbox.modelling.elimination import coupled_groups
 
 resolution = ca.SX.sym("resolution", 3)
@@ -126,14 +126,14 @@ class Cones:
             speeding = ca.sumsqr(rates[i : i + 2]) / ((share * pace) ** 2 + 1e-300)
             self.least[i], self.most[i] = pace * stop, pace * (2 * stop + start * ca.exp(-speeding))
 
-    def guards(self, i: int, held: ca.SX, limit: ca.SX) -> tuple[ca.SX, ca.SX] | None:
+    def guards(self, i: int, stuck: ca.SX, limit: ca.SX) -> tuple[ca.SX, ca.SX] | None:
         """The two guards of element i where it is one of these contacts, or its second direction; None for any other."""
         if i in self.places:
             mode, follows, loaded = self.elements[i].mode ** 2, self.elements[i + 1].mode, self.loaded[i]
-            inside = (limit[i] ** 2 - ca.sumsqr(held[i : i + 2])) / length(held[i : i + 2], limit[i] ** 2)
+            inside = (limit[i] ** 2 - ca.sumsqr(stuck[i : i + 2])) / length(stuck[i : i + 2], limit[i] ** 2)
             moving = follows * (self._speed(i) - self.least[i]) + (1 - follows) * self.along[i]
             return limit[i] + mode * (loaded * moving + 1 - loaded), inside + mode
-        if isinstance(self.elements[i], SecondDirection):  # away from the pull it follows the slip, as the loops see to
+        if self.elements[i].second:  # away from the pull it follows the slip, as the loops see to
             follows = self.elements[i].mode
             return follows + (1 - follows) * (self.most[i - 1] - self.along[i - 1]), ca.SX(1)
         return None

@@ -144,7 +144,7 @@ def anchored(run: Trajectory, begin: float, end: float, orbit: Orbit) -> float:
     times = [begin, *(e.time for e in run.events if begin < e.time < end), end]
     if len(times) == 2:
         return begin
-    holding = np.array([element.holds and not element.unilateral for element in run.program.system.elements])
+    holding = np.array([element.slides for element in run.program.system.elements])
     initial = np.array([element.initial for element in run.program.system.elements])
     pieces = []
     for a, b in itertools.pairwise(times):

@@ -132,7 +132,7 @@ class SampledTangent:
         nodes, program = self.nodes, self.laws.program
         elements = program.system.elements
         rows = np.array([k for k in self.due if k > 0 and any(late for late, _, _ in self.due[k])], int)
-        sticking = [i for i, e in enumerate(elements) if e.holds and not e.unilateral and (nodes.mode[:, i] == 0).any()]
+        sticking = [i for i, e in enumerate(elements) if e.slides and (nodes.mode[:, i] == 0).any()]
         if not rows.size or not sticking:
             return
         p = np.repeat(nodes.parameters[:, None], rows.size, axis=1)

@@ -15,13 +15,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError, suggest
 from toolbox.modelling.inputs import Shape
 from toolbox.modelling.laws import names
 from toolbox.modelling.start import place_start
 from toolbox.orbits.sampled_memory import check_laws, sample_times
-from toolbox.simulation.methods import Explicit, Implicit
+from toolbox.simulation.methods import Explicit
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 
@@ -219,7 +218,7 @@ def sensitivity(run: Trajectory, to: str | Sequence[str]) -> Sensitivity:
     check_laws(run)
     from toolbox.orbits.variational import variational_equations
 
-    if isinstance(run.run.method, Implicit) or isinstance(run.program.pair, Taylor):  # derivatives follow explicit steps, stage by stage
+    if not run.program.formulas.explicit:  # derivatives follow explicit steps, stage by stage
         run = run.run.again(method=Explicit())
     wanted = names(to)
     if not wanted:

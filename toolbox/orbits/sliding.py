@@ -34,7 +34,7 @@ def sliding_kind(one: Trajectory, other: Trajectory) -> str | None:
         pair = [segments(run, i) for run in (one, other)]
         if _alike(*([mode for mode, _ in each] for each in pair)):
             continue
-        if not element.holds or element.unilateral:
+        if not element.slides:
             return None
         kinds.add(_inserted(*sorted(pair, key=len)))
     return kinds.pop() if len(kinds) == 1 else None

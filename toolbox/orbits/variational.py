@@ -19,13 +19,12 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from toolbox.compilation import work_layout
 from toolbox.compilation.bodies import plain_body
 from toolbox.compilation.calls import call
 from toolbox.compilation.emitter import compiled, function_text
 from toolbox.compilation.numba_cache import cached
 from toolbox.compilation.program import Program
-from toolbox.compilation.runge_kutta import Pair
-from toolbox.compilation.work_layout import FRICTION, RIGID, SWITCH
 from toolbox.errors import GrazingError
 from toolbox.modelling.elements import check_one_direction
 from toolbox.modelling.elimination import calls
@@ -158,8 +157,8 @@ class VariationalEquations:
         field, projected = (
             ca.vertcat(ca.densify(e[: self.plant]), rest) for e, rest in ((form.field, ca.SX.zeros(held.numel())), (form.projected, held))
         )
-        whole = ca.vertcat(field, ca.densify(form.guards[: 2 * count]), projected)
-        smooth, self.sides, arguments = sided(whole, ca.vertcat(t, x))
+        together = ca.vertcat(field, ca.densify(form.guards[: 2 * count]), projected)
+        smooth, self.sides, arguments = sided(together, ca.vertcat(t, x))
         field, guards, projected = smooth[:n], smooth[n : n + 2 * count], smooth[n + 2 * count :]
         modes = ca.vertcat(m, self.sides)
         slope = ca.jacobian(field, z)
@@ -168,10 +167,9 @@ class VariationalEquations:
         body = plain_body(function, 0)
         text = "\n".join([function_text("slope", body), *sorted(body.declarations)])
         address = compiled(text, ["slope"], body.count)["slope"]
-        pair = program.pair
-        assert isinstance(pair, Pair)  # runs that step implicitly are made again
-        a = np.array([[*row, *[0.0] * (len(pair.b) - len(row))] for row in pair.a])
-        self.tableau = Tableau(address, a, np.array(pair.b), np.array(pair.c), rows, entries)
+        formulas: Any = program.formulas  # explicit ones: runs by others are made again
+        a = np.array([[*row, *[0.0] * (len(formulas.b) - len(row))] for row in formulas.a])
+        self.tableau = Tableau(address, a, np.array(formulas.b), np.array(formulas.c), rows, entries)
         arguments_of = [t, x, p, modes]
         self.field = ca.Function("field", arguments_of, [field])
         self.guards = ca.Function("guards", arguments_of, [guards])
@@ -230,7 +228,7 @@ class VariationalEquations:
             sampled = SampledTangent(self.laws, nodes, remembered, own)
             sampled.checked_holds(self.guards, state, modes)
             acts = list(sampled.due)
-        if ((self.program.kind != SWITCH) & (nodes.mode[0] == 0)).any():
+        if ((self.program.kind != work_layout.SWITCH) & (nodes.mode[0] == 0)).any():
             p[first_held:] = held[0]
             tangent = self._applied(np.array(self.projection(time[0], state[0], p, modes[0])), tangent, own)
         kept = np.empty((time.size if keep else 0, n, tangent.shape[1]))
@@ -331,7 +329,7 @@ class VariationalEquations:
         moved = np.abs(nodes.states[k + 1] - nodes.states[k]) > 1e-12 * np.abs(nodes.states).max(axis=0)
         event_time, element, _ = nodes._event_arrays
         here = {int(i) for i in element[event_time == t]}
-        struck = [i for i in sorted(here) if kind[i] == RIGID and before[i] == 1 and (changed[i] or moved.any())]
+        struck = [i for i in sorted(here) if kind[i] == work_layout.RIGID and before[i] == 1 and (changed[i] or moved.any())]
         if not changed.any() and not struck:
             return tangent, None, np.inf  # a kink
         x, p[first_held:] = state[k], nodes.held[k]
@@ -339,7 +337,7 @@ class VariationalEquations:
         flow, of_t = flow.ravel(), of_t.ravel()
         firing = []
         for i in sorted({*np.flatnonzero(changed).tolist(), *struck}):
-            firing.append(2 * i + (1 if kind[i] == FRICTION and before[i] == 0 and after[i] == 1 else 0))
+            firing.append(2 * i + (1 if kind[i] == work_layout.FRICTION and before[i] == 0 and after[i] == 1 else 0))
         values = np.array(self.guards(t, x, p, modes[k])).ravel()
         if struck:
             firing = [2 * i for i in struck]
@@ -391,7 +389,7 @@ class VariationalEquations:
         t, x, goal = nodes.time[k], state[k], state[k + 1]
         scale = np.abs(state).max(axis=0) + 1e-300
         partners = [i for i in range(program.kind.size) if program.attached[i] >= 0]
-        closed = [i for i in range(program.kind.size) if program.kind[i] == RIGID and nodes.mode[k, i] == 0]
+        closed = [i for i in range(program.kind.size) if program.kind[i] == work_layout.RIGID and nodes.mode[k, i] == 0]
         best, found = np.inf, None
         for elastic, *choice in itertools.product((1.0, 0.0), *[(0, 1, -1)] * len(partners), *[(1, 0)] * len(closed)):
             marks, m = np.zeros(program.kind.size + 1), nodes.mode[k].astype(float)
@@ -407,7 +405,7 @@ class VariationalEquations:
                 best, found = away, np.hstack([of_t, of_z])
         if found is None or best > 1e-5:
             raise GrazingError(f"The impact at t = {t:.9g} s was not resolved: it has no derivative.", nodes)
-        if ((program.kind != SWITCH) & (nodes.mode[k + 1] == 0)).any():
+        if ((program.kind != work_layout.SWITCH) & (nodes.mode[k + 1] == 0)).any():
             of_goal = np.array(self.projection(t, goal, p, modes[k + 1]))
             of_parameters = of_goal[:, n:]
             found = of_goal[:, :n] @ found

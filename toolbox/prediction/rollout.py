@@ -26,7 +26,7 @@ import numpy as np
 
 from toolbox.compilation.emitter import Body, compiled, function_text, inline
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import DryFriction, Element, check_one_direction
+from toolbox.modelling.elements import Element, check_one_direction
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import Regularisation
 from toolbox.modelling.switching import switching
@@ -59,7 +59,7 @@ class Rollout:
 
         check_one_direction(plant.elements, "A prediction", "predict with a plant that has a contact for each direction")
         for element in plant.elements:
-            if not isinstance(element, DryFriction) or element.companions:
+            if element.law is None or element.companions:
                 raise SceneError(
                     f"A prediction knows contacts with dry friction without breaks, but `{element.name}` is a {type(element).__name__}."
                 )

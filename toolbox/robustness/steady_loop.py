@@ -152,7 +152,7 @@ class SampledPoint:
         place_starts(self.system, x, states)
         slips = np.array(self.system.slips(0.0, x, self.u, self.system.values, np.ones(self.m.size))).ravel()
         self.m = np.array([modes.get(e.name, -1.0 if slip < 0 else 1.0) for e, slip in zip(self.system.elements, slips, strict=True)])
-        return not any(e.holds and not e.unilateral and mode == 0.0 for e, mode in zip(self.system.elements, self.m, strict=True))
+        return not any(e.slides and mode == 0.0 for e, mode in zip(self.system.elements, self.m, strict=True))
 
     def with_outputs(self, states: Mapping[str, Any], memory: Mapping[str, Any]) -> np.ndarray:
         """q at states and memories given by name, zero where they are not, with the outputs that the laws then give."""
@@ -290,7 +290,7 @@ def sampled_steady_loop(
         raise NoDerivative(reason)
     slips = np.array(system.slips(0.0, q[: point.n], point.u, system.values, point.m)).ravel()
     for element, mode, slip in zip(system.elements, point.m, slips, strict=True):
-        if element.law is not None and element.holds and not element.unilateral and mode * slip <= 0.0:
+        if element.law is not None and mode * slip <= 0.0:
             raise SceneError(
                 f"Argument `controller` must keep `{element.name}` sliding at steady running, but its slip is {mode * slip:.3g} {element.slip_unit}."
             )

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from toolbox.arguments import is_finite_number, numbers, whole
-from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files import tables
 from toolbox.files.units import NumberOrText, in_si
@@ -271,7 +270,7 @@ def _point(
 ) -> Point:
     try:
         done = run.again(output_times=None, **changes)
-        if method == "taylor" and not isinstance(done.program.pair, Taylor):  # other steps have stood in for them
+        if method == "taylor" and not done.program.formulas.series:  # other steps have stood in for them
             return Point(method, label, varied, setting, math.nan, math.nan, 0, done.why)
         error = _difference(done, truth, signals)
         times = [done.wall_time, *(run.again(output_times=None, **changes).wall_time for _ in range(repeats - 1))]

@@ -9,8 +9,6 @@ import numpy as np
 
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
-from toolbox.compilation.rosenbrock import RODAS5P
-from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import NEAR, progress, spectral_radius
 
@@ -25,8 +23,8 @@ def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> s
     """
     t, steps, _ = progress(work)
     steps = max(steps, 1)
-    if isinstance(run.method, TimeStepping):
-        return f"its step is {run.method.step:.2g} s"
+    if run.method.fixed_step is not None:
+        return f"its step is {run.method.fixed_step:.2g} s"
     names = [element.name for element in program.system.elements]
     if switches.sum() >= SHARE * steps:
         most = int(np.argmax(switches))
@@ -39,10 +37,10 @@ def bottleneck(run: Run, program: Program, work: Any, switches: np.ndarray) -> s
     if mean > 0.5 * longest:
         return f"inputs that vary in time let no step be longer than {longest:.2g} s"
     cause = f"steps of about {mean:.1g} s, which {_largest_error(program, work)} asks for"
-    if isinstance(run.method, Smoothing):
+    if run.method.smooths:
         return cause
     radius = spectral_radius(program, t, work.x, work.p, work.m)
-    if program.pair is not RODAS5P and NEAR < mean * radius < np.inf:
+    if not program.formulas.implicit and NEAR < mean * radius < np.inf:
         cause += f", at a plant whose fastest time constant is {1.0 / radius:.1g} s (method stiff takes longer steps)"
     return cause
 
@@ -60,9 +58,9 @@ def _largest_error(program: Program, work: Any) -> str:
     errors = np.abs(out[base : base + n]) / (share * size + work.noise * h)
     lowest = base + n if ints[work_layout.TWO_ERRORS] else base
     elements = [program.system.elements[int(i)].name for i in work.excited]
-    held = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])
+    in_stick = 2 * np.array(work.excited, int) + int(ints[work_layout.NG])
     errors[n - hidden :] = np.abs(out[lowest + n - hidden : lowest + n]) / ((0.02 if ints[work_layout.TWO_ERRORS] else 3e-4) * np.maximum(
-        work.guard_scale[held], 1e-300))  # fmt: skip
+        work.guard_scale[in_stick], 1e-300))  # fmt: skip
     most = int(np.argmax(np.where(np.isfinite(errors), errors, np.inf)))
     if most >= n - hidden:
         return f"the force of `{elements[most - (n - hidden)]}`"

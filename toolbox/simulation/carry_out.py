@@ -11,20 +11,19 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.moreau_jean import Theta
+from toolbox.compilation.formulas import Formulas
 from toolbox.compilation.notices import announced
 from toolbox.compilation.program import Program, program_of
-from toolbox.compilation.taylor import LACKING, Taylor
-from toolbox.errors import SimulationError
+from toolbox.errors import BudgetError, SimulationError
 from toolbox.messages import LOG, progress_bar
 from toolbox.modelling.laws import External, fresh
-from toolbox.modelling.regularisation import SmoothSystem, smoothed
+from toolbox.modelling.regularisation import SmoothSystem
 from toolbox.simulation.deadline import OutOfTime, until
 from toolbox.simulation.failures import exhausted, failure, trajectory_so_far
 from toolbox.simulation.growth import attended
 from toolbox.simulation.method_choice import cheapest_method
-from toolbox.simulation.methods import Automatic, EventExact, Explicit, Implicit, Smoothing
-from toolbox.simulation.refinement import refined, tolerance
+from toolbox.simulation.methods import Explicit, Implicit, Method
+from toolbox.simulation.refinement import refined, with_tolerance
 from toolbox.simulation.run import Run
 from toolbox.simulation.stiffness import FIRST_LOOK, pays, progress
 from toolbox.simulation.trajectory import Stepped, Trajectory
@@ -39,15 +38,15 @@ def compiled_loop(run: Run, program: Program) -> Any:
     Says so on stderr where this machine has to compile it first.
     """
     run_on: Any
-    if isinstance(program.pair, Theta):
-        from toolbox.stepping.time_stepper import advance  # here, because numba is slow to import
-
-        name, run_on = "loop of time stepping", advance
-    else:
-        from toolbox.stepping.event_stepper import advance, run_on
+    if program.formulas.locates:
+        from toolbox.stepping.event_stepper import advance, run_on  # here, because numba is slow to import
 
         name = "event loop"
-    key = (advance, isinstance(program.pair, Taylor))  # steps of Taylor series have machine code of their own
+    else:
+        from toolbox.stepping.time_stepper import advance
+
+        name, run_on = "loop of time stepping", advance
+    key = (advance, program.formulas.series)  # steps of Taylor series have machine code of their own
     if key not in _LOADED:
         _LOADED.append(key)
         announced(name, advance)
@@ -55,100 +54,151 @@ def compiled_loop(run: Run, program: Program) -> Any:
     return attended(run_on, program)
 
 
-def _with_series(run: Run) -> bool:
-    """Whether the run asks for Taylor series."""
-    return isinstance(formulas_of(run), Taylor)
-
-
-def _undecided(run: Run) -> bool:
-    """Whether the run may turn out to be stiff; a law in Python is asked once per sample, so that its runs do not begin anew."""
-    return isinstance(run.method, EventExact) and not run.laws
-
-
-def formulas_of(run: Run) -> Any:
+def formulas_of(run: Run) -> Formulas:
     """The formulas that a run steps with."""
     return run.method.formulas(run.accuracy, bool(run.system.updates))
 
 
 def carry_out(run: Run) -> Trajectory:
     """The trajectory of checked arguments; raises SimulationError and its kinds as `simulate` does."""
-    if isinstance(run.method, Automatic):
+    if run.method.chooses:
         return cheapest_method(run)
     if run.method.refines:
         return refined(run)
-    if isinstance(run.method, Smoothing) and not isinstance(run.system, SmoothSystem):
-        sharp = Smoothing(run.method.width, run.method.tolerance or tolerance(run))
-        run = dataclasses.replace(run, system=smoothed(run.system, sharp.width or {}), method=sharp)
-    program = program_of(run.system, run.kinds, formulas_of(run))
-    advance = compiled_loop(run, program)
-    work = work_arrays(run, program)
-    began = clock.perf_counter()
-    laws = [fresh(law) for law in run.laws]
-    answers: list[list[np.ndarray]] = [[] for _ in laws]
-    bar: Any = None
-    look = progress(work)
-    following = FIRST_LOOK if _undecided(run) else run.budget.steps
-    chunk = 200_000 if run.budget.seconds == np.inf else 100
+    if run.method.smooths and not isinstance(run.system, SmoothSystem):
+        run = with_tolerance(run)
+    course = Course(run)
     try:
-        while True:
-            tried = progress(work)[1]
-            work.ints[work_layout.BUDGET] = min(following - tried, run.budget.steps - tried, chunk)
-            status = advance(work)
-            spent = clock.perf_counter() - began
-            if spent > run.budget.seconds and status != work_layout.DONE:
-                raise exhausted(run, program, work, began, answers)
-            if status == work_layout.DONE:
-                done = trajectory_so_far(run, program, work, began, answers)
-                done.laws = tuple(laws)
-                if _with_series(run) and not isinstance(program.pair, Taylor):
-                    done.why = f"{program.pair.name}: {LACKING}"
-                return _sound(done, program) if isinstance(done, Stepped) else done
-            if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > run.budget.events:
-                raise exhausted(run, program, work, began, answers)
-            if status == work_layout.RECORDS_FULL or status == work_layout.EVENTS_FULL:
-                work = grown(work, program, status == work_layout.RECORDS_FULL, run.budget)
-            elif status == work_layout.SAMPLE_DUE:
-                _sample(run, program, work, laws, answers, began)
-            elif status == work_layout.PAUSED:
-                if progress(work)[1] >= run.budget.steps:
-                    raise exhausted(run, program, work, began, answers)
-                if run.budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
-                    chunk = max(1, min(2 * chunk, int(0.1 * progress(work)[1] / spent)))
-                if progress(work)[1] >= following:
-                    if pays(run, program, work, look):
-                        LOG.debug("the plant is stiff: stepped implicitly from the start")
-                        left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
-                        return carry_out(dataclasses.replace(run, method=Implicit(), budget=left))
-                    look = progress(work)
-                    following = 2 * look[1]
-                if bar is None and spent > 1.0:
-                    bar = progress_bar(run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
-                if bar is not None:
-                    bar.update(float(work.reals[work_layout.TIME]) - bar.n)
-            elif isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not run.laws:
-                left = dataclasses.replace(run.budget, seconds=run.budget.seconds - spent)
-                again = carry_out(dataclasses.replace(run, method=Explicit(), budget=left))
-                LOG.debug("no Taylor series at t = %g s: stepped explicitly", float(work.reals[work_layout.TIME]))
-                again.why = f"explicit: no Taylor series at t = {float(work.reals[work_layout.TIME]):.9g} s"
-                return again
-            else:
-                raise failure(status, run, program, work, began, answers)
+        return course.to_the_end()
     except OutOfTime:
-        if clock.perf_counter() - began < run.budget.seconds:
+        if course.seconds < run.budget.seconds:
             raise  # it is that of a run whose law carries out this one
-        stopped = exhausted(run, program, work, began, answers)
-        stopped.run.laws = tuple(laws)
+        stopped = course.exhausted()
+        stopped.run.laws = tuple(course.laws)
         raise stopped from None
     except BaseException as error:  # an exception of the user's law or an interrupt: what was computed is not lost
         if getattr(error, "run", None) is None:
             with contextlib.suppress(AttributeError):
-                error.run = trajectory_so_far(run, program, work, began, answers)  # type: ignore[attr-defined]
+                error.run = course.so_far()  # type: ignore[attr-defined]
         if getattr(error, "run", None) is not None:
-            error.run.laws = tuple(laws)  # type: ignore[attr-defined]
+            error.run.laws = tuple(course.laws)  # type: ignore[attr-defined]
         raise
     finally:
-        if bar is not None:
-            bar.close()
+        if course.bar is not None:
+            course.bar.close()
+
+
+class Course:
+    """A run under way: its arrays, its laws and their answers, and what it has spent."""
+
+    def __init__(self, run: Run):
+        self.run, self.formulas = run, formulas_of(run)
+        self.program = program_of(run.system, run.kinds, self.formulas)
+        self.advance = compiled_loop(run, self.program)
+        self.work = work_arrays(run, self.program)
+        self.began = clock.perf_counter()
+        self.laws = [fresh(law) for law in run.laws]
+        self.answers: list[list[np.ndarray]] = [[] for _ in self.laws]
+        self.bar: Any = None
+        self.look = progress(self.work)
+        undecided = run.method.watches_stiffness and not run.laws  # a law in Python is asked once per sample: its runs do not begin anew
+        self.next_look = FIRST_LOOK if undecided else run.budget.steps
+        self.chunk = 200_000 if run.budget.seconds == np.inf else 100
+
+    @property
+    def seconds(self) -> float:
+        """Time spent [s]."""
+        return clock.perf_counter() - self.began
+
+    def so_far(self) -> Trajectory:
+        """The trajectory up to now."""
+        return trajectory_so_far(self.run, self.program, self.work, self.began, self.answers)
+
+    def exhausted(self) -> BudgetError:
+        """The error of a run that has spent its budget."""
+        return exhausted(self.run, self.program, self.work, self.began, self.answers)
+
+    def to_the_end(self) -> Trajectory:
+        """Call the compiled loop until the run is done; raises as `carry_out`."""
+        budget, series = self.run.budget, self.program.formulas.series
+        while True:
+            work, tried = self.work, progress(self.work)[1]
+            work.ints[work_layout.BUDGET] = min(self.next_look - tried, budget.steps - tried, self.chunk)
+            status = self.advance(work)
+            spent = self.seconds
+            if spent > budget.seconds and status != work_layout.DONE:
+                raise self.exhausted()
+            if status == work_layout.DONE:
+                return self._done()
+            if status == work_layout.EVENTS_FULL and work.ints[work_layout.EVENTS] > budget.events:
+                raise self.exhausted()
+            if status == work_layout.RECORDS_FULL or status == work_layout.EVENTS_FULL:
+                self.work = grown(work, self.program, status == work_layout.RECORDS_FULL, budget)
+            elif status == work_layout.SAMPLE_DUE:
+                self._sample()
+            elif status == work_layout.PAUSED:
+                if self._is_stiff(spent):
+                    LOG.debug("the plant is stiff: stepped implicitly from the start")
+                    again = self._again(Implicit(), spent)
+                    if self.formulas.series:
+                        again.why = f"{again.program.formulas.name}: {again.program.formulas.steps}"
+                    return again
+            elif series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW) and not self.run.laws:
+                again, t = self._again(Explicit(), spent), float(work.reals[work_layout.TIME])
+                LOG.debug("no Taylor series at t = %g s: stepped explicitly", t)
+                again.why = f"explicit: no Taylor series at t = {t:.9g} s"
+                return again
+            else:
+                raise failure(status, self.run, self.program, work, self.began, self.answers)
+
+    def _done(self) -> Trajectory:
+        done = self.so_far()
+        done.laws = tuple(self.laws)
+        if self.program.formulas != self.formulas:
+            done.why = f"{self.program.formulas.name}: {self.formulas.lacking}"
+        return _sound(done, self.program) if isinstance(done, Stepped) else done
+
+    def _again(self, method: Method, spent: float) -> Trajectory:
+        """The run from its start by another method, in the time that is left."""
+        left = dataclasses.replace(self.run.budget, seconds=self.run.budget.seconds - spent)
+        return carry_out(dataclasses.replace(self.run, method=method, budget=left))
+
+    def _is_stiff(self, spent: float) -> bool:
+        """Whether a run that has paused is to begin anew with implicit steps; else shows how far it is and sets when it is looked at again."""
+        steps, budget = progress(self.work)[1], self.run.budget
+        if steps >= budget.steps:
+            raise self.exhausted()
+        if budget.seconds < np.inf:  # as many steps as take a tenth of a second at most
+            self.chunk = max(1, min(2 * self.chunk, int(0.1 * steps / spent)))
+        if steps >= self.next_look:
+            if pays(self.run, self.program, self.work, self.look):
+                return True
+            self.look = progress(self.work)
+            self.next_look = 2 * steps
+        if self.bar is None and spent > 1.0:
+            self.bar = progress_bar(self.run.duration, "simulate", unit="s", unit_scale=True, delay=0.0)
+        if self.bar is not None:
+            self.bar.update(float(self.work.reals[work_layout.TIME]) - self.bar.n)
+        return False
+
+    def _sample(self) -> None:
+        """Evaluate a Python controller at the current instant and queue its outputs."""
+        from toolbox.stepping.noise import normal  # here, because numba is slow to import
+
+        run, program, work = self.run, self.program, self.work
+        c, t = int(work.ints[work_layout.CULPRIT]), work.reals[work_layout.TIME]
+        row = work.samplers[c]
+        index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
+        part = [part for part in run.system.parts if isinstance(part, External)][index]
+        point = Trajectory.point(run, program, t, work.x, work.m, work.p)
+        first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
+        channels = program.system.updates[c].channels
+        noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
+        with until(self.began + run.budget.seconds):
+            u = part.answer(self.laws[index], float(t), (point[place] for place in part.measures), noise)
+        work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
+        self.answers[index].append(u)
+        row[work_layout.TAKEN] += 1
 
 
 def _sound(run: Trajectory, program: Program) -> Trajectory:
@@ -170,23 +220,3 @@ def _sound(run: Trajectory, program: Program) -> Trajectory:
                 run,
             )
     return run
-
-
-def _sample(run: Run, program: Program, work: Any, laws: list[Any], answers: list[list[np.ndarray]], began: float) -> None:
-    """Evaluate a Python controller at the current instant and queue its outputs."""
-
-    from toolbox.stepping.noise import normal  # here, because numba is slow to import
-
-    c = int(work.ints[work_layout.CULPRIT])
-    row = work.samplers[c]
-    index = [i for i, update in enumerate(program.system.updates) if update.external].index(c)
-    part = [part for part in run.system.parts if isinstance(part, External)][index]
-    point = Trajectory.point(run, program, work.reals[work_layout.TIME], work.x, work.m, work.p)
-    first = row[work_layout.FIRST_STATE] + row[work_layout.STATES]
-    channels = program.system.updates[c].channels
-    noise = {name: normal(work.keys[first + i], row[work_layout.TAKEN]) for i, name in enumerate(channels)}
-    with until(began + run.budget.seconds):
-        u = part.answer(laws[index], float(work.reals[work_layout.TIME]), (point[place] for place in part.measures), noise)
-    work.queue[c, row[work_layout.TAKEN] % work.queue.shape[1], : u.size] = u
-    answers[index].append(u)
-    row[work_layout.TAKEN] += 1

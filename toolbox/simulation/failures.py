@@ -12,10 +12,8 @@ import numpy as np
 from toolbox.compilation import work_layout
 from toolbox.compilation.program import Program
 from toolbox.errors import BudgetError, SimulationError, ZenoError
-from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.simulation.bottleneck import bottleneck
-from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.samples import output_function
 from toolbox.simulation.stiffness import progress
@@ -25,7 +23,7 @@ from toolbox.simulation.trajectory import Records, Smoothed, Stepped, Trajectory
 def trajectory_so_far(run: Run, program: Program, work: Any, began: float, answers: list[list[np.ndarray]]) -> Trajectory:
     """The result of a run as far as it came."""
     r, e = int(work.ints[work_layout.RECORDS]), int(work.ints[work_layout.EVENTS])
-    kind = {TimeStepping: Stepped, Smoothing: Smoothed}.get(type(run.method), Trajectory)
+    kind = Smoothed if run.method.smooths else Trajectory if run.method.locates else Stepped
     records = Records(
         time=work.rec_t[:r].copy(),
         states=work.rec_x[:r].copy(),
@@ -72,7 +70,7 @@ def _rising_friction(program: Program, places: Iterable[int], point: Any, work: 
     t = float(work.reals[work_layout.TIME])
     for i in places:
         element = program.system.elements[i]
-        if not element.holds or element.unilateral or isinstance(element, SecondDirection):
+        if not element.slides or element.second:
             continue
         at_rest = element.kinetic if element.directions == 1 else ca.substitute(element.kinetic, element.speed, 0)
         sizes = output_function(program, f"friction of {element.name}", ca.vertcat(at_rest, element.static))
@@ -104,13 +102,13 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
     if status == work_layout.ENDLESS:
         i = int(work.ints[work_layout.CULPRIT])
-        i -= isinstance(program.system.elements[i], SecondDirection)
+        i -= program.system.elements[i].second
         if (wrong := _rising_friction(program, [i], point, work, so_far)) is not None:
             return wrong
         return ZenoError(f"Element `{names[i]}` switches without end at t = {t:.9g} s{_resolution(t)}.", so_far)
     if status == work_layout.INCONSISTENT:
         inside = (
-            [e.name for e in program.system.elements if e.unilateral and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
+            [e.name for e in program.system.elements if e.rigid and float(np.ravel(point[f"{e.name}.closure"])[0]) > 0.0]
             if t == 0.0
             else []
         )
@@ -141,14 +139,14 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
 def _sharing(program: Program, point: Any, work: Any, t: float) -> str:
     """What to add where the slip of one element follows from those of others at this state; plants whose gain is constant were asked when composed."""
     elements = program.system.elements
-    held = [i for i, element in enumerate(elements) if element.holds and not element.unilateral]
+    sliding = [i for i, element in enumerate(elements) if element.slides]
     gain = output_function(program, "gain of elements", ca.densify(program.system.switching.gain))
-    matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(held, held)]
+    matrix = np.array(gain(t, point.states.T, work.p[: program.first_held], work.p[program.first_held :], work.m))[np.ix_(sliding, sliding)]
     size = np.sqrt(np.abs(np.diag(matrix)))
     if not (np.isfinite(matrix).all() and size.all()):
         return ""
-    dependent = dependent_rows(matrix / np.outer(size, size)) if held else []
-    return f" {must_be_independent([elements[held[i]].title for i in dependent])}" if dependent else ""
+    dependent = dependent_rows(matrix / np.outer(size, size)) if sliding else []
+    return f" {must_be_independent([elements[sliding[i]].title for i in dependent])}" if dependent else ""
 
 
 def _resolution(t: float) -> str:

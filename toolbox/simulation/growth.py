@@ -1,6 +1,6 @@
 """How long an implicit step may be so that it follows modes that grow, where the pivots of its elimination do not tell.
 
-The pivots of `toolbox.compilation.rosenbrock` tell growth for nothing, and rightly where every contact has an inertia of its own. Where forces hold each
+The pivots of `toolbox.compilation.implicit_step` tell growth for nothing, and rightly where every contact has an inertia of its own. Where forces hold each
 other through coupled inertias, as on a reduced elastic body, they tell nothing: eleven rows of a cube at rest were held to steps of 1e-5 s in place of 1e-3 s,
 and a row that broke away with a growth of 7e7/s was passed over in a step of 2e-4 s. There the loop stops after every event and every 32 steps, and asks
 the eigenvalues.
@@ -15,14 +15,13 @@ import casadi as ca
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.implicit_step import eigenvalues_tell, linearised
+from toolbox.compilation.implicit_step import FASTEST_GROWTH, eigenvalues_tell, linearised
 from toolbox.compilation.program import Program
-from toolbox.compilation.rosenbrock import FASTEST_GROWTH, RODAS5P
 
 
 def attended(advance: Callable[[Any], int], program: Program) -> Callable[[Any], int]:
     """The compiled loop, with an answer where it asks whether a step may stand."""
-    if program.pair is not RODAS5P:
+    if not program.formulas.implicit:
         return advance
 
     def through(work: Any) -> int:

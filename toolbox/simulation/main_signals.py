@@ -19,16 +19,7 @@ def main_signals(run: Any) -> list[str]:
     ranks = {"rad/s": 0, "m/s": 0, "N m": 1, "N": 1, "m": 2, "rad": 3}
     own = {f"{element.name}.{tail}" for element in system.elements for tail in element.signals()}
     # what a part gives comes before the force and slip of its contact, which often repeat it
-    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
-    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
-    plant = run.run.plant  # what a sampled law remembers, and says of itself, is not what the machine does
-    parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)}
-    names = [
-        name
-        for name in (*system.signals, *system.inputs)
-        if name not in own and (part := name.partition(".")[0]) in parts and part not in laws
-    ]
-    names += sorted(own)
+    names = [name for name in _of_the_machine(run) if name not in own] + sorted(own)
     seen: list[np.ndarray] = []
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -50,3 +41,13 @@ def main_signals(run: Any) -> list[str]:
     chosen = sorted(moving or groups, key=lambda unit: ranks[unit])[:3]
     found = [name for unit in chosen for name in groups[unit]]
     return found or [next(iter(system.states))]
+
+
+def _of_the_machine(run: Any) -> list[str]:
+    """Names of the signals and inputs of the machine, not of its laws."""
+    system, plant = run.program.system, run.run.plant
+    # a part with states but no energy, beside parts that have some, is a control law: its inside is not what the machine does
+    laws = {name.partition(".")[0] for name in system.states} - set(system.stored) if system.stored else set()
+    # what a sampled law remembers, and says of itself, is not what the machine does
+    parts = {name.partition(".")[0] for name in (*plant.signals, *plant.inputs)} - laws
+    return [name for name in (*system.signals, *system.inputs) if name.partition(".")[0] in parts]

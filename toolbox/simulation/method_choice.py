@@ -20,11 +20,8 @@ Smoothed friction is never chosen: in no measured case was it the cheapest.
 
 from __future__ import annotations
 
-from toolbox.compilation.rosenbrock import RODAS5P
-from toolbox.compilation.taylor import Taylor
 from toolbox.errors import AccuracyError, SimulationError, ZenoError
-from toolbox.modelling.elements import SecondDirection
-from toolbox.simulation.methods import EventExact, TimeStepping
+from toolbox.simulation.methods import EventExact, TaylorSeries, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 
@@ -37,7 +34,7 @@ MANY = 50
 
 def cheapest_method(run: Run) -> Trajectory:
     """The run by the method of this module's rule, with the reason in `why`."""
-    contacts = sum(element.holds and not isinstance(element, SecondDirection) for element in run.system.elements)
+    contacts = sum(element.holds and not element.second for element in run.system.elements)
     refused = ""
     stepped = not run.laws and all(element.directions == 1 for element in run.system.elements)
     if run.accuracy >= LOOSE and contacts >= MANY and stepped:
@@ -49,7 +46,7 @@ def cheapest_method(run: Run) -> Trajectory:
             done.why = f"time-stepping: {contacts} contacts at an accuracy of {run.accuracy:g}, steps of {done.step:.3g} s"
             return done
     try:
-        done = run.again(method=EventExact(series=True))
+        done = run.again(method=EventExact() if run.system.updates else TaylorSeries())
     except SimulationError as failed:
         if not (isinstance(failed, ZenoError) or "No modes" in str(failed)) or not stepped:
             raise
@@ -57,10 +54,8 @@ def cheapest_method(run: Run) -> Trajectory:
         done = run.again(method=TimeStepping())
         done.why = f"time-stepping, steps of {done.step:.3g} s: with located events, {reason[0].lower()}{reason[1:]}"
         return done
-    pair, ended = done.program.pair, f" ({done.why.partition(': ')[2]})" if done.why else ""
-    steps = "implicit steps, which stability makes the cheaper ones" if pair is RODAS5P else f"explicit steps{ended}"
-    if isinstance(pair, Taylor):
-        steps = f"Taylor series of order {pair.order}"
+    formulas = done.program.formulas
+    steps = formulas.steps if formulas.implicit or not done.why else f"{formulas.steps} ({done.why.partition(': ')[2]})"
     few = f"{contacts} contact{'s' * (contacts != 1)} at an accuracy of {run.accuracy:g}"
     done.why = f"event: {few}, {steps}{refused}"
     return done

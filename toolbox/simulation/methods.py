@@ -17,22 +17,25 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from toolbox.arguments import is_finite_number
-from toolbox.compilation.moreau_jean import MOREAU_JEAN, Theta
-from toolbox.compilation.rosenbrock import RODAS5P, Rosenbrock
-from toolbox.compilation.runge_kutta import DOP853, DOPRI5, Pair
+from toolbox.compilation.formulas import Formulas
+from toolbox.compilation.moreau_jean import MOREAU_JEAN
+from toolbox.compilation.rosenbrock import RODAS5P
+from toolbox.compilation.runge_kutta import DOP853, DOPRI5
 from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SceneError
-
-Formulas = Pair | Rosenbrock | Theta | Taylor
-"""Formulas of a step."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """How a run steps. Every kind is a value: two of the same options are equal."""
+    """How a run steps. Every kind is a value, which answers what there is to know of it: two of the same options are equal."""
 
-    text: ClassVar[str]
-    """The short form."""
+    text: ClassVar[str]  # the short form
+    locates: ClassVar[bool] = True  # steps end on switches
+    watches_stiffness: ClassVar[bool] = False  # a run that stability holds up begins anew with implicit steps
+    in_lanes: ClassVar[bool] = False  # many runs may step side by side
+    chooses: ClassVar[bool] = False  # each run is to be given another method first
+    smooths: ClassVar[bool] = False  # friction is regularised
+    finer: ClassVar[str] = ""  # how the option is written that refines a run
 
     def check(self, duration: float, steps: float) -> None:
         """Raise SceneError for options with which a run of `duration` [s] cannot be stepped in at most `steps` steps."""
@@ -48,6 +51,26 @@ class Method:
         """Whether runs are repeated with a finer option until two agree to the accuracy."""
         return False
 
+    @property
+    def alone(self) -> bool:
+        """Whether every run has to be prepared by itself, so that it cannot follow another one in the same arrays."""
+        return self.chooses or self.smooths or not self.locates
+
+    @property
+    def unwatched(self) -> Method:
+        """The method for many runs that are known not to be stiff."""
+        return self
+
+    @property
+    def fixed_step(self) -> float | None:
+        """Length of every step [s]; None where it follows from the accuracy."""
+        return None
+
+    @property
+    def own_tolerance(self) -> float | None:
+        """Tolerance of the integrator; None where it is the accuracy."""
+        return None
+
     def __str__(self) -> str:
         given = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if getattr(self, field.name) != field.default}
         options = ", ".join(f"{name}={value!r}" for name, value in given.items())
@@ -56,25 +79,15 @@ class Method:
 
 @dataclass(frozen=True)
 class EventExact(Method):
-    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`).
-
-    Parameters
-    ----------
-    series
-        Whether the other steps are Taylor series, as those of `TaylorSeries`. Where a law is sampled they are not: samples cut all steps short.
-    """
+    """Adaptive steps of high order that end exactly on every switch; linearly implicit ones where they prove cheaper (`toolbox.simulation.stiffness`)."""
 
     text: ClassVar[str] = "event"
-    series: bool = False
+    watches_stiffness: ClassVar[bool] = True
 
-    def check(self, duration: float, steps: float) -> None:
-        """Raise SceneError unless `series` is True or False."""
-        if not isinstance(self.series, bool):
-            raise SceneError(f"Argument `series` must be True or False, but it is {self.series!r}.")
-
-    def formulas(self, accuracy: float, sampled: bool) -> Formulas:
-        """Explicit formulas, or Taylor series."""
-        return TaylorSeries().formulas(accuracy, sampled) if self.series and not sampled else super().formulas(accuracy, sampled)
+    @property
+    def unwatched(self) -> Method:
+        """Explicit steps."""
+        return Explicit()
 
 
 @dataclass(frozen=True)
@@ -82,13 +95,15 @@ class Explicit(Method):
     """Adaptive explicit steps that end exactly on every switch."""
 
     text: ClassVar[str] = "explicit"
+    in_lanes: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
 class TaylorSeries(Method):
     """Taylor series of high order, in steps that end exactly on every switch (`toolbox.compilation.taylor`).
 
-    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas; `run.why` says so.
+    A plant with an operation that has no series, or so large that the series would be too long, is stepped by explicit formulas, and one whose stability makes
+    implicit steps the cheaper ones by these; `run.why` says so.
 
     Parameters
     ----------
@@ -97,6 +112,8 @@ class TaylorSeries(Method):
     """
 
     text: ClassVar[str] = "taylor"
+    watches_stiffness: ClassVar[bool] = True
+    in_lanes: ClassVar[bool] = True
     order: int | None = None
 
     def check(self, duration: float, steps: float) -> None:
@@ -128,6 +145,8 @@ class TimeStepping(Method):
     """
 
     text: ClassVar[str] = "time-stepping"
+    locates: ClassVar[bool] = False
+    finer: ClassVar[str] = "TimeStepping(step=...)"
     step: float | None = None
 
     def check(self, duration: float, steps: float) -> None:
@@ -146,6 +165,11 @@ class TimeStepping(Method):
         """Whether the step is to be found."""
         return self.step is None
 
+    @property
+    def fixed_step(self) -> float | None:
+        """The step [s]."""
+        return self.step
+
 
 @dataclass(frozen=True)
 class Smoothing(Method):
@@ -160,6 +184,8 @@ class Smoothing(Method):
     """
 
     text: ClassVar[str] = "smoothed"
+    smooths: ClassVar[bool] = True
+    finer: ClassVar[str] = "Smoothing(width=...)"
     width: float | Mapping[str, float] | None = None
     tolerance: float | None = None
 
@@ -172,12 +198,18 @@ class Smoothing(Method):
         """Whether the width is to be found."""
         return self.width is None
 
+    @property
+    def own_tolerance(self) -> float | None:
+        """The tolerance."""
+        return self.tolerance
+
 
 @dataclass(frozen=True)
 class Automatic(Method):
     """The cheapest method by the rule of `toolbox.simulation.method_choice`; `run.why` says which it was, and why."""
 
     text: ClassVar[str] = "auto"
+    chooses: ClassVar[bool] = True
 
     @property
     def refines(self) -> bool:

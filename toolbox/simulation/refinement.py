@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from toolbox.errors import AccuracyError, SimulationError
+from toolbox.modelling.regularisation import smoothed
 from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
@@ -40,7 +40,7 @@ MOST_STIFF_STEPS = 400_000
 
 def refined(run: Run) -> Trajectory:
     """The run with a step or a width that meets its accuracy; raises AccuracyError where that costs too many steps."""
-    stepping = isinstance(run.method, TimeStepping)
+    stepping = not run.method.locates
     order, most = (1.0, MOST_STEPS) if stepping else (2.0 / 3.0, MOST_STIFF_STEPS)
     if stepping:
         setting = min([max(run.duration, 1e-9) / FIRST_STEPS, *(period for period, _ in run.clocks)])
@@ -105,11 +105,14 @@ SHARE = 0.1
 """Tolerance in parts of the width: with one above the width a step jumps over the peak of a law and breaks a contact free that should stick."""
 
 
-def tolerance(run: Run) -> float:
-    """Tolerance that resolves the widths of a smoothed run."""
-    assert isinstance(run.method, Smoothing) and isinstance(run.method.width, Mapping)
-    sizes, widths = slips(run), run.method.width
-    return max(min([run.accuracy, *(SHARE * width / sizes[name] for name, width in widths.items())]), 1e-13)
+def with_tolerance(run: Run) -> Run:
+    """The run of given widths on the smooth plant, with a tolerance that resolves them unless it has one."""
+    method: Any = run.method
+    if not method.tolerance:
+        sizes = slips(run)
+        finest = min([run.accuracy, *(SHARE * width / sizes[name] for name, width in method.width.items())])
+        method = dataclasses.replace(method, tolerance=max(finest, 1e-13))
+    return dataclasses.replace(run, system=smoothed(run.system, method.width), method=method)
 
 
 def _stepped(run: Run, longer: int = 1) -> Trajectory:
@@ -130,12 +133,11 @@ def slips(run: Run, stepped: Trajectory | None = None) -> dict[str, float]:
 def _dear(run: Run, best: Trajectory, error: float, setting: float, steps: float) -> str:
     what = (
         f"{best.steps[0]} steps of {setting:.3g} s"
-        if isinstance(run.method, TimeStepping)
+        if not run.method.locates
         else f"widths of {setting:.1e} of the slips and {best.steps[0]} steps"
     )
     price = f"it would take about {steps:.1e} steps" if math.isfinite(steps) else "no finer run tells more"
-    argument = "TimeStepping(step=...)" if isinstance(run.method, TimeStepping) else "Smoothing(width=...)"
     return (
         f"method={run.method.text!r} cannot meet the accuracy {run.accuracy:g}: {what} leave an error of {error:.1e}, and {price}. "
-        f"Ask for less, give {argument}, or use method='event'."
+        f"Ask for less, give {run.method.finer}, or use method='event'."
     )

@@ -27,7 +27,6 @@ from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files.archives import arrays, understood
 from toolbox.files.atomic import replaced
-from toolbox.modelling.elements import UnilateralContact
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Event, Modes, Read
 
@@ -63,7 +62,7 @@ def write(run: Any, target: Path) -> Path:
     written["limit.names"] = np.array(list(limits), dtype=np.str_)
     written["limit.values"] = np.array(list(limits.values())).reshape(-1, 2)
     for element in run.program.system.elements:
-        if isinstance(element, UnilateralContact):
+        if element.has_gap:
             written[f"approach.{element.name}"] = run.approach(element.name)
     written |= {"asked.units": np.array(list(run.asked), dtype=np.str_), "asked.typed": np.array(list(run.asked.values()), dtype=np.str_)}
     written["report"] = np.array(run._headlines, dtype=np.str_)

@@ -93,7 +93,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
     other = program_of(run.system, run.kinds, RODAS5P)
     trial = type(work)(*(np.array(array) for array in work))
     trial.ints[list(work_layout.FORMULAS)] = other.ints[list(work_layout.FORMULAS)]
-    trial.reals[work_layout.POWER] = other.pair.power
+    trial.reals[work_layout.POWER] = other.formulas.power
     trial.ints[[work_layout.RECORDS, work_layout.EVENTS, work_layout.NODES]] = 0
     trial.ints[work_layout.OUTPUT] = trial.out_t.size
     trial.ints[work_layout.BUDGET] = TRIAL
@@ -107,7 +107,7 @@ def pays(run: Any, program: Program, work: Any, since: tuple[float, int, int]) -
 
 def _rate_of_sliding(program: Program, work: Any) -> float:
     """The spectral radius [1/s] where the plant is now, if all its contacts slipped, roughly."""
-    holds = np.array([element.holds and not element.unilateral for element in program.system.elements])
+    holds = np.array([element.slides for element in program.system.elements])
     modes = work.m.copy()
     modes[: holds.size][holds] = 1
     return spectral_radius(program, float(work.reals[work_layout.TIME]), work.x, work.p, modes, 12)

@@ -14,7 +14,6 @@ from toolbox.arguments import FloatArray
 from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of
-from toolbox.modelling.elements import SecondDirection, UnilateralContact
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
@@ -131,7 +130,11 @@ class Trajectory(Recorded, Samples[FloatArray]):
         """A trajectory travels as its arguments and arrays; the program is made again from the cache of object code."""
         names = ("run", "time", "states", "mode", "held", "parameters", "steps", "merged", "wall_time", "end", "answers", "memory", "why")
         data = {name: getattr(self, name) for name in names}
-        return _trajectory_again, (type(self), self.program.pair, data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode})
+        return _trajectory_again, (
+            type(self),
+            self.program.formulas,
+            data | {"event_arrays": self._event_arrays, "last_mode": self._last_mode},
+        )
 
     def end_before(self, event: int) -> None:
         """Forget the events of the instant of this one, counted from 0, and what came after them: a run that a budget ends."""
@@ -173,7 +176,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         return [
             (Event(float(t), elements[i].name, elements[i].legend[int(b)], elements[i].legend[int(a)]), bool(other))
             for t, i, (b, a, other) in zip(times, index, modes, strict=True)
-            if not isinstance(elements[i], SecondDirection)
+            if not elements[i].second
         ]
 
     @property
@@ -210,7 +213,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
 
     def approach(self, element: str) -> FloatArray:
         """Speeds of approach at the impacts of a unilateral contact, in the order of its events [m/s]; raises SceneError for any other element."""
-        elements = {each.name: each for each in self.program.system.elements if isinstance(each, UnilateralContact)}
+        elements = {each.name: each for each in self.program.system.elements if each.has_gap}
         if element not in elements:
             raise SceneError(f"There is no unilateral contact `{element}`: {suggest(element, elements)}")
         nodes = self.nodes
@@ -284,7 +287,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         times = np.unique(np.concatenate([nodes.time, 0.5 * (nodes.time[1:] + nodes.time[:-1])]))
         times = times[times <= min(nodes.end, better.end)]
         late = 0.0
-        if any(element.unilateral for element in self.program.system.elements):
+        if any(element.rigid for element in self.program.system.elements):
             times, late = _outside_jumps(times, nodes, better)
         mine, theirs = nodes.at(times).states, better.at(times).states
         size = np.abs(theirs).max(axis=0, initial=0.0)
@@ -379,7 +382,7 @@ class Stepped(Trajectory):
 
     def _jumps(self, least: float) -> np.ndarray:
         nodes, (times, index, modes) = self.nodes, self._event_arrays
-        rigid = np.array([element.unilateral for element in self.program.system.elements])
+        rigid = np.array([element.rigid for element in self.program.system.elements])
         times = np.unique(times[rigid[index] & (modes[:, 0] == 1)])
         row = np.searchsorted(nodes.time, times)
         change = np.abs(nodes.states[row] - nodes.states[row - 1]) / np.maximum(np.abs(nodes.states).max(axis=0), 1e-300)
@@ -408,12 +411,12 @@ class Smoothed(Trajectory):
         return 5.0 / 3.0 * self.difference(self.run.again(system=self.run.system.sharp, method=finer, output_times=None))
 
 
-def _trajectory_again(kind: type[Trajectory], pair: Any, data: dict[str, Any]) -> Trajectory:
+def _trajectory_again(kind: type[Trajectory], formulas: Any, data: dict[str, Any]) -> Trajectory:
     """A trajectory from what `Trajectory.__reduce__` gives."""
     from toolbox.compilation.program import program_of
 
     run, why = data.pop("run"), data.pop("why")
-    return kind(run=run, program=program_of(run.system, run.kinds, pair), records=Records(**data), why=why)
+    return kind(run=run, program=program_of(run.system, run.kinds, formulas), records=Records(**data), why=why)
 
 
 def _outside_jumps(times: np.ndarray, run: Trajectory, better: Trajectory) -> tuple[np.ndarray, float]:

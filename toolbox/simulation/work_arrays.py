@@ -10,14 +10,11 @@ import numpy as np
 
 from toolbox.arguments import finite_array
 from toolbox.compilation import work_layout
-from toolbox.compilation.moreau_jean import Theta
 from toolbox.compilation.program import Program
 from toolbox.errors import SceneError
-from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.inputs import Shape, Table
 from toolbox.modelling.start import place_starts
-from toolbox.simulation.methods import Smoothing, TimeStepping
 from toolbox.simulation.run import Budget, Run
 
 MAX_RECORDS = 400_000
@@ -31,14 +28,13 @@ MAX_SAMPLES = 200_000
 def work_arrays(run: Run, program: Program) -> Any:
     """All arrays of a run, filled with its numbers."""
     system, kernel = run.system, program.kernel
-    fixed = run.method.step if isinstance(run.method, TimeStepping) else None
-    tolerance = run.method.tolerance if isinstance(run.method, Smoothing) else None
+    fixed, tolerance = run.method.fixed_step, run.method.own_tolerance
     n, ne, ng = kernel.states, kernel.elements, kernel.guards
     p = np.empty(program.p_size)
     base = system.values.size
     p[:base] = system.values
     p[program.first_held :] = 0.0
-    if any(isinstance(element, SecondDirection) for element in system.elements):
+    if any(element.second for element in system.elements):
         p[program.first_held - 3 : program.first_held] = _resolution(run)
     jumps: list[tuple[float, int, float]] = []
     for name, value in run.inputs.items():
@@ -71,7 +67,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     reals[work_layout.END] = run.duration
     reals[work_layout.RTOL] = tolerance or run.accuracy
     reals[work_layout.LAST_EVENT] = -np.inf
-    reals[work_layout.POWER] = program.pair.power
+    reals[work_layout.POWER] = program.formulas.power
 
     memory_size = 0
     samplers, clocks, keys, queue, widest = _NO_ROWS, _NO_CLOCKS, _NO_KEYS, _NO_QUEUE, 1
@@ -171,7 +167,7 @@ def _place_memory(system: HybridSystem, memory: np.ndarray, name: str, value: An
 
 def _event_room(asked: int, program: Program, left: float) -> int:
     """Room for events, no more than are left and one instant fills: the loop stops when another instant might not fit, so at the first beyond them."""
-    instant = (4 if isinstance(program.pair, Theta) else 2) * program.kernel.elements
+    instant = (2 if program.formulas.locates else 4) * program.kernel.elements
     return asked if left >= asked else min(asked, int(left) + instant + 1)
 
 

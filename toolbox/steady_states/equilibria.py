@@ -51,9 +51,9 @@ def equilibria(
         If an argument is wrong, as in `equilibrium`; never for an empty result.
     """
     plant = continuous_loop(plant, controller, parameters=parameters)
-    contacts = [element for element in plant.elements if element.holds and element.law is not None]
+    contacts = [element for element in plant.elements if element.law is not None]
     holding = [element.name for element in contacts]
-    words = [("slip+", "slip-", "stick") if element.directions == 1 else ("slip", "slip", "stick") for element in contacts]
+    words = [(legend[1], legend.get(-1, legend[1]), legend[0]) for legend in (element.legend for element in contacts)]
     combinations = list(zip(*words, strict=True)) if 3 ** len(holding) > MANY_MODES else list(dict.fromkeys(itertools.product(*words)))
     smooth = _frictionless(plant, _free(plant), input_values(plant, inputs or {}))
     found: list[Equilibrium] = []

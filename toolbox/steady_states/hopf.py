@@ -285,7 +285,7 @@ def _extended(
 ) -> tuple[ca.Function, ca.Function]:
     """Functions (z, u, p, m, c) -> residual of the extended system and its Jacobian by z = (x, q, w, Re v, Im v)."""
     key = ("hopf", free.name, free.is_input, given, sticking)
-    found = plant.kernels.get(key)
+    found = plant.cache.get(key)
     if found is None:
         n = plant.x.numel()
         w, vr, vi, c = ca.SX.sym("w"), ca.SX.sym("vr", n), ca.SX.sym("vi", n), ca.SX.sym("c", 2 * n)
@@ -307,7 +307,7 @@ def _extended(
         equations, jacobian = ca.substitute([equations, jacobian], [z], [z_in])
         equations, jacobian = ca.substitute([equations, jacobian], [plant.t], [ca.SX(0)])
         symbols = [z_in, plant.u, plant.p, plant.m, c]
-        found = plant.kernels[key] = (ca.Function("extended", symbols, [equations]), ca.Function("slopes", symbols, [jacobian]))
+        found = plant.cache[key] = (ca.Function("extended", symbols, [equations]), ca.Function("slopes", symbols, [jacobian]))
     return found
 
 
@@ -321,13 +321,13 @@ def _lyapunov_coefficient(point: Equilibrium, m: np.ndarray, w: float, q: np.nda
     plant = point.plant
     n = plant.x.numel()
 
-    function = plant.kernels.get("directional")
+    function = plant.cache.get("directional")
     if function is None:
         d1, d2, d3 = (ca.SX.sym(f"d{i}", n) for i in (1, 2, 3))
         second = ca.jtimes(ca.jtimes(plant.switching.field, plant.x, d1), plant.x, d2)
         symbols = [plant.x, plant.u, plant.p, plant.m, d1, d2, d3]
         forms = ca.substitute([ca.densify(second), ca.densify(ca.jtimes(second, plant.x, d3))], [plant.t], [ca.SX(0)])
-        function = plant.kernels["directional"] = ca.Function("directional", symbols, forms)
+        function = plant.cache["directional"] = ca.Function("directional", symbols, forms)
 
     def form(*directions: np.ndarray) -> np.ndarray:
         """B or C at complex directions, by linearity from their real and imaginary parts."""

@@ -20,7 +20,6 @@ from toolbox.errors import SceneError, suggest
 from toolbox.files.unit_systems import asked_units
 from toolbox.files.units import NumberOrText, in_si
 from toolbox.modelling.components import structure_of
-from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.hybrid_system import HybridSystem, checked_plant
 from toolbox.modelling.laws import names as names_of
 from toolbox.modelling.start import place_start, place_starts
@@ -122,7 +121,7 @@ def equilibrium(
         typed += [in_si(value, plant._parameter(name).unit, name) for name, value in (parameters or {}).items()]
         return Equilibrium(plant, x, u, modes, {**declared.asked, **asked_units(typed, fields=(controller,))})
     given_inputs = ", ".join(f"{name} = {value:g}" for name, value in zip(plant.inputs, u, strict=True)) or "no inputs"
-    tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.holds and e.law is not None]
+    tried = [f"`{e.name}` in {e.legend[int(v)]}" for e, v in zip(plant.elements, m, strict=True) if e.law is not None]
     tried = tried if len(tried) <= 3 else [f"{len(tried)} contacts in their modes"]
     words = f" with {', '.join(tried)}" if tried else ""
     raise SceneError(
@@ -190,7 +189,7 @@ def linearise(
     check_unsampled(controller)
     plant = _closed(plant, controller)
     if isinstance(at, Equilibrium) and plant is not at.plant and parameters is None:
-        if plant.kernels is at.plant.kernels:
+        if plant.cache is at.plant.cache:
             plant = at.plant
         elif {structure_of(part) for part in plant.parts} <= {
             structure_of(part) for part in at.plant.parts
@@ -284,19 +283,19 @@ def _modes_at(
     for i, element in enumerate(plant.elements):
         if mode and element.name in mode:
             modes[i] = _code(element, mode[element.name])
-        elif element.unilateral or not element.holds:
+        elif not element.slides:
             modes[i] = element.initial
         elif (element.law is None and (resting or abs(slips[i]) <= zero)) or (
             element.directions > 1 and slips[i] <= zero
         ):  # slip without a direction
             modes[i] = 0.0
     for i, element in enumerate(plant.elements):
-        if isinstance(element, SecondDirection):
+        if element.second:
             modes[i] = modes[i - 1]
     chosen = set(mode or {})
     for _ in range(2 * len(names)):  # a contact or switch whose mode is not given is where its guard is positive
         guards = _guards(plant, t, x, u, modes)
-        wrong = [i for i, e in enumerate(plant.elements) if (e.unilateral or not e.holds) and e.name not in chosen and guards[i] < 0.0]
+        wrong = [i for i, e in enumerate(plant.elements) if not e.slides and e.name not in chosen and guards[i] < 0.0]
         if not wrong:
             break
         for i in wrong:
@@ -324,11 +323,11 @@ def _contradiction(plant: HybridSystem, x: np.ndarray, u: np.ndarray, m: np.ndar
     size = float(np.abs(x).max(initial=0.0))
     guards = _guards(plant, t, x, u, m)
     for element, mode, slip, force, bound, guard in zip(plant.elements, m, slips, forces, bounds, guards, strict=True):
-        if isinstance(element, SecondDirection):
+        if element.second:
             continue
-        if element.unilateral or not element.holds:
-            scale = bound if element.unilateral and mode == 0.0 else size
-            if guard < -1e-9 * scale or (element.unilateral and mode == 0.0 and abs(slip) > 1e-9 * size):
+        if not element.slides:
+            scale = bound if element.rigid and mode == 0.0 else size
+            if guard < -1e-9 * scale or (element.rigid and mode == 0.0 and abs(slip) > 1e-9 * size):
                 return f"`{element.name}` is not {element.legend[int(mode)]} there"
             continue
         if mode * slip < -1e-9 * size or (element.directions > 1 and mode and slip <= 1e-12 * size):
@@ -348,7 +347,7 @@ def _point(
     x = np.zeros(plant.x.numel())
     t, own, given = 0.0, mapping("mode", mode), dict(values)
     placed = np.zeros(x.size, bool)
-    if isinstance(at, Equilibrium) and at.plant.kernels is not plant.kernels:
+    if isinstance(at, Equilibrium) and at.plant.cache is not plant.cache:
         for name in plant.states:
             place_start(plant, x, name, at[name])
         placed[:] = True

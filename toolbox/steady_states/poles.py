@@ -11,7 +11,6 @@ import numpy as np
 
 from toolbox.arguments import numbers
 from toolbox.files.units import NumberOrText
-from toolbox.modelling.elements import Hysteresis, length
 from toolbox.modelling.free_parameter import FreeParameter
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.laws import check_unsampled
@@ -33,16 +32,14 @@ def friction_slopes(point: Equilibrium) -> dict[str, float]:
     for place, (element, mode) in enumerate(zip(plant.elements, m, strict=True)):
         if element.law is None or mode == 0.0:
             continue
-        companions = [
-            plant.m[[e.name for e in plant.elements].index(twin.name)] for twin in element.companions if isinstance(twin, Hysteresis)
-        ]
-
+        names = [e.name for e in plant.elements]
+        companions = [plant.m[names.index(twin.name)] for twin in element.breaks]
         slips = ca.vertcat(*[e.slip for e in plant.elements[place : place + element.directions]])
 
         def expression(element: Any = element, companions: Any = companions, slips: Any = slips) -> list[ca.SX]:
             speed = ca.SX.sym("speed")
             slope = ca.jacobian(ca.SX(element.law.sliding(speed, *companions)), speed)
-            slope = ca.substitute(element.load * slope, speed, length(slips) if element.directions > 1 else element.mode * element.slip)
+            slope = ca.substitute(element.load * slope, speed, element.slip_speed(slips))
             return [ca.substitute(slope, plant.F, plant.switching.force)]
 
         function = function_of(plant, ("slope", element.name), expression)

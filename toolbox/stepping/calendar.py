@@ -6,35 +6,9 @@ import math
 
 import numpy as np
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call
 from toolbox.compilation.numba_cache import inlined
-from toolbox.compilation.work_layout import (
-    ADDRESS,
-    APPLIED,
-    CULPRIT,
-    DONE,
-    END,
-    EPS,
-    FIRST_HELD,
-    FIRST_OUTPUT,
-    FIRST_STATE,
-    FRICTION,
-    JUMP,
-    NE,
-    NOISES,
-    OUTPUT,
-    OUTPUTS,
-    PROBE,
-    PROJECT,
-    RECORDS,
-    SAMPLE_DUE,
-    STATES,
-    STEP,
-    SWITCH,
-    TAKEN,
-    TIME,
-    N,
-)
 from toolbox.stepping.guards import bounds_hold, nudge, refresh, two_directions
 from toolbox.stepping.modes import settle, turn_switches
 from toolbox.stepping.noise import normal
@@ -43,16 +17,16 @@ from toolbox.stepping.noise import normal
 @inlined
 def record(w, t, x):
     """Write a node: time, state, modes and held parameters."""
-    r = w.ints[RECORDS]
+    r = w.ints[layout.RECORDS]
     w.rec_t[r] = t
     for i in range(w.rec_x.shape[1]):
         w.rec_x[r, i] = x[i]
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         w.rec_m[r, i] = np.int8(w.m[i])
-    first = w.ints[FIRST_HELD]
+    first = w.ints[layout.FIRST_HELD]
     for i in range(w.p.size - first):
         w.rec_p[r, i] = w.p[first + i]
-    w.ints[RECORDS] = r + 1
+    w.ints[layout.RECORDS] = r + 1
 
 
 @inlined
@@ -61,22 +35,22 @@ def inputs_changed(w, t, slips_jump):
 
     slips_jump: whether a slip can have jumped; its value before is then in `y`, as `jumps` leaves it. A change within the round-off of its terms is none.
     """
-    ne = w.ints[NE]
+    ne = w.ints[layout.NE]
     wrong = False
     if slips_jump:
         for i in range(ne):
             w.m_other[i] = w.y[i]
         nudge(w)
-        call(w.ints[PROBE], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
-    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        call(w.ints[layout.PROBE], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         w.before[i] = w.m[i]
         slip, force, static = w.z[i], w.z[2 * ne + i], w.z[3 * ne + i]
-        w.zero[i], w.forced[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH, False
-        if w.kind[i] != FRICTION:  # an open contact, like a switch, is seen to by its guard
+        w.zero[i], w.forced[i] = w.m[i] == 0.0 and w.kind[i] != layout.SWITCH, False
+        if w.kind[i] != layout.FRICTION:  # an open contact, like a switch, is seen to by its guard
             wrong = wrong or (w.zero[i] and force > 1e-9 * static)
         elif w.m[i] == 0.0:
-            jumped = slips_jump and abs(slip - w.m_other[i]) > max(4.0 * EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
+            jumped = slips_jump and abs(slip - w.m_other[i]) > max(4.0 * layout.EPS * 1e7 * abs(w.y[i] - slip), 1e-9 * w.guard_scale[2 * i])
             if jumped and slip != 0.0:
                 w.m[i] = math.copysign(1.0, slip)
                 w.zero[i] = False
@@ -99,13 +73,13 @@ def inputs_changed(w, t, slips_jump):
 def jumps(w, t):
     """Apply the parameter jumps due at time t, and leave the slips before them in `y`; returns whether there were any."""
     changed = False
-    if w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
-        call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.y)
-    while w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] <= t:
-        j = w.ints[JUMP]
+    if w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t:
+        call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.y)
+    while w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] <= t:
+        j = w.ints[layout.JUMP]
         for q in range(w.jump_first[j], w.jump_first[j + 1]):
             w.p[w.jump_index[q]] = w.jump_value[q]
-        w.ints[JUMP] = j + 1
+        w.ints[layout.JUMP] = j + 1
         changed = True
     return changed
 
@@ -116,63 +90,63 @@ def samples(w, t):
     depth = w.queue.shape[1]
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        if s[TAKEN] * w.clocks[c, 0] <= t and t < w.reals[END]:
-            if s[ADDRESS] == 0:
-                w.ints[CULPRIT] = c
-                return SAMPLE_DUE, False
-            states, outputs = s[STATES], s[OUTPUTS]
-            memory = w.memory[s[FIRST_STATE] :]
-            for i in range(states, states + s[NOISES]):
-                memory[i] = normal(w.keys[s[FIRST_STATE] + i], s[TAKEN])
-            call(s[ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
+        if s[layout.TAKEN] * w.clocks[c, 0] <= t and t < w.reals[layout.END]:
+            if s[layout.ADDRESS] == 0:
+                w.ints[layout.CULPRIT] = c
+                return layout.SAMPLE_DUE, False
+            states, outputs = s[layout.STATES], s[layout.OUTPUTS]
+            memory = w.memory[s[layout.FIRST_STATE] :]
+            for i in range(states, states + s[layout.NOISES]):
+                memory[i] = normal(w.keys[s[layout.FIRST_STATE] + i], s[layout.TAKEN])
+            call(s[layout.ADDRESS], t, 0.0, w.x, memory, w.p, w.m, w.z)
             for i in range(states):
                 memory[i] = w.z[i]
-            slot = s[TAKEN] % depth if depth > 1 else 0
+            slot = s[layout.TAKEN] % depth if depth > 1 else 0
             for i in range(outputs):
                 w.queue[c, slot, i] = w.z[states + i]
-            s[TAKEN] += 1
+            s[layout.TAKEN] += 1
     changed = False
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        while s[APPLIED] < s[TAKEN] and s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1] <= t:
-            slot = s[APPLIED] % depth if depth > 1 else 0
-            for i in range(s[OUTPUTS]):
-                w.p[s[FIRST_OUTPUT] + i] = w.queue[c, slot, i]
-            s[APPLIED] += 1
+        while s[layout.APPLIED] < s[layout.TAKEN] and s[layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1] <= t:
+            slot = s[layout.APPLIED] % depth if depth > 1 else 0
+            for i in range(s[layout.OUTPUTS]):
+                w.p[s[layout.FIRST_OUTPUT] + i] = w.queue[c, slot, i]
+            s[layout.APPLIED] += 1
             changed = True
-    return DONE, changed
+    return layout.DONE, changed
 
 
 @inlined
 def next_stop(w):
     """The next instant at which a step must end: end of the run, parameter jump, sample or application of a delayed output."""
-    stop = w.reals[END]
-    if w.ints[JUMP] < w.jump_t.size:
-        stop = min(stop, w.jump_t[w.ints[JUMP]])
+    stop = w.reals[layout.END]
+    if w.ints[layout.JUMP] < w.jump_t.size:
+        stop = min(stop, w.jump_t[w.ints[layout.JUMP]])
     for c in range(w.samplers.shape[0]):
         s = w.samplers[c]
-        stop = min(stop, s[TAKEN] * w.clocks[c, 0])
-        if s[APPLIED] < s[TAKEN]:
-            stop = min(stop, s[APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
+        stop = min(stop, s[layout.TAKEN] * w.clocks[c, 0])
+        if s[layout.APPLIED] < s[layout.TAKEN]:
+            stop = min(stop, s[layout.APPLIED] * w.clocks[c, 0] + w.clocks[c, 1])
     return stop
 
 
 @inlined
 def outputs_before(w, end, t_new):
     """Record the output times inside the step (t, t_new) by stepping to each of them."""
-    t = w.reals[TIME]
-    while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
-        if w.ints[RECORDS] >= w.rec_t.size:
+    t = w.reals[layout.TIME]
+    while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] < t_new:
+        if w.ints[layout.RECORDS] >= w.rec_t.size:
             return False
-        target = w.out_t[w.ints[OUTPUT]]
-        call(w.ints[STEP], t, target - t, w.x, w.k, w.p, w.m, w.z)
+        target = w.out_t[w.ints[layout.OUTPUT]]
+        call(w.ints[layout.STEP], t, target - t, w.x, w.k, w.p, w.m, w.z)
         x = w.z
-        for i in range(w.ints[NE]):
-            if w.m[i] == 0.0 and w.kind[i] != SWITCH:
-                for j in range(w.ints[N]):
+        for i in range(w.ints[layout.NE]):
+            if w.m[i] == 0.0 and w.kind[i] != layout.SWITCH:
+                for j in range(w.ints[layout.N]):
                     w.x_other[j] = w.z[j]
-                call(w.ints[PROJECT], target, 0.0, w.x_other, w.k, w.p, w.m, w.z)
+                call(w.ints[layout.PROJECT], target, 0.0, w.x_other, w.k, w.p, w.m, w.z)
                 break
         record(w, target, x)
-        w.ints[OUTPUT] += 1
+        w.ints[layout.OUTPUT] += 1
     return True

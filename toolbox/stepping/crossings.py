@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call
 from toolbox.compilation.numba_cache import inlined
-from toolbox.compilation.work_layout import BOUNDS, EPS, FRICTION, LOCATED, NE, NG, STEP, TIME, N
 from toolbox.stepping.guards import close_to_zero, guard_size
 
 
@@ -81,7 +81,7 @@ def dip_inside(w, h, j):
     Steps to the interpolated minimum, closer and closer, until the guard is negative there (returns the fraction) or the interpolation has
     become sharper than its distance to zero (returns 2).
     """
-    n, ng = w.ints[N], w.ints[NG]
+    n, ng = w.ints[layout.N], w.ints[layout.NG]
     left, right = 0.0, 1.0
     a, da = w.side[j] * w.g[j], w.side[j] * w.g[ng + j] * h
     b, db = w.side[j] * w.g_high[j], w.side[j] * w.g_high[ng + j] * h
@@ -89,7 +89,7 @@ def dip_inside(w, h, j):
         width = right - left
         s, expected = hermite_minimum(a, da * width, b, db * width)
         middle = left + s * width
-        call(w.ints[STEP], w.reals[TIME], middle * h, w.x, w.k, w.p, w.m, w.y)
+        call(w.ints[layout.STEP], w.reals[layout.TIME], middle * h, w.x, w.k, w.p, w.m, w.y)
         value, slope = w.side[j] * w.y[2 * n + j], w.side[j] * w.y[2 * n + ng + j] * h
         if value < 0.0:
             return middle
@@ -109,7 +109,7 @@ def dip_inside(w, h, j):
 @inlined
 def candidate(w, h, low, high, width):
     """Earliest fraction of [low, high] (in parts of h) where some guard descends through zero, by Hermite interpolation; 2 where none does."""
-    ng = w.ints[NG]
+    ng = w.ints[layout.NG]
     best = 2.0
     for j in range(ng):
         a, b = w.side[j] * low[j], w.side[j] * high[j]
@@ -123,7 +123,7 @@ def candidate(w, h, low, high, width):
             s = 1.0
         if s < best:
             best = s
-            w.ints[LOCATED] = j
+            w.ints[layout.LOCATED] = j
     return best
 
 
@@ -135,8 +135,8 @@ def rising_fraction(w, h, j):
     """
     fraction = 0.5
     for _ in range(24):
-        call(w.ints[STEP], w.reals[TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
-        if w.side[j] * w.y[2 * w.ints[N] + j] > 0.0:
+        call(w.ints[layout.STEP], w.reals[layout.TIME], fraction * h, w.x, w.k, w.p, w.m, w.y)
+        if w.side[j] * w.y[2 * w.ints[layout.N] + j] > 0.0:
             return fraction
         fraction *= 0.5 if fraction > 0.01 else 0.1
         if fraction < 1e-9:
@@ -151,8 +151,8 @@ def locate(w, h, low):
     low: fraction of h before which nothing happens, with guards in `g_low`. Returns the size of the step, or -1 where the interpolated
     dip turns out not to reach zero.
     """
-    ng, t = w.ints[NG], w.reals[TIME]
-    n = w.ints[N]
+    ng, t = w.ints[layout.NG], w.reals[layout.TIME]
+    n = w.ints[layout.N]
     high, fraction = 1.0, 1.0
     for attempt in range(60):
         width = high - low
@@ -161,7 +161,7 @@ def locate(w, h, low):
             if high == 1.0:
                 return -1.0
             call(
-                w.ints[STEP], t, high * h, w.x, w.k, w.p, w.m, w.y
+                w.ints[layout.STEP], t, high * h, w.x, w.k, w.p, w.m, w.y
             )  # below zero there, by what counts as round-off of a guard that starts at zero
             return high * h
         if attempt > 12:
@@ -169,17 +169,17 @@ def locate(w, h, low):
         fraction = low + s * width
         if fraction <= low:
             fraction = low + 0.5 * width
-        call(w.ints[STEP], t, fraction * h, w.x, w.k, w.p, w.m, w.y)
+        call(w.ints[layout.STEP], t, fraction * h, w.x, w.k, w.p, w.m, w.y)
         below, near = False, False
         for j in range(ng):
             value = w.side[j] * w.y[2 * n + j]
-            if not w.armed[j] and j != w.ints[LOCATED] and value >= -1e-12 * guard_size(w, j):
+            if not w.armed[j] and j != w.ints[layout.LOCATED] and value >= -1e-12 * guard_size(w, j):
                 continue  # round-off of a guard that starts at zero
             if abs(value) <= close_to_zero(w, j) and w.side[j] * w.y[2 * n + ng + j] < 0.0:
                 near = True
             elif value < 0.0:
                 below = True
-        if (near and not below) or width * h <= 4.0 * EPS * (abs(t) + h):
+        if (near and not below) or width * h <= 4.0 * layout.EPS * (abs(t) + h):
             return fraction * h
         if below:
             high = fraction
@@ -198,12 +198,12 @@ def watch(w, h, error, node):
 
     node: whether the step ends where an input turns. A step too long to be trusted may still show where an event cuts it short.
     """
-    ng, ne, end = w.ints[NG], w.ints[NE], 2 * w.ints[N]
+    ng, ne, end = w.ints[layout.NG], w.ints[layout.NE], 2 * w.ints[layout.N]
     hit, suspicious = False, False
     for j in range(ng if error < 1e4 else 0):
         a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
         if w.armed[j]:
-            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
+            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == layout.FRICTION) or j >= ng - w.ints[layout.BOUNDS]
             if node and bound and b >= -1e-12 * guard_size(w, j) and b <= 0.0:
                 continue  # at its bound, or a bound at zero, where an input turns: what follows decides
             if b <= 0.0:

@@ -18,48 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    BOUNDS,
-    BUDGET,
-    DONE,
-    END,
-    ERROR_OLD,
-    EVENTS,
-    EVENTS_FULL,
-    FIELD,
-    FIRST_HELD,
-    FOLLOWED,
-    GROWTH,
-    INCONSISTENT,
-    JUMP,
-    LOCATED,
-    LONGEST,
-    NE,
-    NG,
-    NO_SERIES,
-    NODES,
-    OPENED,
-    OUTPUT,
-    PAUSED,
-    POWER,
-    PROJECT,
-    RECORDS,
-    RECORDS_FULL,
-    REJECTED,
-    SAMPLE_DUE,
-    SERIES,
-    STARTED,
-    STEP,
-    STEP_OLD,
-    STEP_SIZE,
-    TIME,
-    UNDERFLOW,
-    UNTOLD,
-    N,
-)
 from toolbox.stepping.calendar import inputs_changed, jumps, next_stop, outputs_before, record, samples
 from toolbox.stepping.crossings import dip_inside, hermite_minimum, locate, rising_fraction, watch
 from toolbox.stepping.events import after_event, project_event
@@ -83,46 +44,46 @@ def _due(w, t, every_node, undecided):
     for sampling in (False, True):  # a loop, so that the code for what follows a change is there once
         if sampling:
             status, changed = samples(w, t)
-            if status == SAMPLE_DUE:
-                return SAMPLE_DUE
+            if status == layout.SAMPLE_DUE:
+                return layout.SAMPLE_DUE
             changed = changed or undecided
         else:
             changed = jumps(w, t)
         if not changed:
             continue
         if not (sampling and held_quietly(w)) and not inputs_changed(w, t, not sampling):
-            return INCONSISTENT
-        for i in range(w.ints[NE]):
+            return layout.INCONSISTENT
+        for i in range(w.ints[layout.NE]):
             if w.m[i] != w.before[i]:
-                w.reals[FOLLOWED] = 0.0
+                w.reals[layout.FOLLOWED] = 0.0
         if not sampling:
             first_step(w)
         if every_node:
-            if sampling and w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t:
-                w.ints[RECORDS] -= 1
+            if sampling and w.ints[layout.RECORDS] > 0 and w.rec_t[w.ints[layout.RECORDS] - 1] == t:
+                w.ints[layout.RECORDS] -= 1
             record(w, t, w.x)
             recorded = True
-    if w.ints[STARTED] == 0:
-        w.ints[STARTED] = 1
+    if w.ints[layout.STARTED] == 0:
+        w.ints[layout.STARTED] = 1
         first_step(w)
         if every_node and not recorded:
             record(w, t, w.x)
-    while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
+    while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] <= t:
         record(w, t, w.x)
-        w.ints[OUTPUT] += 1
-        if w.ints[RECORDS] + 4 > w.rec_t.size:
-            return RECORDS_FULL
-    if t >= w.reals[END]:
-        if every_node and w.rec_t[w.ints[RECORDS] - 1] < t:
+        w.ints[layout.OUTPUT] += 1
+        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+            return layout.RECORDS_FULL
+    if t >= w.reals[layout.END]:
+        if every_node and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
             record(w, t, w.x)
-        return DONE
+        return layout.DONE
     return GO_ON
 
 
 @inlined
 def _first_dip(w, t, h):
     """The fraction of the step h at which the first guard dips below zero, 1 where none does; the step to there is left in `y`, its guards in `g_high`."""
-    ng, end, top = w.ints[NG], 2 * w.ints[N], 1.0
+    ng, end, top = w.ints[layout.NG], 2 * w.ints[layout.N], 1.0
     for j in range(ng):
         a, b = w.side[j] * w.g[j], w.side[j] * w.g_high[j]
         if not (w.armed[j] and b > 0.0 and w.side[j] * w.g[ng + j] < 0.0 and w.side[j] * w.g_high[ng + j] > 0.0):
@@ -130,7 +91,7 @@ def _first_dip(w, t, h):
         slope = w.side[j] * w.g_high[ng + j] * h
         if hermite_minimum(a, w.side[j] * w.g[ng + j] * h, b, slope)[1] <= 0.5 * max(a, b):
             top = min(top, dip_inside(w, h, j))
-    call(w.ints[STEP], t, top * h, w.x, w.k, w.p, w.m, w.y)
+    call(w.ints[layout.STEP], t, top * h, w.x, w.k, w.p, w.m, w.y)
     if top < 1.0:
         for j in range(2 * ng):
             w.g_high[j] = w.y[end + j]
@@ -141,9 +102,9 @@ def _first_dip(w, t, h):
 def _step_to(w, t, h, part):
     """Step by a part of h, unless the whole step is there already, and leave its guards in `g_high`; returns the part."""
     if part < 1.0:
-        call(w.ints[STEP], t, part * h, w.x, w.k, w.p, w.m, w.y)
-    for j in range(2 * w.ints[NG]):
-        w.g_high[j] = w.y[2 * w.ints[N] + j]
+        call(w.ints[layout.STEP], t, part * h, w.x, w.k, w.p, w.m, w.y)
+    for j in range(2 * w.ints[layout.NG]):
+        w.g_high[j] = w.y[2 * w.ints[layout.N] + j]
     return part
 
 
@@ -154,7 +115,7 @@ def _from_zero(w, h):
     Returns (whether a kink took the side that it goes to, whether an element has to decide again here, the fraction of the step before which nothing
     happens, the step, shortened where another guard comes first). The guards at that fraction are left in `g_low`.
     """
-    ng, ne, end = w.ints[NG], w.ints[NE], 2 * w.ints[N]
+    ng, ne, end = w.ints[layout.NG], w.ints[layout.NE], 2 * w.ints[layout.N]
     low = 0.0
     for j in range(2 * ng):
         w.g_low[j] = w.g[j]
@@ -163,12 +124,12 @@ def _from_zero(w, h):
             continue
         rise = rising_fraction(w, h, j)
         if (
-            rise == 0.0 and 2 * ne <= j < ng - w.ints[BOUNDS]
+            rise == 0.0 and 2 * ne <= j < ng - w.ints[layout.BOUNDS]
         ):  # a kink that starts at zero is on the side it goes to, which changes nothing else
             w.side[j] = -w.side[j]
             return True, False, low, h
         if rise == 0.0:  # it goes the wrong way from its start: decide again here
-            w.ints[LOCATED] = j
+            w.ints[layout.LOCATED] = j
             return False, True, low, h
         crossed = False
         for i in range(ng):
@@ -192,17 +153,17 @@ def _next_size(w, h, h_wanted, error, rejected):
     A step cut short leaves the size as it was.
     """
     if cut_short(h, h_wanted):
-        w.reals[STEP_OLD] = 0.0
+        w.reals[layout.STEP_OLD] = 0.0
         return
-    power = w.reals[POWER]
+    power = w.reals[layout.POWER]
     size = log2(max(error, 1e-10))
     growth = -power * size
-    if w.reals[STEP_OLD] > 0.0:
-        growth += min(0.0, log2(h / w.reals[STEP_OLD]) + power * (w.reals[ERROR_OLD] - size))
+    if w.reals[layout.STEP_OLD] > 0.0:
+        growth += min(0.0, log2(h / w.reals[layout.STEP_OLD]) + power * (w.reals[layout.ERROR_OLD] - size))
     factor = min(1.0 if rejected else 10.0, max(0.2, 0.85 * exp2(growth)))
-    w.reals[ERROR_OLD], w.reals[STEP_OLD] = max(size, -13.3), h
+    w.reals[layout.ERROR_OLD], w.reals[layout.STEP_OLD] = max(size, -13.3), h
     grown = h * factor
-    w.reals[STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
+    w.reals[layout.STEP_SIZE] = max(grown, h_wanted) if h < h_wanted else grown
 
 
 @inlined
@@ -218,7 +179,7 @@ def _crossed(w, t, h, t_new, error, node, series):
         if located:
             size = 0.0 if at_once else first * h
             if size > 0.0:
-                call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+                call(w.ints[layout.STEP], t, size, w.x, w.k, w.p, w.m, w.y)
             t_new = t + size if size < h else t_new
             h, event = size, True
         elif hit:
@@ -246,7 +207,7 @@ def _crossed(w, t, h, t_new, error, node, series):
             t_new = t + size if size < h else t_new
             h = size
         elif error <= 1.0:
-            call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+            call(w.ints[layout.STEP], t, h, w.x, w.k, w.p, w.m, w.y)
     return False, event, h, t_new, error
 
 
@@ -258,55 +219,55 @@ def advance(w, series):
     on it stands alone, because numba leaves out only what such a condition alone decides.
     """
     w = lent(w)
-    ne = w.ints[NE]
-    every_node = w.ints[NODES] == 1
-    budget = w.ints[ACCEPTED] + w.ints[REJECTED] + w.ints[BUDGET]
+    ne = w.ints[layout.NE]
+    every_node = w.ints[layout.NODES] == 1
+    budget = w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] + w.ints[layout.BUDGET]
     rejected, undecided = False, False
-    if w.ints[STARTED] == 0 and not begin(owned(w)):
-        return INCONSISTENT
+    if w.ints[layout.STARTED] == 0 and not begin(owned(w)):
+        return layout.INCONSISTENT
     while True:
-        t = w.reals[TIME]
-        if w.ints[RECORDS] + 4 > w.rec_t.size:
-            return RECORDS_FULL
-        if w.ints[EVENTS] + 2 * ne + 1 > w.ev_t.size:
-            return EVENTS_FULL
+        t = w.reals[layout.TIME]
+        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+            return layout.RECORDS_FULL
+        if w.ints[layout.EVENTS] + 2 * ne + 1 > w.ev_t.size:
+            return layout.EVENTS_FULL
         status = _due(w, t, every_node, undecided)
         if status != GO_ON:
             return status
-        if w.ints[ACCEPTED] + w.ints[REJECTED] >= budget:
-            return PAUSED
+        if w.ints[layout.ACCEPTED] + w.ints[layout.REJECTED] >= budget:
+            return layout.PAUSED
         undecided = False
         if series is None:  # noqa: SIM102
             if samples_rule(w):
                 undecided = from_sample_to_sample(owned(w), every_node, budget)
-                if w.reals[TIME] > t:
+                if w.reals[layout.TIME] > t:
                     continue
 
         # --- one step
         if series is not None:  # noqa: SIM102
-            if w.ints[OPENED] == 0 and not open_series(w, t):
-                return NO_SERIES
+            if w.ints[layout.OPENED] == 0 and not open_series(w, t):
+                return layout.NO_SERIES
         stop = next_stop(w)
-        h_wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
-        if w.reals[FOLLOWED] > UNTOLD:
-            h_wanted = min(h_wanted, w.reals[FOLLOWED])
+        h_wanted = min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST])
+        if w.reals[layout.FOLLOWED] > layout.UNTOLD:
+            h_wanted = min(h_wanted, w.reals[layout.FOLLOWED])
         h, t_new = h_wanted, t + h_wanted
         if t_new >= stop or stop - t_new < 1e-3 * h:
             h, t_new = stop - t, stop
         if h < 1e-14 * abs(t) or h < 1e-300:
             if stop - t <= 1e-13 * abs(t):  # the next stop is closer than can be resolved
-                w.reals[TIME] = stop
+                w.reals[layout.TIME] = stop
                 continue
-            return UNDERFLOW
-        call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+            return layout.UNDERFLOW
+        call(w.ints[layout.STEP], t, h, w.x, w.k, w.p, w.m, w.y)
         error = 0.0
         if series is None:
-            if w.reals[FOLLOWED] == 0.0 and outgrown(w, h):
-                return GROWTH
+            if w.reals[layout.FOLLOWED] == 0.0 and outgrown(w, h):
+                return layout.GROWTH
             error = scaled_error(w, h)
 
         # --- its guards
-        node = t_new == stop and w.ints[JUMP] < w.jump_t.size and w.jump_t[w.ints[JUMP]] == stop
+        node = t_new == stop and w.ints[layout.JUMP] < w.jump_t.size and w.jump_t[w.ints[layout.JUMP]] == stop
         turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node, series)
         if turned:
             continue
@@ -314,30 +275,30 @@ def advance(w, series):
             if h > 0.0:
                 error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
-            w.ints[REJECTED] += 1
-            shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1
-            w.reals[STEP_SIZE] = h * max(shrink, 0.1)
+            w.ints[layout.REJECTED] += 1
+            shrink = 0.9 * error ** (-w.reals[layout.POWER]) if error < 1e30 else 0.1
+            w.reals[layout.STEP_SIZE] = h * max(shrink, 0.1)
             if series is None:  # noqa: SIM102
                 if rejected:
                     measure_round_off(w)
-                    spread_round_off(w, w.reals[STEP_OLD])
+                    spread_round_off(w, w.reals[layout.STEP_OLD])
             rejected = True
             continue
         if not outputs_before(w, t, t_new):
-            return RECORDS_FULL
+            return layout.RECORDS_FULL
 
         # --- accepted
-        w.ints[ACCEPTED] += 1
+        w.ints[layout.ACCEPTED] += 1
         if series is None:  # noqa: SIM102
             if not event:
                 _next_size(w, h, h_wanted, error, rejected)
         rejected = False
-        refresh = w.ints[ACCEPTED] % REFRESHED == 0
+        refresh = w.ints[layout.ACCEPTED] % REFRESHED == 0
         if event or refresh:  # with the modes, and with the speed in a law, it changes how fast a mode grows
-            w.reals[FOLLOWED] = 0.0
+            w.reals[layout.FOLLOWED] = 0.0
         if h > 0.0:
             accept(w)
-        w.reals[TIME] = t_new
+        w.reals[layout.TIME] = t_new
         if event:
             project_event(w, t_new, h == 0.0)
         else:
@@ -349,7 +310,7 @@ def advance(w, series):
             record(w, t_new, w.x)
         if event:
             status = after_event(w, t_new)
-            if status != DONE:
+            if status != layout.DONE:
                 return status
             if every_node:
                 record(w, t_new, w.x)
@@ -357,7 +318,7 @@ def advance(w, series):
 
 def run_on(work: Any) -> Any:
     """Run as `advance` does, by the loop of the steps that the work arrays ask for."""
-    return advance(work, True if work.ints[SERIES] else None)
+    return advance(work, True if work.ints[layout.SERIES] else None)
 
 
 @cached
@@ -366,8 +327,8 @@ def evaluate(ints, slopes, nodes, p, times, x_out):
 
     ints: as in `Work`;  slopes: size of what a step takes as slopes;  p: the whole parameter vector.
     """
-    n, ne, ng, first_held = ints[N], ints[NE], ints[NG], ints[FIRST_HELD]
-    step, projection, field, series = ints[STEP], ints[PROJECT], ints[FIELD], ints[SERIES]
+    n, ne, ng, first_held = ints[layout.N], ints[layout.NE], ints[layout.NG], ints[layout.FIRST_HELD]
+    step, projection, field, series = ints[layout.STEP], ints[layout.PROJECT], ints[layout.FIELD], ints[layout.SERIES]
     node_t, node_x, node_m, node_p = nodes
     x, k, m, new = np.zeros(n), np.zeros(slopes), np.zeros(max(ne, 1)), np.zeros(n)
     y = np.zeros(max(4 * n + 2 * ng, 3 * n + 4 * ng))

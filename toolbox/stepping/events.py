@@ -2,29 +2,9 @@
 
 from __future__ import annotations
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call
 from toolbox.compilation.numba_cache import inlined
-from toolbox.compilation.work_layout import (
-    BOUNDS,
-    CLOSE,
-    CULPRIT,
-    DONE,
-    END,
-    ENDLESS,
-    FRICTION,
-    IMPLICIT,
-    INCONSISTENT,
-    LAST_EVENT,
-    NE,
-    NEGATIVE_BOUND,
-    NG,
-    SERIES,
-    STEP,
-    STEP_OLD,
-    STEP_SIZE,
-    TIME,
-    N,
-)  # fmt: skip
 from toolbox.stepping.guards import flies, guard_size, project, two_directions
 from toolbox.stepping.modes import fire, mark
 from toolbox.stepping.step_control import first_step, measure_round_off
@@ -37,50 +17,50 @@ def project_event(w, t, again):
     Slip in two directions stays until the record is written: at zero its force would have no direction.
     """
     mark(w, again)
-    for i in range(w.ints[NE]):
-        if w.kind[i] == FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i) and not two_directions(w, i):
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] == layout.FRICTION and w.m[i] != 0.0 and w.fired[2 * i] and not flies(w, i) and not two_directions(w, i):
             w.m[i] = 0.0
     project(w, t)
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         w.m[i] = w.before[i]
 
 
 @inlined
 def after_event(w, t):
     """Switch what fires at an event. DONE, or the status of `advance` where switching has no end, no modes are consistent, or a bound becomes negative."""
-    if t - w.reals[LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[END], 1.0)):
-        w.ints[CLOSE] += 1
-        if w.ints[CLOSE] > 50 + 20 * w.ints[NE]:
-            return ENDLESS
+    if t - w.reals[layout.LAST_EVENT] <= 1e-13 * max(abs(t), min(w.reals[layout.END], 1.0)):
+        w.ints[layout.CLOSE] += 1
+        if w.ints[layout.CLOSE] > 50 + 20 * w.ints[layout.NE]:
+            return layout.ENDLESS
     else:
-        w.ints[CLOSE] = 0
-    w.reals[LAST_EVENT] = t
+        w.ints[layout.CLOSE] = 0
+    w.reals[layout.LAST_EVENT] = t
     if _bound_falls(w):
-        return NEGATIVE_BOUND
+        return layout.NEGATIVE_BOUND
     if not fire(w, t):
-        return INCONSISTENT
-    if w.ints[SERIES] != 0:  # the next step follows from its own coefficients
-        return DONE
-    if w.ints[IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
-        w.reals[STEP_OLD] = 0.0
+        return layout.INCONSISTENT
+    if w.ints[layout.SERIES] != 0:  # the next step follows from its own coefficients
+        return layout.DONE
+    if w.ints[layout.IMPLICIT] == 1:  # slopes, which the fast modes rule, say less about the next step than the last one does
+        w.reals[layout.STEP_OLD] = 0.0
         measure_round_off(w)
     else:
         first_step(w)
-    return DONE
+    return layout.DONE
 
 
 @inlined
 def _bound_falls(w):
     """Whether a bound that fires becomes negative: one that only touches zero, or that a kink keeps at zero, does not."""
-    ng = w.ints[NG]
-    for q in range(w.ints[BOUNDS]):
-        j = ng - w.ints[BOUNDS] + q
-        h = max(w.reals[STEP_OLD], w.reals[STEP_SIZE])
+    ng = w.ints[layout.NG]
+    for q in range(w.ints[layout.BOUNDS]):
+        j = ng - w.ints[layout.BOUNDS] + q
+        h = max(w.reals[layout.STEP_OLD], w.reals[layout.STEP_SIZE])
         if w.fired[j] and w.g[ng + j] * h < -1e-6 * guard_size(w, j):
-            if w.ints[SERIES] != 0:
-                call(w.ints[SERIES], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.k)
-            call(w.ints[STEP], w.reals[TIME], 1e-3 * h, w.x, w.k, w.p, w.m, w.y)
-            if w.y[2 * w.ints[N] + j] < 0.5e-3 * h * w.g[ng + j]:
-                w.ints[CULPRIT] = q
+            if w.ints[layout.SERIES] != 0:
+                call(w.ints[layout.SERIES], w.reals[layout.TIME], h, w.x, w.k, w.p, w.m, w.k)
+            call(w.ints[layout.STEP], w.reals[layout.TIME], 1e-3 * h, w.x, w.k, w.p, w.m, w.y)
+            if w.y[2 * w.ints[layout.N] + j] < 0.5e-3 * h * w.g[ng + j]:
+                w.ints[layout.CULPRIT] = q
                 return True
     return False

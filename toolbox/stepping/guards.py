@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call
 from toolbox.compilation.numba_cache import inlined
-from toolbox.compilation.work_layout import BOUNDS, FIELD, FRICTION, NE, NG, OPENED, PROJECT, RTOL, SECOND, SWITCH, TIME, N
 
 
 @inlined
@@ -16,7 +16,7 @@ def guard_size(w, j):
 @inlined
 def close_to_zero(w, j):
     """How near to zero a guard counts as zero: far below what the accuracy asked can see."""
-    return min(max(1e-5 * w.reals[RTOL], 1e-13), 1e-9) * guard_size(w, j)
+    return min(max(1e-5 * w.reals[layout.RTOL], 1e-13), 1e-9) * guard_size(w, j)
 
 
 @inlined
@@ -28,13 +28,13 @@ def flies(w, i):
 @inlined
 def two_directions(w, i):
     """Whether element i is a friction with two slip directions, of which the second is the next element."""
-    return i + 1 < w.ints[NE] and w.loader[i + 1] == SECOND
+    return i + 1 < w.ints[layout.NE] and w.loader[i + 1] == layout.SECOND
 
 
 @inlined
 def _grow(w):
     """Take the states into their sizes so far, and into those of their units."""
-    for i in range(w.ints[N]):
+    for i in range(w.ints[layout.N]):
         size = abs(w.x[i])
         if size > w.scale[i]:
             w.scale[i] = size
@@ -48,22 +48,22 @@ def refresh(w):
 
     A contact that has just been let go has no slip yet: what it shows is the round-off of the projection, from which nothing can fall.
     """
-    n, ng = w.ints[N], w.ints[NG]
-    w.ints[OPENED] = 0
-    call(w.ints[FIELD], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    n, ng = w.ints[layout.N], w.ints[layout.NG]
+    w.ints[layout.OPENED] = 0
+    call(w.ints[layout.FIELD], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(n):
         w.k[i] = w.z[n + i]
     _grow(w)
     for j in range(2 * ng):
         w.g[j] = w.z[2 * n + j]
     for j in range(ng):
-        w.slot[j] = j + ng if j < 2 * w.ints[NE] and w.m[j // 2] == 0.0 else j
+        w.slot[j] = j + ng if j < 2 * w.ints[layout.NE] and w.m[j // 2] == 0.0 else j
         size = abs(w.g[j])
         if size > guard_size(w, j):
             w.guard_scale[w.slot[j]] = size
         w.armed[j] = w.side[j] * w.g[j] > 1e-13 * guard_size(w, j)
-    for i in range(w.ints[NE]):
-        if w.zero[i] and w.m[i] != 0.0 and w.kind[i] == FRICTION:
+    for i in range(w.ints[layout.NE]):
+        if w.zero[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
             w.armed[2 * i] = False
 
 
@@ -73,13 +73,13 @@ def held_quietly(w):
 
     Outputs never enter a slip, and a contact that sticks lets go only where its guards, which are then negative, say so.
     """
-    for i in range(w.ints[NE]):
-        if w.kind[i] != FRICTION:
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] != layout.FRICTION:
             return False
         w.zero[i] = w.m[i] == 0.0
     refresh(w)
     quiet = True
-    for j in range(w.ints[NG]):
+    for j in range(w.ints[layout.NG]):
         quiet = quiet and w.side[j] * w.g[j] >= 0.0
     return quiet
 
@@ -87,7 +87,7 @@ def held_quietly(w):
 @inlined
 def nudge(w):
     """States and parameters with small relative changes, all different, in `s` and `q`: they show how large the terms are that cancel."""
-    for i in range(w.ints[N]):
+    for i in range(w.ints[layout.N]):
         w.x_other[i] = w.x[i] * (1.0 + 1e-7 * (1.0 - 0.3 * (i % 5)))
     for i in range(w.p.size):
         w.p_other[i] = w.p[i] * (1.0 + 1e-7 * (0.9 - 0.37 * (i % 7)))
@@ -96,10 +96,10 @@ def nudge(w):
 @inlined
 def project(w, t):
     """Set the slip of sticking elements to exactly zero, if there are any."""
-    for i in range(w.ints[NE]):
-        if w.m[i] == 0.0 and w.kind[i] != SWITCH:
-            call(w.ints[PROJECT], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-            for j in range(w.ints[N]):
+    for i in range(w.ints[layout.NE]):
+        if w.m[i] == 0.0 and w.kind[i] != layout.SWITCH:
+            call(w.ints[layout.PROJECT], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+            for j in range(w.ints[layout.N]):
                 w.x[j] = w.z[j]
             return
 
@@ -117,8 +117,8 @@ def accept_guard(w, j):
 @inlined
 def accept(w):
     """Take the step in `y`: states, slopes, guards and their sizes so far."""
-    n, ng = w.ints[N], w.ints[NG]
-    w.ints[OPENED] = 0
+    n, ng = w.ints[layout.N], w.ints[layout.NG]
+    w.ints[layout.OPENED] = 0
     for i in range(n):
         w.x[i] = w.y[i]
         w.k[i] = w.y[n + i]
@@ -133,6 +133,6 @@ def accept(w):
 def bounds_hold(w):
     """Whether no bound of friction is negative at the current guards, beyond round-off."""
     hold = True
-    for j in range(w.ints[NG] - w.ints[BOUNDS], w.ints[NG]):
+    for j in range(w.ints[layout.NG] - w.ints[layout.BOUNDS], w.ints[layout.NG]):
         hold = hold and w.g[j] >= -1e-9 * guard_size(w, j)
     return hold

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.compilation.work_layout import EPS, FIELD, FRICTION, IMPULSE, NE, PROBE, RIGID, SWITCH, N
 from toolbox.stepping.guards import guard_size, nudge, project
 
 
@@ -16,13 +16,13 @@ def balanced(w, t):
 
     Friction holds at first; where its impulse exceeds the bound it slides the way it did, or against the impulse, and holds again where that turned it.
     """
-    n, ne = w.ints[N], w.ints[NE]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     for _ in range(4 * ne + 8):
-        call(w.ints[IMPULSE], t, 0.0, w.x, w.m_other, w.p, w.m, w.y)
+        call(w.ints[layout.IMPULSE], t, 0.0, w.x, w.m_other, w.p, w.m, w.y)
         settled = True
         for i in range(ne):
             impulse, before, after, bound = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
-            if w.kind[i] == RIGID:
+            if w.kind[i] == layout.RIGID:
                 if w.m_other[i] == 1.0 and impulse > 0.0:
                     w.m_other[i] = 0.0
                     settled = False
@@ -43,17 +43,37 @@ def balanced(w, t):
     return energy if energy > 1e-12 * size else 0.0
 
 
+@inlined
+def _end_low_flights(w, t):
+    """Close contacts whose next flight would be too low to be resolved."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    nudge(w)
+    call(w.ints[layout.FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for i in range(ne):
+        w.m_other[i] = w.z[2 * n + 2 * i]
+    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
+        w.m_other[i] = 64.0 * layout.EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(ne):
+        if w.bounced[i]:
+            after, fall = w.z[i], w.z[ne + i]
+            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
+            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
+                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+
+
 @called
 def impact(w, t):
     """The impact of the rigid contacts whose gap has just closed; they bounce, or close where the next flight would be too low to be resolved."""
     w = lent(w)
-    n, ne = w.ints[N], w.ints[NE]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     for elastic in range(1, -1, -1):
         w.m_other[ne] = float(elastic)
         for i in range(ne):
             w.forced[i] = False
-            w.m_other[i] = 1.0 if w.kind[i] == RIGID and (w.before[i] == 0.0 or w.fired[2 * i]) else 0.0
-            if w.kind[i] != SWITCH:
+            w.m_other[i] = 1.0 if w.kind[i] == layout.RIGID and (w.before[i] == 0.0 or w.fired[2 * i]) else 0.0
+            if w.kind[i] != layout.SWITCH:
                 w.m[i] = w.before[i]
         for i in range(ne):
             if w.attached[i] >= 0 and w.m_other[w.attached[i]] == 1.0:
@@ -64,7 +84,7 @@ def impact(w, t):
         w.x[i] = w.y[i]
     for i in range(ne):
         after = w.y[n + 2 * ne + i]
-        if w.kind[i] == RIGID:
+        if w.kind[i] == layout.RIGID:
             if w.before[i] == 0.0:
                 w.m[i] = 1.0 - w.m_other[i]
                 w.zero[i] = w.m_other[i] == 1.0
@@ -72,21 +92,8 @@ def impact(w, t):
                 w.zero[i] = not after < 0.0
                 w.bounced[i] = not w.zero[i]
                 w.m[i] = 0.0 if w.zero[i] else 1.0
-        elif w.kind[i] == FRICTION:
+        elif w.kind[i] == layout.FRICTION:
             w.zero[i] = w.m_other[i] == 1.0 or abs(after) <= 1e-9 * w.guard_scale[2 * i]
             w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, after)
-    nudge(w)
-    call(w.ints[FIELD], t * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
-    for i in range(ne):
-        w.m_other[i] = w.z[2 * n + 2 * i]
-    call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(ne):  # round-off of the gap, whose terms may be far larger than itself
-        w.m_other[i] = 64.0 * EPS * 1e7 * abs(w.m_other[i] - w.z[2 * n + 2 * i])
-    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(ne):
-        if w.bounced[i]:
-            after, fall = w.z[i], w.z[ne + i]
-            # a flight must also rise well above the depth at which the impact was located, or its end could not be told from its beginning
-            if fall > 0.0 and 0.5 * after * after <= fall * max(1e-13 * guard_size(w, 2 * i), -10.0 * w.g[2 * i], w.m_other[i]):
-                w.bounced[i], w.zero[i], w.m[i] = False, True, 0.0
+    _end_low_flights(w, t)
     project(w, t)

@@ -6,26 +6,9 @@ import math
 
 import numpy as np
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.compilation.work_layout import (
-    BOUNDS,
-    COUPLED,
-    CULPRIT,
-    EPS,
-    EVENTS,
-    FIELD,
-    FRICTION,
-    LOCATED,
-    MERGED,
-    NE,
-    NG,
-    PROBE,
-    RIGID,
-    SWITCH,
-    TIME,
-    N,
-)
 from toolbox.stepping.guards import bounds_hold, flies, guard_size, nudge, project, refresh, two_directions
 from toolbox.stepping.impacts import impact
 
@@ -33,16 +16,16 @@ from toolbox.stepping.impacts import impact
 @inlined
 def modes_consistent(w, t, change, one):
     """Whether the modes of the elements marked in `zero` agree with the forces; with `change`, correct those that do not (only `one`, or all)."""
-    ne = w.ints[NE]
-    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    ne = w.ints[layout.NE]
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     consistent = True
     for j in range(ne):
         i = j if one < 0 else (j + one) % ne
         if not w.zero[i]:
             continue
         rate, force, static, pace = w.z[ne + i], w.z[2 * ne + i], w.z[3 * ne + i], w.z[4 * ne + i]
-        if w.kind[i] == RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
-            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[NG]]:
+        if w.kind[i] == layout.RIGID:  # pushes while closed (a multiplier below zero), and stays open where the gap grows
+            if force <= 0.0 if w.m[i] == 0.0 else rate <= 1e-9 * abs(pace) * w.guard_scale[2 * i + w.ints[layout.NG]]:
                 continue  # released where its force is zero, it may seem to close by the round-off of that zero
             right = 1.0 - w.m[i]
         elif flies(w, i):
@@ -51,7 +34,7 @@ def modes_consistent(w, t, change, one):
             right = -1.0 if force > 0.0 else 1.0
         elif w.m[i] == 0.0:
             # the last term for a bound that falls to zero, or an ulp below, with the normal force that makes it
-            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[NG]]:
+            if abs(force) <= static * (1.0 + 1e-9) + 1e-12 * w.guard_scale[2 * i + w.ints[layout.NG]]:
                 continue
             right = -1.0 if force > 0.0 else 1.0
         else:
@@ -75,16 +58,16 @@ def decide(w, t):
     Starts from the modes in m and changes all inconsistent elements at once; if that does not settle, one by one. With static friction above
     kinetic several sets can be consistent: what can stick beside the others does. Returns False where no consistent set is found.
     """
-    ne = w.ints[NE]
+    ne = w.ints[layout.NE]
     together = 20 + 4 * ne
     settled = False
     for attempt in range(together + 60 + 20 * ne):
         if modes_consistent(w, t, True, -1 if attempt < together else attempt % ne):
             settled = True
             break
-    if settled and w.ints[COUPLED] == 1:
+    if settled and w.ints[layout.COUPLED] == 1:
         for i in range(ne):
-            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == FRICTION:
+            if w.zero[i] and not w.forced[i] and w.m[i] != 0.0 and w.kind[i] == layout.FRICTION:
                 mode = w.m[i]
                 w.m[i] = 0.0
                 if not modes_consistent(w, t, False, -1):
@@ -96,11 +79,11 @@ def decide(w, t):
 def turn_switches(w):
     """Turn every switch whose threshold is passed at the current guards by more than events are located to; returns whether there was one."""
     turned = False
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         size = max(
-            w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[NG]]
+            w.guard_scale[2 * i], w.guard_scale[2 * i + w.ints[layout.NG]]
         )  # in both positions: a position that is new has seen nothing yet
-        if w.kind[i] == SWITCH and w.g[2 * i] < -2e-9 * size:
+        if w.kind[i] == layout.SWITCH and w.g[2 * i] < -2e-9 * size:
             w.m[i] = 1.0 - w.m[i]
             turned = True
     return turned
@@ -112,10 +95,10 @@ def settle(w, t):
 
     A switch whose threshold is passed turns, too, which may change the forces that decide, and turn others.
     """
-    for _ in range(2 * w.ints[NE] + 1):
+    for _ in range(2 * w.ints[layout.NE] + 1):
         if not decide(w, t):
             return False
-        for i in range(w.ints[NE]):
+        for i in range(w.ints[layout.NE]):
             if two_directions(w, i) and flies(w, i):
                 w.m[i + 1] = 1.0
         refresh(w)
@@ -123,17 +106,17 @@ def settle(w, t):
             return False
         if not turn_switches(w):
             break
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         if w.m[i] != w.before[i] or w.bounced[i]:
             w.bounced[i] = False
-            e = w.ints[EVENTS]
+            e = w.ints[layout.EVENTS]
             w.ev_t[e] = t
             w.ev_i[e] = i
             w.ev_m[e, 0] = np.int8(w.before[i])
             w.ev_m[e, 1] = np.int8(w.m[i])
             w.ev_m[e, 2] = 0
-            w.ints[EVENTS] = e + 1
-            w.ints[CULPRIT] = i
+            w.ints[layout.EVENTS] = e + 1
+            w.ints[layout.CULPRIT] = i
     return True
 
 
@@ -143,38 +126,56 @@ def mark(w, again):
 
     A slip that passes through zero in flight fires alone: it concerns no other element.
     """
-    ng = w.ints[NG]
-    first = w.ints[LOCATED] // 2 if w.ints[LOCATED] < 2 * w.ints[NE] else -1
+    ng = w.ints[layout.NG]
+    first = w.ints[layout.LOCATED] // 2 if w.ints[layout.LOCATED] < 2 * w.ints[layout.NE] else -1
     alone = first >= 0 and w.m[first] != 0.0 and flies(w, first)
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         w.before[i] = w.m[i]
-        w.zero[i] = w.m[i] == 0.0 and w.kind[i] != SWITCH
+        w.zero[i] = w.m[i] == 0.0 and w.kind[i] != layout.SWITCH
     for j in range(ng):
         rate = w.side[j] * w.g[ng + j]
         # a kink that is at zero and stays there has not been crossed
-        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[NE]))
-        flying = j < 2 * w.ints[NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
-        w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[LOCATED]
+        near = w.side[j] * w.g[j] <= 1e-9 * guard_size(w, j) and (rate < 0.0 or (rate == 0.0 and j < 2 * w.ints[layout.NE]))
+        flying = j < 2 * w.ints[layout.NE] and w.m[j // 2] != 0.0 and flies(w, j // 2)
+        w.fired[j] = (near and not again and not alone and not flying) or j == w.ints[layout.LOCATED]
 
 
 @inlined
 def fire(w, t):
     """Handle the marked guards: kinks change side, switches turn, elements are put at zero slip or released, and modes are decided."""
-    ne, ng = w.ints[NE], w.ints[NG]
-    kink, strike, ended = False, False, False
-    for j in range(2 * ne, ng - w.ints[BOUNDS]):
+    ne, ng = w.ints[layout.NE], w.ints[layout.NG]
+    kink, strike = False, False
+    for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
         if w.fired[j]:
             w.side[j] = -w.side[j]
             kink = True
     for i in range(ne):
         w.forced[i] = False
-        if w.kind[i] == SWITCH and w.fired[2 * i]:
+        if w.kind[i] == layout.SWITCH and w.fired[2 * i]:
             w.m[i] = 1.0 - w.m[i]
-        strike = strike or (w.kind[i] == RIGID and w.before[i] != 0.0 and w.fired[2 * i])
+        strike = strike or (w.kind[i] == layout.RIGID and w.before[i] != 0.0 and w.fired[2 * i])
     if strike:
         impact(owned(w), t)
-    for i in range(ne):
-        if w.kind[i] == FRICTION and w.before[i] != 0.0 and w.fired[2 * i] and not strike:
+    else:
+        _come_to_rest(w, t)
+        _release(w)
+    events = w.ints[layout.EVENTS]
+    if not settle(w, t):
+        return False
+    if w.ints[layout.COUPLED] == 1:
+        for e in range(events, w.ints[layout.EVENTS]):
+            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
+    if w.ints[layout.EVENTS] == events and not kink:
+        w.ints[layout.MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
+    return True
+
+
+@inlined
+def _come_to_rest(w, t):
+    """Put frictions whose slip has ended at zero slip."""
+    ended = False
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] == layout.FRICTION and w.before[i] != 0.0 and w.fired[2 * i]:
             if flies(w, i):
                 w.m[i] = -w.m[i]
                 continue
@@ -185,22 +186,18 @@ def fire(w, t):
                 ended = True
     if ended:
         project(w, t)
-    for i in range(ne):
-        if w.kind[i] == FRICTION and not strike:
+
+
+@inlined
+def _release(w):
+    """Let go what is at the limit of its force: frictions in the direction of the guard that fired, rigid contacts that no longer push."""
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] == layout.FRICTION:
             w.forced[i] = w.before[i] == 0.0 and w.fired[2 * i] != w.fired[2 * i + 1]
             if w.forced[i]:
                 w.m[i] = -1.0 if w.fired[2 * i] else 1.0
-        elif w.kind[i] == RIGID and w.before[i] == 0.0 and w.fired[2 * i] and not strike:
+        elif w.kind[i] == layout.RIGID and w.before[i] == 0.0 and w.fired[2 * i]:
             w.m[i], w.forced[i] = 1.0, True
-    events = w.ints[EVENTS]
-    if not settle(w, t):
-        return False
-    if w.ints[COUPLED] == 1:
-        for e in range(events, w.ints[EVENTS]):
-            w.ev_m[e, 2] = np.int8(_other_choice(owned(w), t, w.ev_i[e]))
-    if w.ints[EVENTS] == events and not kink:
-        w.ints[MERGED] += 1  # touched zero and went on, or left and came back faster than can be resolved
-    return True
 
 
 @called
@@ -210,8 +207,8 @@ def _other_choice(w, t, i):
     The others decide anew each time. Where forces hold each other and static friction is above kinetic both can be consistent. Leaves the modes in m.
     """
     w = lent(w)
-    ne = w.ints[NE]
-    if w.kind[i] != FRICTION or not w.zero[i]:
+    ne = w.ints[layout.NE]
+    if w.kind[i] != layout.FRICTION or not w.zero[i]:
         return False
     for j in range(ne):
         w.m_other[j] = w.m[j]
@@ -235,6 +232,44 @@ def _other_choice(w, t, i):
     return possible
 
 
+@inlined
+def _gaps_open(w, t):
+    """Set `m_other` to 1 where a gap is closed, to 0 where it is open; False where a rigid contact is inside."""
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    rigid = False
+    for i in range(ne):
+        rigid = rigid or w.kind[i] == layout.RIGID
+    if rigid:
+        call(w.ints[layout.FIELD], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+        for i in range(ne):
+            w.m_other[i] = w.z[2 * n + 2 * i]
+        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        for i in range(ne):
+            gap = w.z[2 * n + 2 * i]
+            close = abs(gap) <= 4.0 * layout.EPS * 1e7 * abs(w.m_other[i] - gap)
+            if w.kind[i] == layout.RIGID and gap < 0.0 and not close:
+                w.ints[layout.CULPRIT] = i
+                return False
+            w.m_other[i] = 1.0 if close else 0.0
+    return True
+
+
+@inlined
+def _turn_switches(w, t):
+    """Turn switches until all guards agree: one may turn another."""
+    n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
+    for _ in range(2 * ne):
+        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        turned = False
+        for i in range(ne):
+            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
+            if w.kind[i] == layout.SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
+                w.m[i] = 1.0 - w.m[i]
+                turned = True
+        if not turned:
+            break
+
+
 @called
 def begin(w):
     """Modes from the start state, then slopes, guards and the first step size. False where no modes are consistent.
@@ -243,62 +278,40 @@ def begin(w):
     switches turn until their guards agree.
     """
     w = lent(w)
-    n, ne, ng = w.ints[N], w.ints[NE], w.ints[NG]
-    t = w.reals[TIME]
+    n, ne, ng = w.ints[layout.N], w.ints[layout.NE], w.ints[layout.NG]
+    t = w.reals[layout.TIME]
     for i in range(ne):
         w.m[i] = w.initial[i]
     # a slip, or a gap, is zero where it is no more than the round-off of its terms, which small relative changes show
     nudge(w)
-    rigid = False
-    for i in range(ne):
-        rigid = rigid or w.kind[i] == RIGID
-    if rigid:
-        call(w.ints[FIELD], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
-        for i in range(ne):
-            w.m_other[i] = w.z[2 * n + 2 * i]
-        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-        for i in range(ne):
-            gap = w.z[2 * n + 2 * i]
-            close = abs(gap) <= 4.0 * EPS * 1e7 * abs(w.m_other[i] - gap)
-            if w.kind[i] == RIGID and gap < 0.0 and not close:
-                w.ints[CULPRIT] = i
-                return False
-            w.m_other[i] = 1.0 if close else 0.0
-    call(w.ints[PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
-    call(w.ints[PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    if not _gaps_open(w, t):
+        return False
+    call(w.ints[layout.PROBE], t, 0.0, w.x_other, w.k, w.p_other, w.m, w.y)
+    call(w.ints[layout.PROBE], t, 0.0, w.x, w.k, w.p, w.m, w.z)
     for i in range(ne):
         slip = w.z[i]
-        if w.kind[i] == SWITCH:
+        if w.kind[i] == layout.SWITCH:
             w.zero[i] = False
             continue
-        w.zero[i] = abs(slip) <= 4.0 * EPS * 1e7 * abs(w.y[i] - slip)
-        if w.kind[i] == RIGID:
+        w.zero[i] = abs(slip) <= 4.0 * layout.EPS * 1e7 * abs(w.y[i] - slip)
+        if w.kind[i] == layout.RIGID:
             w.zero[i] = w.zero[i] and w.m_other[i] == 1.0
             w.m[i] = 0.0 if w.zero[i] else 1.0
             continue
         w.m[i] = 0.0 if w.zero[i] else math.copysign(1.0, slip)
         if two_directions(w, i):
             w.m[i + 1] = abs(w.m[i])
-    for _ in range(2 * ne):  # a switch may turn another
-        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-        turned = False
-        for i in range(ne):
-            g, rate = w.z[2 * n + 2 * i], w.z[2 * n + ng + 2 * i]
-            if w.kind[i] == SWITCH and (g < 0.0 or (g == 0.0 and rate < 0.0)):
-                w.m[i] = 1.0 - w.m[i]
-                turned = True
-        if not turned:
-            break
+    _turn_switches(w, t)
     project(w, t)
     if not decide(w, t):
         return False
     for i in range(ne):  # one that is constant has no guard; what is below zero by round-off of its terms is zero
         bound = w.z[3 * ne + i]
-        if w.kind[i] == FRICTION and bound < -1e-2 * abs(w.y[3 * ne + i] - bound):
-            w.ints[CULPRIT] = i
+        if w.kind[i] == layout.FRICTION and bound < -1e-2 * abs(w.y[3 * ne + i] - bound):
+            w.ints[layout.CULPRIT] = i
             return False
-    call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
-    for j in range(2 * ne, ng - w.ints[BOUNDS]):
+    call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+    for j in range(2 * ne, ng - w.ints[layout.BOUNDS]):
         g, rate = w.z[2 * n + j], w.z[2 * n + ng + j]
         w.side[j] = -1.0 if g < 0.0 or (g == 0.0 and rate < 0.0) else 1.0
     refresh(w)

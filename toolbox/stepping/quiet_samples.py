@@ -7,27 +7,9 @@ the numbers are the same to the last bit.
 
 from __future__ import annotations
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    ADDRESS,
-    CUT_SHORT,
-    END,
-    FRICTION,
-    IMPLICIT,
-    JUMP,
-    LONGEST,
-    NE,
-    OUTPUT,
-    RECORDS,
-    REJECTED,
-    SERIES,
-    STEP,
-    STEP_OLD,
-    STEP_SIZE,
-    TIME,
-)
 from toolbox.stepping.calendar import next_stop, record, samples
 from toolbox.stepping.crossings import watch
 from toolbox.stepping.guards import accept, held_quietly, project
@@ -40,22 +22,22 @@ REFRESHED = 32
 @inlined
 def cut_short(h, wanted):
     """Whether a step h is so much shorter than the one wanted that its error says nothing of how long the next one may be."""
-    return CUT_SHORT * h <= wanted
+    return layout.CUT_SHORT * h <= wanted
 
 
 @inlined
 def samples_rule(w):
     """Whether the next step ends on a sample of a compiled law, which cuts it short, and no element bounces or switches."""
     few = w.samplers.shape[0]
-    if few == 0 or w.ints[IMPLICIT] == 1 or w.ints[SERIES] != 0:
+    if few == 0 or w.ints[layout.IMPLICIT] == 1 or w.ints[layout.SERIES] != 0:
         return False
     for c in range(few):
-        if w.samplers[c, ADDRESS] == 0:
+        if w.samplers[c, layout.ADDRESS] == 0:
             return False
-    for i in range(w.ints[NE]):
-        if w.kind[i] != FRICTION:
+    for i in range(w.ints[layout.NE]):
+        if w.kind[i] != layout.FRICTION:
             return False
-    return cut_short(next_stop(w) - w.reals[TIME], min(w.reals[STEP_SIZE], w.reals[LONGEST]))
+    return cut_short(next_stop(w) - w.reals[layout.TIME], min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST]))
 
 
 @called
@@ -65,31 +47,31 @@ def from_sample_to_sample(w, every_node, budget):
     budget: accepted and refused steps at which the loop pauses. Returns whether a sample has been taken after which the modes are still to be decided.
     """
     w = lent(w)
-    wanted = min(w.reals[STEP_SIZE], w.reals[LONGEST])
-    last = w.reals[END]
-    if w.ints[JUMP] < w.jump_t.size:
-        last = min(last, w.jump_t[w.ints[JUMP]])
-    if w.ints[OUTPUT] < w.out_t.size:
-        last = min(last, w.out_t[w.ints[OUTPUT]])
+    wanted = min(w.reals[layout.STEP_SIZE], w.reals[layout.LONGEST])
+    last = w.reals[layout.END]
+    if w.ints[layout.JUMP] < w.jump_t.size:
+        last = min(last, w.jump_t[w.ints[layout.JUMP]])
+    if w.ints[layout.OUTPUT] < w.out_t.size:
+        last = min(last, w.out_t[w.ints[layout.OUTPUT]])
     while True:
-        t = w.reals[TIME]
+        t = w.reals[layout.TIME]
         stop = next_stop(w)
         h = stop - t
-        due = w.ints[ACCEPTED] + 1
+        due = w.ints[layout.ACCEPTED] + 1
         if not (cut_short(h, wanted) and stop < last and h > 1e-13 * abs(t) and h > 1e-300):
             return False
-        if due % REFRESHED == 0 or due + w.ints[REJECTED] > budget or w.ints[RECORDS] + 8 > w.rec_t.size:
+        if due % REFRESHED == 0 or due + w.ints[layout.REJECTED] > budget or w.ints[layout.RECORDS] + 8 > w.rec_t.size:
             return False
-        call(w.ints[STEP], t, h, w.x, w.k, w.p, w.m, w.y)
+        call(w.ints[layout.STEP], t, h, w.x, w.k, w.p, w.m, w.y)
         error = scaled_error(w, h)
         if not error <= 1.0:
             return False
         hit, suspicious = watch(w, h, error, False)
         if hit or suspicious:
             return False
-        w.ints[ACCEPTED] = due
-        w.reals[STEP_OLD] = 0.0
-        w.reals[TIME] = stop
+        w.ints[layout.ACCEPTED] = due
+        w.reals[layout.STEP_OLD] = 0.0
+        w.reals[layout.TIME] = stop
         accept(w)
         project(w, stop)
         _, changed = samples(w, stop)

@@ -17,25 +17,9 @@ from __future__ import annotations
 
 import math
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.compilation.work_layout import (
-    BOUNDS,
-    END,
-    FIELD,
-    FRICTION,
-    LOCATED,
-    NE,
-    NG,
-    OPENED,
-    ORDER,
-    RTOL,
-    SERIES,
-    STEP,
-    STEP_OLD,
-    STEP_SIZE,
-    N,
-)
 from toolbox.stepping.crossings import first_descent
 from toolbox.stepping.guards import close_to_zero, guard_size
 from toolbox.stepping.step_control import exp2, log2, measure_round_off, spread_round_off
@@ -62,44 +46,44 @@ def _allowance(ratio, power):
 @inlined
 def open_series(w, t):
     """Write the table at the current point and choose the step size by it. False where a coefficient is not finite."""
-    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
-    call(w.ints[SERIES], t, max(w.reals[STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
-    rate = SHARE * w.reals[RTOL] / w.reals[END]
-    first, second, guard, whole = 0.0, 0.0, 0.0, 0.0
+    call(w.ints[layout.SERIES], t, max(w.reals[layout.STEP_SIZE], 0.0), w.x, w.k, w.p, w.m, w.k)
+    rate = SHARE * w.reals[layout.RTOL] / w.reals[layout.END]
+    first, second, guard, total = 0.0, 0.0, 0.0, 0.0
     last = (order - 1) * width
     for i in range(n - w.excited.size):
         size = max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
         weight = 1.0 / (rate * size + w.noise[i])
         first = max(first, abs(w.k[last + i]) * weight)
         second = max(second, abs(w.k[last - width + i]) * weight)
-        whole += abs(w.k[last + i])
+        total += abs(w.k[last + i])
     for j in range(ng):
         size = abs(w.k[last + n + j])
-        whole += size
+        total += size
         if guard_size(w, j) > 0.0:  # of a slip that has just begun only states have a size
             guard = max(guard, size / guard_size(w, j))
-    if not whole < math.inf:
+    if not total < math.inf:
         return False
     p = float(order)
     h = min(_allowance(first, 1.0 / (p - 1.0)), _allowance(second, 1.0 / (p - 2.0)))
-    if w.reals[STEP_SIZE] <= 0.0 or h > 1.0 + log2(w.reals[STEP_SIZE]):  # the last two may be zero alone
+    if w.reals[layout.STEP_SIZE] <= 0.0 or h > 1.0 + log2(w.reals[layout.STEP_SIZE]):  # the last two may be zero alone
         third, fourth = 0.0, 0.0
         for i in range(n - w.excited.size):
             weight = 1.0 / (rate * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14) + w.noise[i])
             third = max(third, abs(w.k[last - 2 * width + i]) * weight)
             fourth = max(fourth, abs(w.k[last - 3 * width + i]) * weight)
         h = min(h, SLACK + min(_allowance(third, 1.0 / (p - 3.0)), _allowance(fourth, 1.0 / (p - 4.0))))
-    tenth = log2(0.1 * w.reals[END])
+    tenth = log2(0.1 * w.reals[layout.END])
     if h > tenth and first > 0.0:  # of an error that a tenth of the run may make
         h = max(tenth, -(log2(first) - tenth) / p)
-    if first > 0.0 and w.reals[RTOL] < 1e-10:  # no less than round-off
+    if first > 0.0 and w.reals[layout.RTOL] < 1e-10:  # no less than round-off
         h = max(h, (log2(1e-14 / rate) - log2(first)) / p)
     if guard > 0.0:
-        h = min(h, (log2(GUARD_SHARE * w.reals[RTOL]) - log2(guard)) / p)
-    w.reals[STEP_SIZE] = exp2(max(min(h, 900.0), -900.0))
-    w.reals[STEP_OLD] = 0.0
-    w.ints[OPENED] = 1
+        h = min(h, (log2(GUARD_SHARE * w.reals[layout.RTOL]) - log2(guard)) / p)
+    w.reals[layout.STEP_SIZE] = exp2(max(min(h, 900.0), -900.0))
+    w.reals[layout.STEP_OLD] = 0.0
+    w.ints[layout.OPENED] = 1
     for j in range(ng):
         w.g[j] = w.k[order * width + n + j]
         w.g[ng + j] = w.k[n + j]
@@ -114,7 +98,7 @@ def _first_fall(w, h, j, shift, length):
     power of time.
     """
     w = lent(w)
-    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     c = w.z
     power, bend = 1.0, 0.0
@@ -178,7 +162,7 @@ def watch_series(w, h, node):
     Returns (whether one does, whether an element has to decide at once, whether guards that start at zero make it doubtful which is first, the fraction of h
     at which the first is zero, and one by which something is negative).
     """
-    ng, ne, n = w.ints[NG], w.ints[NE], w.ints[N]
+    ng, ne, n = w.ints[layout.NG], w.ints[layout.NE], w.ints[layout.N]
     end = 2 * n
     least = 3 * n + 2 * ng
     hit, doubtful, first, top = False, False, 2.0, 1.0
@@ -188,10 +172,10 @@ def watch_series(w, h, node):
         a, b = w.side[j] * w.g[j], w.side[j] * w.y[end + j]
         zero, fraction = 2.0, 2.0
         if w.armed[j]:
-            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == FRICTION) or j >= ng - w.ints[BOUNDS]
+            bound = (j < 2 * ne and w.m[j // 2] == 0.0 and w.kind[j // 2] == layout.FRICTION) or j >= ng - w.ints[layout.BOUNDS]
             if a <= 0.0:  # the polynomial that led here was just above
                 if w.side[j] * w.g[ng + j] < 0.0:
-                    w.ints[LOCATED] = j
+                    w.ints[layout.LOCATED] = j
                     return True, True, False, 0.0, 1.0
                 continue
             zero, fraction = _first_fall(owned(w), h, j, 0, 1.0 if b <= 0.0 else 0.5)
@@ -208,7 +192,7 @@ def watch_series(w, h, node):
             top = min(top, fraction)
             if zero < first:
                 first = zero
-                w.ints[LOCATED] = j
+                w.ints[layout.LOCATED] = j
     return hit, False, doubtful, first, top
 
 
@@ -219,9 +203,9 @@ def defect(w, t, h):
     The last coefficients do not show a term that is small now and grows faster than they do, such as that of a friction law far from its peak. The field there
     does. Of a step that is within bounds, slopes and guards at its end are then those of the field.
     """
-    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
-    call(w.ints[FIELD], t + h, 0.0, w.y, w.k, w.p, w.m, w.z)
-    share = SHARE * max(w.reals[RTOL] * min(h / w.reals[END], 0.1), 1e-14)
+    n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
+    call(w.ints[layout.FIELD], t + h, 0.0, w.y, w.k, w.p, w.m, w.z)
+    share = SHARE * max(w.reals[layout.RTOL] * min(h / w.reals[layout.END], 0.1), 1e-14)
     error = 0.0
     for i in range(n - w.excited.size):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
@@ -230,7 +214,7 @@ def defect(w, t, h):
     for j in range(ng):
         size = max(guard_size(w, j), abs(w.z[2 * n + j]))
         if size > 0.0:
-            off = abs(w.z[2 * n + j] - w.y[2 * n + j]) / (w.reals[RTOL] * size)
+            off = abs(w.z[2 * n + j] - w.y[2 * n + j]) / (w.reals[layout.RTOL] * size)
             error = off if not off <= error else error
     if error <= 1.0:
         for i in range(n - w.excited.size):
@@ -244,11 +228,11 @@ def defect(w, t, h):
 def turns(w, h):
     """The part of the step h at which a slip first comes closest to zero and turns, where friction laws have their peak; 1 where none does. The end is
     in `y`."""
-    ng, n = w.ints[NG], w.ints[N]
+    ng, n = w.ints[layout.NG], w.ints[layout.N]
     first = 1.0
-    for i in range(w.ints[NE]):
+    for i in range(w.ints[layout.NE]):
         j = 2 * i
-        if w.m[i] != 0.0 and w.kind[i] == FRICTION and w.g[ng + j] < 0.0 and w.y[2 * n + ng + j] > 0.0:
+        if w.m[i] != 0.0 and w.kind[i] == layout.FRICTION and w.g[ng + j] < 0.0 and w.y[2 * n + ng + j] > 0.0:
             first = min(first, _turn(owned(w), h, j))
     return first
 
@@ -257,7 +241,7 @@ def turns(w, h):
 def _turn(w, h, j):
     """Where the slope of guard j, negative at the start and positive at the end of the step h, is zero, in parts of h."""
     w = lent(w)
-    n, ng, order = w.ints[N], w.ints[NG], w.ints[ORDER]
+    n, ng, order = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.ORDER]
     width = n + ng
     power = 1.0
     for k in range(order):
@@ -270,7 +254,7 @@ def _turn(w, h, j):
 @inlined
 def polish(w, t, size):
     """Move the end of a step that ends on the located guard until the guard itself, not its polynomial, is zero; returns the size of the step."""
-    n, ng, j = w.ints[N], w.ints[NG], w.ints[LOCATED]
+    n, ng, j = w.ints[layout.N], w.ints[layout.NG], w.ints[layout.LOCATED]
     for _ in range(3):
         value, slope = w.side[j] * w.z[2 * n + j], w.side[j] * w.z[2 * n + ng + j]
         if abs(value) <= close_to_zero(w, j) or not slope < 0.0:
@@ -279,8 +263,8 @@ def polish(w, t, size):
         if not 0.9 * size <= moved <= 1.1 * size:
             break
         size = moved
-        call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
-        call(w.ints[FIELD], t + size, 0.0, w.y, w.k, w.p, w.m, w.z)
+        call(w.ints[layout.STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+        call(w.ints[layout.FIELD], t + size, 0.0, w.y, w.k, w.p, w.m, w.z)
         for i in range(2 * ng):
             w.y[2 * n + i] = w.z[2 * n + i]
     return size
@@ -299,7 +283,7 @@ def checked_end(w, t, h, t_new, event, rejected):
             measure_round_off(w)
             spread_round_off(w, h)
         elif middle < 1.0:
-            call(w.ints[STEP], t, size, w.x, w.k, w.p, w.m, w.y)
+            call(w.ints[layout.STEP], t, size, w.x, w.k, w.p, w.m, w.y)
         elif attempt == 0:
             continue
         error = defect(w, t, size)

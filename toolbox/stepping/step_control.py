@@ -6,30 +6,9 @@ import math
 
 import numpy as np
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import called, inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    BURDEN,
-    END,
-    EPS,
-    FIELD,
-    FOLLOWED,
-    IMPLICIT,
-    NE,
-    NG,
-    ORDER,
-    PROBE,
-    RTOL,
-    SECOND,
-    SERIES,
-    STEP,
-    STEP_OLD,
-    STEP_SIZE,
-    TIME,
-    TWO_ERRORS,
-    N,
-)
 from toolbox.stepping.guards import nudge
 
 STAGES = 10.0
@@ -58,27 +37,27 @@ def log2(x):
 @inlined
 def exp2(x):
     """Two to the power of x, |x| < 1000, to one part in two hundred."""
-    whole = math.floor(x)
-    fraction = x - whole
-    return np.int64((np.int64(whole) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
+    floor = math.floor(x)
+    fraction = x - floor
+    return np.int64((np.int64(floor) + 1023) << 52).view(np.float64) * (1.0 + fraction * (0.6565 + 0.3435 * fraction))
 
 
 @inlined
 def tolerance(w, i):
     """Local tolerance of state i: the accuracy asked times its size, with floors for states that are still small."""
-    return w.reals[RTOL] * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
+    return w.reals[layout.RTOL] * max(w.scale[i], 1e-10 * w.group_scale[w.group[i]], 1e-14)
 
 
 @inlined
 def measure_round_off(w):
     """Size of round-off in every slope, from what small changes do to it and from the forces that cancel in it."""
     nudge(w)
-    call(w.ints[FIELD], w.reals[TIME] * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
-    for i in range(w.ints[N]):
-        w.noise[i] = 1e7 * abs(w.z[w.ints[N] + i] - w.k[i]) * 32.0 * EPS
-    call(w.ints[BURDEN], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
-    for i in range(w.ints[N]):
-        w.noise[i] += w.z[i] * 32.0 * EPS
+    call(w.ints[layout.FIELD], w.reals[layout.TIME] * (1.0 + 1e-7), 0.0, w.x_other, w.k, w.p_other, w.m, w.z)
+    for i in range(w.ints[layout.N]):
+        w.noise[i] = 1e7 * abs(w.z[w.ints[layout.N] + i] - w.k[i]) * 32.0 * layout.EPS
+    call(w.ints[layout.BURDEN], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    for i in range(w.ints[layout.N]):
+        w.noise[i] += w.z[i] * 32.0 * layout.EPS
 
 
 @inlined
@@ -89,7 +68,7 @@ def spread_round_off(w, h):
     that round-off does not reach are left alone.
     """
     reached = False
-    for i in range(w.ints[N]):
+    for i in range(w.ints[layout.N]):
         reached = reached or (w.scale[i] > 0.0 and w.noise[i] * h > 1e-7 * w.scale[i])
     if reached:
         _spread(owned(w), h)
@@ -103,18 +82,18 @@ def _spread(w, h):
     A step carries the noise from state to state as far as it carries everything else, and damps it in modes that die within it.
     """
     w = lent(w)
-    n = w.ints[N]
-    if w.ints[SERIES] != 0:  # whose steps begin with a table, not with slopes
+    n = w.ints[layout.N]
+    if w.ints[layout.SERIES] != 0:  # whose steps begin with a table, not with slopes
         for i in range(n):
             w.x_other[i] = w.x[i] + h * w.noise[i]
-        call(w.ints[FIELD], w.reals[TIME], 0.0, w.x_other, w.k, w.p, w.m, w.z)
+        call(w.ints[layout.FIELD], w.reals[layout.TIME], 0.0, w.x_other, w.k, w.p, w.m, w.z)
         for i in range(n):
             _take_over(w, i, abs(w.z[n + i] - w.k[i]))
         return
     for i in range(n):
         w.x_other[i] = w.k[i] + STAGES * w.noise[i]
-    call(w.ints[STEP], w.reals[TIME], h, w.x, w.k, w.p, w.m, w.y)
-    call(w.ints[STEP], w.reals[TIME], h, w.x, w.x_other, w.p, w.m, w.z)
+    call(w.ints[layout.STEP], w.reals[layout.TIME], h, w.x, w.k, w.p, w.m, w.y)
+    call(w.ints[layout.STEP], w.reals[layout.TIME], h, w.x, w.x_other, w.p, w.m, w.z)
     for i in range(n):
         _take_over(w, i, abs(w.z[i] - w.y[i]) / h)
 
@@ -122,14 +101,14 @@ def _spread(w, h):
 @inlined
 def _take_over(w, i, spread):
     """Add what other slopes pass on to the noise of slope i, unless its state is of a size that round-off does not reach."""
-    if w.scale[i] <= REACH * spread * w.reals[TIME] < math.inf:
+    if w.scale[i] <= REACH * spread * w.reals[layout.TIME] < math.inf:
         w.noise[i] += spread
 
 
 @inlined
 def first_step(w):
     """A first step size by Hairer's rule."""
-    n, t = w.ints[N], w.reals[TIME]
+    n, t = w.ints[layout.N], w.reals[layout.TIME]
     d0, d1, d2 = 0.0, 0.0, 0.0
     for i in range(n):
         tol = tolerance(w, i)
@@ -137,36 +116,36 @@ def first_step(w):
         d1 += (w.k[i] / tol) ** 2
     measure_round_off(w)
     h0 = 1e-6 if d0 < 1e-10 or d1 < 1e-10 else 0.01 * math.sqrt(d0 / d1)
-    h0 = min(h0, w.reals[END] - t)
+    h0 = min(h0, w.reals[layout.END] - t)
     for i in range(n):
         w.y[i] = w.x[i] + h0 * w.k[i]
-    call(w.ints[FIELD], t + h0, 0.0, w.y, w.k, w.p, w.m, w.z)
+    call(w.ints[layout.FIELD], t + h0, 0.0, w.y, w.k, w.p, w.m, w.z)
     for i in range(n):
         d2 += ((w.z[n + i] - w.k[i]) / tolerance(w, i)) ** 2
     d1 = math.sqrt(d1 / n)
     d2 = math.sqrt(d2 / n) / h0 if h0 > 0.0 else 0.0
     top = max(d1, d2)
-    h1 = (0.01 / top) ** (1.0 / w.ints[ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
+    h1 = (0.01 / top) ** (1.0 / w.ints[layout.ORDER]) if top > 1e-15 else max(1e-6, h0 * 1e-3)
     # states that are still zero would make the rule absurdly careful; a step too long is only rejected
-    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[END])
-    w.reals[STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
-    w.reals[STEP_OLD] = 0.0
+    h = max(min(100.0 * h0, h1), 1e-9 * w.reals[layout.END])
+    w.reals[layout.STEP_SIZE] = h if h > 0.0 and math.isfinite(h) else 1e-9
+    w.reals[layout.STEP_OLD] = 0.0
 
 
 @inlined
 def outgrown(w, h):
     """Whether the implicit step h in `y` is longer than modes that may grow allow."""
-    return w.ints[IMPLICIT] == 1 and h > w.reals[FOLLOWED] and not w.y[3 * w.ints[N] + 2 * w.ints[NG]] > 0.0
+    return w.ints[layout.IMPLICIT] == 1 and h > w.reals[layout.FOLLOWED] and not w.y[3 * w.ints[layout.N] + 2 * w.ints[layout.NG]] > 0.0
 
 
 @called
 def _growth_of_slip(w, h, i):
     """How many times larger the slip speed of element i is at the end of the step h in `y` than at its start; PASSED_OVER where the slip has turned round."""
     w = lent(w)
-    ne = w.ints[NE]
-    call(w.ints[PROBE], w.reals[TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
+    ne = w.ints[layout.NE]
+    call(w.ints[layout.PROBE], w.reals[layout.TIME], 0.0, w.x, w.k, w.p, w.m, w.z)
     before, first, second = w.z[i], w.z[i + 1], w.z[ne + i + 1]
-    call(w.ints[PROBE], w.reals[TIME] + h, 0.0, w.y, w.k, w.p, w.m, w.z)
+    call(w.ints[layout.PROBE], w.reals[layout.TIME] + h, 0.0, w.y, w.k, w.p, w.m, w.z)
     if first * w.z[i + 1] + second * w.z[ne + i + 1] < 0.0:
         return PASSED_OVER
     return w.z[i] / before if before > 0.0 else 1.0
@@ -183,38 +162,38 @@ def scaled_error(w, h):
     if outgrown(w, h):
         return math.nan
     hidden = w.excited.size
-    n = w.ints[N] - hidden
-    base = 2 * w.ints[N] + 2 * w.ints[NG]
-    two = w.ints[TWO_ERRORS] == 1
+    n = w.ints[layout.N] - hidden
+    base = 2 * w.ints[layout.N] + 2 * w.ints[layout.NG]
+    two = w.ints[layout.TWO_ERRORS] == 1
     sum1, sum2 = 0.0, 0.0
     portion, turned = h, 0.0
-    if w.ints[IMPLICIT] == 1:
-        portion = max(h, w.reals[TIME] / (w.ints[ACCEPTED] + 1.0))
-        for i in range(1, w.ints[NE]):
-            if w.loader[i] == SECOND and w.m[i] == 1.0 and w.m[i - 1] != 0.0:
+    if w.ints[layout.IMPLICIT] == 1:
+        portion = max(h, w.reals[layout.TIME] / (w.ints[layout.ACCEPTED] + 1.0))
+        for i in range(1, w.ints[layout.NE]):
+            if w.loader[i] == layout.SECOND and w.m[i] == 1.0 and w.m[i - 1] != 0.0:
                 portion = h  # a slip that ends must not miss its rest by what other steps may add
                 turned = max(turned, _growth_of_slip(owned(w), h, i - 1) / GROWTH_OF_SLIP)
-    share = max(w.reals[RTOL] * min(portion / w.reals[END], 0.1), 1e-14 if w.reals[RTOL] > 1e-14 else 2e-15)
+    share = max(w.reals[layout.RTOL] * min(portion / w.reals[layout.END], 0.1), 1e-14 if w.reals[layout.RTOL] > 1e-14 else 2e-15)
     for i in range(n):
         size = max(w.scale[i], abs(w.y[i]), 1e-10 * w.group_scale[w.group[i]], 1e-14)
-        if w.ints[IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
+        if w.ints[layout.IMPLICIT] == 1 and abs(w.y[i]) > w.scale[i]:  # nobody knows yet how large it will be
             size = max(size, 1e-4 * w.group_scale[w.group[i]])
         tol = 1.0 / (share * size + w.noise[i] * h)
         e = w.y[base + i] * tol
         sum1 += e * e
         if two:
-            e = w.y[base + w.ints[N] + i] * tol
+            e = w.y[base + w.ints[layout.N] + i] * tol
             sum2 += e * e
     if two:
         bottom = sum1 + 0.01 * sum2
         error = 0.0 if bottom == 0.0 else sum1 / math.sqrt(bottom * n)  # NaN stays NaN
     else:
         error = math.sqrt(sum1 / n)
-    lowest = base + w.ints[N] if two else base
+    lowest = base + w.ints[layout.N] if two else base
     if turned > 1.0:  # less says nothing of the next step
         error = max(error, turned)
     for q in range(hidden):
         # where nothing has acted yet the force is taken to become what its rate makes of it in a thousandth of the run
-        size = max(w.guard_scale[2 * w.excited[q] + w.ints[NG]], 1e-3 * w.reals[END] * abs(w.k[n + q]), 1e-300)
+        size = max(w.guard_scale[2 * w.excited[q] + w.ints[layout.NG]], 1e-3 * w.reals[layout.END] * abs(w.k[n + q]), 1e-300)
         error = max(error, abs(w.y[lowest + n + q]) / ((0.02 if two else 3e-4) * size))
     return error

@@ -8,34 +8,9 @@ from __future__ import annotations
 
 import math
 
+from toolbox.compilation import work_layout as layout
 from toolbox.compilation.calls import call, lent, owned
 from toolbox.compilation.numba_cache import cached, inlined
-from toolbox.compilation.work_layout import (
-    ACCEPTED,
-    BUDGET,
-    CULPRIT,
-    DONE,
-    END,
-    EVENTS,
-    EVENTS_FULL,
-    FIELD,
-    INCONSISTENT,
-    NE,
-    NODES,
-    OUTPUT,
-    PAUSED,
-    RECORDS,
-    RECORDS_FULL,
-    RIGID,
-    SAMPLE_DUE,
-    STARTED,
-    STEP,
-    STEP_SIZE,
-    SWITCH,
-    TIME,
-    UNDERFLOW,
-    N,
-)
 from toolbox.stepping.calendar import jumps, next_stop, record, samples
 from toolbox.stepping.guards import project
 from toolbox.stepping.modes import begin
@@ -44,37 +19,37 @@ from toolbox.stepping.modes import begin
 @inlined
 def _event(w, t, i, before, after):
     """Note a switch of element i."""
-    e = w.ints[EVENTS]
+    e = w.ints[layout.EVENTS]
     w.ev_t[e], w.ev_i[e] = t, i
     w.ev_m[e, 0], w.ev_m[e, 1], w.ev_m[e, 2] = before, after, 0
-    w.ints[EVENTS], w.ints[CULPRIT] = e + 1, i
+    w.ints[layout.EVENTS], w.ints[layout.CULPRIT] = e + 1, i
 
 
 @inlined
 def _switches(w, t):
     """Turn the switches whose guards are negative at the begin of a step; those that turn others follow."""
-    n, ne = w.ints[N], w.ints[NE]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     for _ in range(2 * ne):
         turned = False
-        call(w.ints[FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
+        call(w.ints[layout.FIELD], t, 0.0, w.x, w.k, w.p, w.m, w.z)
         for i in range(ne):
-            if w.kind[i] == SWITCH and w.z[2 * n + 2 * i] < 0.0:
+            if w.kind[i] == layout.SWITCH and w.z[2 * n + 2 * i] < 0.0:
                 w.m[i] = 1.0 - w.m[i]
                 turned = True
         if not turned:
             break
     for i in range(ne):
-        if w.kind[i] == SWITCH and w.m[i] != w.before[i]:
+        if w.kind[i] == layout.SWITCH and w.m[i] != w.before[i]:
             _event(w, t, i, w.before[i], w.m[i])
 
 
 @inlined
 def _agrees(w, i):
     """Whether the mode of element i agrees with the trial step in `y`; where it does not, it is changed. held[i]: 1 where a contact is thrown back."""
-    n, ne = w.ints[N], w.ints[NE]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     after, force, bound, slip = w.y[n + i], w.y[n + ne + i], w.y[n + 2 * ne + i], w.y[n + 3 * ne + i]
     tiny = 1e-12 * w.guard_scale[2 * i]
-    if w.kind[i] == RIGID:
+    if w.kind[i] == layout.RIGID:
         if w.m[i] == 0.0:
             if force <= 0.0:
                 return True
@@ -103,7 +78,7 @@ def _agrees(w, i):
 @inlined
 def _step(w, t, h):
     """One step from t with modes that agree with its forces; its result is left in `y`. False where none are found."""
-    n, ne = w.ints[N], w.ints[NE]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
     together = 12 + 2 * ne
     w.m_other[ne] = 1.0
     plastic = False
@@ -113,10 +88,10 @@ def _step(w, t, h):
             w.m[i] = w.before[i]
         settled = False
         for attempt in range(together + 200 + 20 * ne):
-            call(w.ints[STEP], t, h, w.x, w.m_other, w.p, w.m, w.y)
+            call(w.ints[layout.STEP], t, h, w.x, w.m_other, w.p, w.m, w.y)
             settled = True
             for i in range(ne):
-                if w.kind[i] == SWITCH or _agrees(w, i):
+                if w.kind[i] == layout.SWITCH or _agrees(w, i):
                     continue
                 if plastic:
                     w.m_other[i] = 0.0
@@ -146,43 +121,43 @@ def _step(w, t, h):
 def advance(w):
     """Step until the end time, a full buffer, a sample of a Python controller or the step budget; can be called again."""
     w = lent(w)
-    n, ne = w.ints[N], w.ints[NE]
-    every = w.ints[NODES]
-    budget = w.ints[ACCEPTED] + w.ints[BUDGET]
+    n, ne = w.ints[layout.N], w.ints[layout.NE]
+    every = w.ints[layout.NODES]
+    budget = w.ints[layout.ACCEPTED] + w.ints[layout.BUDGET]
     turns = False
     for i in range(ne):
-        turns = turns or w.kind[i] == SWITCH
-    if w.ints[STARTED] == 0 and not begin(owned(w)):
-        return INCONSISTENT
+        turns = turns or w.kind[i] == layout.SWITCH
+    if w.ints[layout.STARTED] == 0 and not begin(owned(w)):
+        return layout.INCONSISTENT
     while True:
-        t = w.reals[TIME]
-        if w.ints[RECORDS] + 4 > w.rec_t.size:
-            return RECORDS_FULL
-        if w.ints[EVENTS] + 4 * ne + 1 > w.ev_t.size:
-            return EVENTS_FULL
+        t = w.reals[layout.TIME]
+        if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+            return layout.RECORDS_FULL
+        if w.ints[layout.EVENTS] + 4 * ne + 1 > w.ev_t.size:
+            return layout.EVENTS_FULL
         changed = jumps(w, t)
         status, held = samples(w, t)
-        if status == SAMPLE_DUE:
-            return SAMPLE_DUE
-        if w.ints[STARTED] == 0 or changed or held:
-            w.ints[STARTED] = 1
+        if status == layout.SAMPLE_DUE:
+            return layout.SAMPLE_DUE
+        if w.ints[layout.STARTED] == 0 or changed or held:
+            w.ints[layout.STARTED] = 1
             if every > 0:
-                if w.ints[RECORDS] > 0 and w.rec_t[w.ints[RECORDS] - 1] == t and held:
-                    w.ints[RECORDS] -= 1
+                if w.ints[layout.RECORDS] > 0 and w.rec_t[w.ints[layout.RECORDS] - 1] == t and held:
+                    w.ints[layout.RECORDS] -= 1
                 record(w, t, w.x)
-        while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] <= t:
+        while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] <= t:
             record(w, t, w.x)
-            w.ints[OUTPUT] += 1
-            if w.ints[RECORDS] + 4 > w.rec_t.size:
-                return RECORDS_FULL
-        if t >= w.reals[END]:
-            if every > 0 and w.rec_t[w.ints[RECORDS] - 1] < t:
+            w.ints[layout.OUTPUT] += 1
+            if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
+                return layout.RECORDS_FULL
+        if t >= w.reals[layout.END]:
+            if every > 0 and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
                 record(w, t, w.x)
-            return DONE
-        if w.ints[ACCEPTED] >= budget:
-            return PAUSED
+            return layout.DONE
+        if w.ints[layout.ACCEPTED] >= budget:
+            return layout.PAUSED
 
-        stop, h = next_stop(w), w.reals[STEP_SIZE]
+        stop, h = next_stop(w), w.reals[layout.STEP_SIZE]
         left, t_new = stop - t, t + h
         if left <= h * (1.0 + 1e-6):
             h, t_new = left, stop
@@ -190,7 +165,7 @@ def advance(w):
             h = 0.5 * left
             t_new = t + h
         if t_new <= t:
-            return UNDERFLOW
+            return layout.UNDERFLOW
         if turns:
             for i in range(ne):
                 w.before[i] = w.m[i]
@@ -198,17 +173,17 @@ def advance(w):
         for i in range(ne):
             w.before[i] = w.m[i]
         if not _step(w, t, h):
-            return INCONSISTENT
+            return layout.INCONSISTENT
         for i in range(n):
             if not math.isfinite(w.y[i]):
-                return UNDERFLOW
+                return layout.UNDERFLOW
         switched = False
         for i in range(ne):
             size = abs(w.y[n + i])
-            if w.kind[i] != SWITCH and size > w.guard_scale[2 * i]:
+            if w.kind[i] != layout.SWITCH and size > w.guard_scale[2 * i]:
                 w.guard_scale[2 * i] = size
             w.m_other[ne + 1 + i] = (
-                0.0 if w.kind[i] == RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
+                0.0 if w.kind[i] == layout.RIGID and w.before[i] != 0.0 else w.y[n + ne + i]
             )  # the force of an impact does not last
             if w.m_other[i] == 1.0 and w.m[i] == 0.0:
                 w.m[i] = 1.0
@@ -219,17 +194,17 @@ def advance(w):
         for i in range(ne):
             w.z[i] = w.m[i]
             w.m[i] = w.before[i]
-        while w.ints[OUTPUT] < w.out_t.size and w.out_t[w.ints[OUTPUT]] < t_new:
-            if w.ints[RECORDS] + 4 > w.rec_t.size:
+        while w.ints[layout.OUTPUT] < w.out_t.size and w.out_t[w.ints[layout.OUTPUT]] < t_new:
+            if w.ints[layout.RECORDS] + 4 > w.rec_t.size:
                 for i in range(ne):
                     w.m[i] = w.before[i]
-                return RECORDS_FULL
-            part = (w.out_t[w.ints[OUTPUT]] - t) / h
+                return layout.RECORDS_FULL
+            part = (w.out_t[w.ints[layout.OUTPUT]] - t) / h
             for i in range(n):
                 w.x_other[i] = w.x[i] + part * (w.y[i] - w.x[i])
-            record(w, w.out_t[w.ints[OUTPUT]], w.x_other)
-            w.ints[OUTPUT] += 1
-        if every > 1 and switched and w.rec_t[w.ints[RECORDS] - 1] < t:
+            record(w, w.out_t[w.ints[layout.OUTPUT]], w.x_other)
+            w.ints[layout.OUTPUT] += 1
+        if every > 1 and switched and w.rec_t[w.ints[layout.RECORDS] - 1] < t:
             record(w, t, w.x)
         for i in range(ne):
             w.m[i] = w.z[i]
@@ -237,8 +212,8 @@ def advance(w):
                 _event(w, t_new, i, w.before[i], w.m[i])
         for i in range(n):
             w.x[i] = w.y[i]
-        w.ints[ACCEPTED] += 1
-        w.reals[TIME] = t_new
+        w.ints[layout.ACCEPTED] += 1
+        w.reals[layout.TIME] = t_new
         project(w, t_new)
-        if every > 0 and (switched or w.ints[ACCEPTED] % every == 0):
+        if every > 0 and (switched or w.ints[layout.ACCEPTED] % every == 0):
             record(w, t_new, w.x)

@@ -17,15 +17,12 @@ from typing import Any
 import numpy as np
 
 from toolbox.compilation import work_layout
-from toolbox.compilation.kernel import UNROLLED
 from toolbox.compilation.program import program_of
 from toolbox.compilation.runge_kutta import DOP853
-from toolbox.compilation.taylor import Taylor
 from toolbox.errors import SimulationError
 from toolbox.measuring.measures import Measure, RunningMeasures
 from toolbox.simulation.carry_out import carry_out, compiled_loop, formulas_of
 from toolbox.simulation.failures import exhausted, failure
-from toolbox.simulation.methods import Automatic, Explicit, Smoothing, TaylorSeries, TimeStepping
 from toolbox.simulation.run import UNHURRIED, Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.simulation.work_arrays import limited, work_arrays
@@ -101,7 +98,7 @@ def finished(task: Task) -> Outcome:
     values = np.full((len(task.numbers), len(task.measures)), np.nan)
     errors: dict[int, str] = {}
     run, steps = task.run, 0
-    alone = isinstance(run.method, (TimeStepping, Smoothing, Automatic))  # the solver prepares each of their runs
+    alone = run.method.alone
     if run.laws or alone or run.budget.seconds < np.inf or not all(isinstance(measure, Measure) for measure in task.measures):
         _one_by_one(task, values, errors, range(len(task.numbers)))
     elif task.lanes:
@@ -134,14 +131,14 @@ def pays_in_lanes(task: Task, steps: int) -> bool:
     settled in lanes, too: not with impacts, nor with friction that loses its load; and while the step is a straight line of instructions.
     """
     run = task.run
-    if not isinstance(run.method, (Explicit, TaylorSeries)) or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
+    if not run.method.in_lanes or run.laws or run.budget != UNHURRIED or len(task.numbers) < FEWEST_LANES:
         return False
     if not all(isinstance(measure, Measure) for measure in task.measures) or any(element.directions > 1 for element in run.system.elements):
         return False
     from toolbox.lanes.events import carries_events
 
     kernel = (program := program_of(run.system, run.kinds, formulas_of(run))).kernel
-    if kernel.states * len(DOP853.b) > UNROLLED or (kernel.elements and not carries_events(program)):
+    if not DOP853.written_out(kernel.states) or (kernel.elements and not carries_events(program)):
         return False
     return float(len(task.numbers)) * (steps * kernel.cost + ALONE) > LANES_WORK
 
@@ -175,7 +172,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
         program = program_of(run.system, run.kinds, formulas_of(run))
         advance = compiled_loop(run, program)
         readings = RunningMeasures(program, task.measures, run.duration, run.accuracy)  # type: ignore[arg-type]
-        work = whole = work_arrays(run, program)
+        work = full = work_arrays(run, program)
     fixed = ("rec_t", "rec_x", "rec_m", "rec_p", "ev_t", "ev_i", "ev_m")
     fresh = [(array, array.copy()) for name, array in zip(work._fields, work, strict=True) if name not in fixed and array.size]
     n, held = run.system.x.numel(), slice(program.held_slot, program.held_slot + run.system.held.numel())
@@ -191,14 +188,14 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             work.p[held] = task.held[i]
         readings.begin()
         switches = np.zeros(len(run.system.elements), np.int64)  # of each element, in what has been read
-        work = whole
+        work = full
         while True:
             work.ints[work_layout.BUDGET] = run.budget.steps - int(work.ints[work_layout.ACCEPTED] + work.ints[work_layout.REJECTED])
             status = advance(work)
             if status == work_layout.PAUSED or switches.sum() + work.ints[work_layout.EVENTS] > run.budget.events:
                 errors[task.first + i] = str(exhausted(run, program, work, clock.perf_counter(), [], switches))
                 break
-            if isinstance(program.pair, Taylor) and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW):
+            if program.formulas.series and status in (work_layout.NO_SERIES, work_layout.UNDERFLOW):
                 _one_by_one(task, values, errors, range(i, i + 1))  # by other formulas
                 break
             if status not in (work_layout.DONE, work_layout.RECORDS_FULL, work_layout.EVENTS_FULL):
@@ -207,7 +204,7 @@ def _in_a_row(task: Task, values: np.ndarray, errors: dict[int, str]) -> int:
             if run.budget.events < np.inf:
                 switches += np.bincount(work.ev_i[: work.ints[work_layout.EVENTS]], minlength=switches.size)
             readings.read(work, status == work_layout.DONE)
-            work = limited(whole, program, run.budget, int(switches.sum()))
+            work = limited(full, program, run.budget, int(switches.sum()))
             if status == work_layout.DONE:
                 broken = readings.broken_bound
                 if broken is None:

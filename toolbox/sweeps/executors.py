@@ -30,7 +30,7 @@ from toolbox.errors import SceneError, SimulationError
 from toolbox.files.interrupts import GATE, undivided
 from toolbox.messages import progress_bar
 from toolbox.simulation.carry_out import carry_out
-from toolbox.simulation.methods import METHODS, EventExact, Explicit, Implicit, Method, TaylorSeries
+from toolbox.simulation.methods import METHODS, Method, TaylorSeries
 from toolbox.simulation.run import Run
 from toolbox.simulation.trajectory import Trajectory
 from toolbox.sweeps.batch import FEWEST_LANES, Outcome, Task, finished, pays_in_lanes, single
@@ -255,20 +255,20 @@ def _probed(task: Task) -> Manner:
     """
     middle = len(task.numbers) // 2
     method = task.run.method
-    if isinstance(method, EventExact):
-        method = Explicit()
+    if method.watches_stiffness:
+        method = method.unwatched
         if not task.run.laws:
             found: Trajectory | None
             try:
                 found = carry_out(single(task, middle))
             except SimulationError as failure:
                 found = failure.run
-            if found is not None and isinstance(found.run.method, Implicit):
-                method = Implicit()
+            if found is not None and found.program.formulas.implicit:
+                method = found.run.method
     alone = dataclasses.replace(task, run=dataclasses.replace(task.run, method=method)).part(slice(middle, middle + 1))
     steps = finished(alone).steps  # compiles
     lanes, seconds = pays_in_lanes(dataclasses.replace(task, run=alone.run), steps), finished(alone).seconds
-    if lanes and isinstance(task.run.method, EventExact):
+    if lanes and method != task.run.method:
         from toolbox.lanes.lanes import has_series
 
         method = TaylorSeries() if has_series(alone.run) else method

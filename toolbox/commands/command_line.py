@@ -2,7 +2,7 @@
 over a grid, map its severity; tune its laws; fit it to data; measure what its accuracy costs; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
-the folder cannot be written; 130 interrupted.
+the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
 """
 
 from __future__ import annotations

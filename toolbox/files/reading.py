@@ -61,7 +61,7 @@ def content(path: str | Path, most: int = LARGEST, what: str = "file") -> bytes:
             raise SceneError(f"{what.capitalize()} `{_named(Path(path))}` cannot be read: {error.strerror}.") from None
 
 
-def text(path: str | Path, most: int = TEXT, what: str = "file") -> str:
+def text_of(path: str | Path, most: int = TEXT, what: str = "file") -> str:
     """The text of a file in UTF-8, with a byte order mark or without; else as `opened`. Raises SceneError for anything else than UTF-8, too."""
     try:
         return content(path, most, what).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
-from toolbox.files import reading
-from toolbox.files.reading import SCENE, TEXT
+from toolbox.files.reading import SCENE, TEXT, text_of
 
 _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
@@ -74,7 +73,7 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
     """
     path = Path(path)
     toml = path.suffix.lower() == ".toml"
-    text = reading.text(path, SCENE if toml else TEXT, "table")
+    text = text_of(path, SCENE if toml else TEXT, "table")
     named = {name.casefold(): column for column in columns for name in (column.name, *column.also)}
     rows = _toml(path, text) if toml else _csv(path, text)
     if not rows:

@@ -19,7 +19,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
-from toolbox.files.reading import SCENE, text
+from toolbox.files.reading import SCENE, text_of
 from toolbox.files.units import TypedNumber, parse
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -58,7 +58,7 @@ def write(scene: Mapping[str, Any], path: Path) -> None:
 
 
 def _data(path: Path) -> dict[str, Any]:
-    given = text(path, SCENE)
+    given = text_of(path, SCENE)
     try:
         return tomllib.loads(given)
     except (ValueError, RecursionError) as error:

@@ -4,7 +4,7 @@ Everything here is public: it changes only with a line in the changelog. `models
 
     checks      is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
-    files       Column, Table, read_table, read_arrays, replaced
+    files       Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from toolbox.export.c_code import written as written
     from toolbox.files.archives import arrays as read_arrays
     from toolbox.files.atomic import replaced as replaced
+    from toolbox.files.mat import read_mat as read_mat
+    from toolbox.files.reading import opened as opened
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table
@@ -57,7 +59,9 @@ __all__ = [
     "finite_array",
     "in_si",
     "is_finite_number",
+    "opened",
     "read_arrays",
+    "read_mat",
     "read_table",
     "regularised",
     "replaced",
@@ -76,6 +80,8 @@ _FILES = {
     "toolbox.export.c_code": "Declared, written",
     "toolbox.files.archives": "arrays as read_arrays",
     "toolbox.files.atomic": "replaced",
+    "toolbox.files.mat": "read_mat",
+    "toolbox.files.reading": "opened",
     "toolbox.files.tables": "Column, Table, read as read_table",
     "toolbox.files.units": "NumberOrText, in_si",
     "toolbox.modelling.components": "check_fields",

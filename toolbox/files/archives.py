@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.reading import most_unpacked, opened
 
@@ -74,12 +76,24 @@ def check_shapes(found: Mapping[str, np.ndarray], shapes: Mapping[str, Shape], l
                 raise ValueError(f"its `{name}` is of shape {array.shape}, which does not fit to its other arrays")
 
 
+def check_notes(held: Any, kinds: Mapping[str, str]) -> None:
+    """Raise ValueError for an attribute that is not of its kind: "text", "number", "texts" (a tuple), or "by name", a mapping of names to texts."""
+    for name, kind in kinds.items():
+        value = getattr(held, name)
+        texts = (
+            (value,) if kind == "text" else value if kind == "texts" else (*value, *value.values()) if isinstance(value, Mapping) else ()
+        )
+        fits = {"number": is_finite_number(value), "texts": isinstance(value, tuple), "by name": isinstance(value, Mapping)}.get(kind, True)
+        if not fits or (kind != "number" and not all(isinstance(each, str) for each in texts)):
+            raise ValueError(f"its `{name}` is {reprlib.repr(value)}")
+
+
 @contextmanager
 def understood(path: Path, what: str) -> Iterator[None]:
     """Whatever a damaged file raises in the block, from wrong types to a lack of memory, becomes a SceneError that names the file."""
     try:
         yield
-    except SceneError:
+    except (SceneError, ImportError):
         raise
     except KeyError as error:
         raise SceneError(f"File `{path}` must be {what}, but it has no {error}.") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import zlib
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ LARGEST = 2**30
 
 MOST_ROWS = 2**24
 """Rows and columns of the largest matrix: one that names more of them than it has entries would take the memory for all."""
+
+_COMMENTS = re.compile(rb"(?:[ \t\r]*(?:%[^\n]*)?\n)*")
 
 _TEXT = bytes(range(32, 127)) + b"\t\r\n"
 
@@ -59,9 +62,7 @@ def _market(held: bytes) -> Any:
     from scipy.sparse import coo_array
 
     head, _, rest = held.partition(b"\n")
-    while rest.lstrip(b" \t\r").startswith((b"%", b"\n")):
-        rest = rest.partition(b"\n")[2]
-    sizes, _, entries = rest.partition(b"\n")
+    sizes, _, entries = rest[len(_COMMENTS.match(rest)[0]) :].partition(b"\n")  # type: ignore[index]
     mark, matrix, form, field, symmetry = (head.decode("ascii").lower().split() + [""] * 5)[:5]
     sign = {"general": 0, "symmetric": 1, "skew-symmetric": -1}.get(symmetry)
     if (mark, matrix) != ("%%matrixmarket", "matrix") or form not in ("coordinate", "array") or field not in ("real", "double", "integer"):
@@ -79,12 +80,10 @@ def _market(held: bytes) -> Any:
         raise ValueError(f"it must have {wanted} entries, but it has {len(numbers)}")
     if not sparse and not sign:
         return numbers.reshape(rows, columns, order="F")
-    if sparse:
-        named = numbers[:, :2]
-        if not ((named >= 1) & (named <= (rows, columns)) & (np.floor(named) == named)).all():
-            raise ValueError("it has an entry outside")
-        below = named.astype(int).T - 1
-    places = np.array(below)
+    named = numbers[:, :2]
+    if sparse and not ((named >= 1) & (named <= (rows, columns)) & (np.floor(named) == named)).all():
+        raise ValueError("it has an entry outside")
+    places = named.astype(int).T - 1 if sparse else np.array(below)
     values = numbers[:, -1]
     if sign:
         off = places[0] != places[1]

@@ -4,7 +4,7 @@ Everything here is public: it changes only with a line in the changelog. `models
 
     checks      is_finite_number, finite_array, in_si, NumberOrText, check_fields, suggest, window
     symbols     State
-    files       Column, Table, read_table, read_arrays, replaced
+    files       Column, Table, read_table, read_arrays, read_mat, opened, replaced
     predictions Rollout, regularised, advance_rollout, time_left
     machine     cached, announced
     export      Declared, written
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from toolbox.faces import face as face
     from toolbox.files.archives import arrays as read_arrays  # noqa: F401 (public under this name)
     from toolbox.files.atomic import replaced as replaced
+    from toolbox.files.mat import read_mat as read_mat
+    from toolbox.files.reading import opened as opened
     from toolbox.files.tables import Column as Column
     from toolbox.files.tables import Table as Table
     from toolbox.files.tables import read as read_table  # noqa: F401 (public under this name)

@@ -116,7 +116,11 @@ class ElasticBody:
         """
         names = names or {}
         paths = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
-        return cls(**{word: read_matrix(path, names.get(word)) for word, path in paths.items()}, **places)
+        matrices = {word: read_matrix(path, names.get(word)) for word, path in paths.items()}
+        try:
+            return cls(**matrices, **places)
+        except SceneError as error:
+            raise SceneError(f"Body of {', '.join(f'`{path}`' for path in paths.values())}: {error}") from None
 
     @property
     def size(self) -> int:

@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import gzip
+import io
+import re
+import zlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from toolbox import SceneError
-from toolbox.authoring import suggest
+from toolbox.authoring import opened, read_mat, suggest
+
+LARGEST = 2**30
+"""Bytes of the largest Matrix Market file, unpacked."""
+
+MOST_ROWS = 2**24
+"""Rows and columns of the largest matrix: one that names more of them than it has entries would take the memory for all."""
+
+_COMMENTS = re.compile(rb"(?:[ \t\r]*(?:%[^\n]*)?\n)*")
+
+_TEXT = bytes(range(32, 127)) + b"\t\r\n"
 
 
 def read_matrix(path: Path | str, name: str | None = None) -> Any:
@@ -20,36 +36,64 @@ def read_matrix(path: Path | str, name: str | None = None) -> Any:
     kind = path.name.removesuffix(".gz")[-4:].lower()
     if kind not in kinds:
         raise SceneError(f"A file of a matrix must end in .mtx, .mtx.gz or .mat, but it is `{path}`.")
-    if not path.is_file():
-        raise SceneError(f"There is no file `{path}`.")
     return kinds[kind](path, name)
 
 
 def _matrix_market(path: Path, name: str | None) -> Any:
-    from scipy.io import mmread
-
     if name is not None:
         raise SceneError(f"`{path}` holds one matrix without a name, but `{name}` is asked for.")
     try:
-        return mmread(path)
-    except (ValueError, OSError, EOFError, OverflowError, TypeError) as error:
-        raise SceneError(f"`{path}` is no sound Matrix Market file: {error}") from None
+        with opened(path, LARGEST) as file, gzip.GzipFile(fileobj=file) if path.suffix.lower() == ".gz" else file as plain:
+            held = plain.read(LARGEST + 1)
+        if len(held) > LARGEST:
+            raise ValueError(f"it unpacks to more than {LARGEST / 2**20:.0f} MiB")
+        return _market(held)
+    except SceneError:
+        raise
+    except (ValueError, OSError, EOFError, OverflowError, MemoryError, zlib.error) as error:
+        raise SceneError(f"`{path}` is no sound Matrix Market file: {str(error).rstrip('.')}.") from None
+
+
+def _market(held: bytes) -> Any:
+    """The matrix in the text of a Matrix Market file (NIST, math.nist.gov/MatrixMarket/formats.html). Raises ValueError and OverflowError.
+
+    Why not scipy's reader: zeros behind the last line, or sizes that do not fit, end the process there.
+    """
+    from scipy.sparse import coo_array
+
+    head, _, rest = held.partition(b"\n")
+    sizes, _, entries = rest[len(_COMMENTS.match(rest)[0]) :].partition(b"\n")  # type: ignore[index]
+    mark, matrix, form, field, symmetry = (head.decode("ascii").lower().split() + [""] * 5)[:5]
+    sign = {"general": 0, "symmetric": 1, "skew-symmetric": -1}.get(symmetry)
+    if (mark, matrix) != ("%%matrixmarket", "matrix") or form not in ("coordinate", "array") or field not in ("real", "double", "integer"):
+        raise ValueError("its first line names no real matrix")
+    sparse = form == "coordinate"
+    rows, columns, *count = (int(number) for number in sizes.split())
+    if sign is None or len(count) != sparse or not 0 < rows <= MOST_ROWS or not 0 < columns <= MOST_ROWS or (sign and rows != columns):
+        raise ValueError("its sizes are no whole numbers > 0, or too large")
+    below = np.triu_indices(rows, 1 if sign < 0 else 0)[::-1] if sign and not sparse and rows**2 <= 4 * len(entries) + 4 else ()
+    wanted = count[0] if sparse else len(below[0]) if below else rows * columns
+    if wanted < 0 or wanted > len(entries) or (entries.translate(None, _TEXT)):
+        raise ValueError("its entries are not whole, or no text")
+    numbers = np.loadtxt(io.BytesIO(entries), ndmin=2, comments=None) if entries.strip() else np.empty((0, 3 if sparse else 1))
+    if numbers.shape != (wanted, 3 if sparse else 1):
+        raise ValueError(f"it must have {wanted} entries, but it has {len(numbers)}")
+    if not sparse and not sign:
+        return numbers.reshape(rows, columns, order="F")
+    named = numbers[:, :2]
+    if sparse and not ((named >= 1) & (named <= (rows, columns)) & (np.floor(named) == named)).all():
+        raise ValueError("it has an entry outside")
+    places = named.astype(int).T - 1 if sparse else np.array(below)
+    values = numbers[:, -1]
+    if sign:
+        off = places[0] != places[1]
+        places, values = np.concatenate([places, places[::-1, off]], axis=1), np.concatenate([values, sign * values[off]])
+    found = coo_array((values, tuple(places)), shape=(rows, columns))
+    return found if sparse else found.toarray()
 
 
 def _mat(path: Path, name: str | None) -> Any:
-    from scipy.io import loadmat
-
-    try:
-        held = loadmat(path)
-    except NotImplementedError:
-        raise SceneError(f"`{path}` is a MAT file of version 7.3, which is not read: save it with -v7, or as Matrix Market.") from None
-    except Exception as error:  # a damaged file may fail anywhere in the reader
-        raise SceneError(f"`{path}` is no sound MAT file: {error}") from None
-    matrices = {
-        key: value
-        for key, value in held.items()
-        if not key.startswith("__") and getattr(value, "ndim", 0) == 2 and value.dtype.kind in "iuf"
-    }
+    matrices = {key: value for key, value in read_mat(path).items() if value.ndim == 2}
     if name is None and len(matrices) != 1:
         listed = ", ".join(f"`{key}`" for key in matrices) or "none"
         raise SceneError(f"`{path}` must hold one matrix, or `names` must say which, but it holds {listed}.")

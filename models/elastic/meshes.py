@@ -10,7 +10,7 @@ import numpy as np
 
 from models.elastic.body import ElasticBody
 from toolbox import SceneError
-from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number
+from toolbox.authoring import NumberOrText, finite_array, in_si, is_finite_number, opened
 
 
 def block_mesh(size: Sequence[NumberOrText], divisions: Sequence[int | Sequence[float]]) -> Any:
@@ -116,8 +116,7 @@ def _places(given: Any) -> np.ndarray:
 
 
 def _read(skfem: Any, path: Path) -> Any:
-    if not path.is_file():
-        raise SceneError(f"There is no file `{path}`.")
+    opened(path).close()  # no pipe or device, and not too large
     try:
         return skfem.Mesh.load(str(path))
     except SystemExit:  # what meshio does with a suffix that it does not know

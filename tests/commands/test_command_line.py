@@ -415,7 +415,7 @@ def test_the_help_names_every_command_and_the_exit_codes(root, capsys):
     for command in COMMANDS:
         assert f"\n    {command} " in printed and f"`stickslip {command} " in page
     assert "exit codes: 0 done; 1" in printed
-    assert all(f"\n| {code} | " in page for code in (0, 1, 2, 130))
+    assert all(f"\n| {code} | " in page for code in (0, 1, 2, 130, 143))
 
 
 JANSEN = "studies/scenes/jansen_2.toml"
@@ -499,3 +499,61 @@ def test_a_bar_appears_on_a_terminal_when_work_takes_more_than_a_second_and_neve
         time.sleep(1.05)
         reached(1, "slow")
         assert ("slow" in capsys.readouterr().err) == on_screen
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("MPLBACKEND", "nonsense"), ("NUMBA_NUM_THREADS", "0"), ("NUMBA_NUM_THREADS", "many"), ("NUMBA_DISABLE_JIT", "1"),
+        ("SOURCE_DATE_EPOCH", "today"), ("SOURCE_DATE_EPOCH", "99999999999999"),
+    ],
+)  # fmt: skip
+def test_a_variable_of_the_environment_that_makes_no_sense_is_one_line(tmp_path, belt, name, value):
+    command = [sys.executable, "-m", "toolbox", "study", str(belt), "--out", str(tmp_path / "out")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, env={**os.environ, name: value})
+    assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1), result.stderr
+    assert result.stderr.startswith(f"stickslip: Variable `{name}` of the environment must ") and value in result.stderr
+
+
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize("place", ["scene", "body", "sections", "out", "data", "load"])
+def test_a_path_of_five_thousand_characters_is_one_line(tmp_path, belt, capsys, place):
+    body = f'title = "t"\nduration = 1\nstep = 0.1\n[[plant]]\npart = "ElasticFace"\nbody = "{LONG}.npz"\n'
+    string = f'title = "t"\nduration = 1\n[[plant]]\npart = "DrillString"\ntop_inertia = "2000 kg m2"\nsections = "{LONG}.csv"\n'
+    if place in ("body", "sections"):
+        belt.write_text(body if place == "body" else string)
+    out = str(tmp_path / (LONG if place == "out" else "out"))
+    arguments = {
+        "scene": ["study", f"{LONG}.toml", "--out", out],
+        "data": ["fit", str(belt), f"{LONG}.csv", "--free", "block.mass", "--out", out],
+        "load": ["study", str(belt), "--load", f"{LONG}.py", "--out", out],
+        "body": ["simulate", str(belt), "--out", out],
+    }
+    assert main(arguments.get(place, ["study", str(belt), "--out", out])) in (1, 2)
+    assert "ong" in one_line(capsys)  # File name too long
+
+
+@pytest.mark.skipif(os.name != "posix", reason="devices and pipes are those of POSIX")
+@pytest.mark.timeout(30)
+@pytest.mark.parametrize("place", ["scene", "body", "sections", "data", "earlier"])
+@pytest.mark.parametrize("kind", ["zero", "pipe"])
+def test_devices_and_pipes_are_refused_and_not_read(tmp_path, belt, no_figures, capsys, place, kind):
+    if place == "earlier":  # an output folder in which somebody has put one
+        (tmp_path / "out").mkdir()
+        os.mkfifo(tmp_path / "out" / "simulate.txt")
+        assert main(["simulate", str(belt), "--out", str(tmp_path / "out")]) in (0, 2)
+        return
+    path = tmp_path / {"scene": "file.toml", "body": "file.npz"}.get(place, "file.csv")
+    if kind == "zero":
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(path)
+    body = f'title = "t"\nduration = 1\nstep = 0.1\n[[plant]]\npart = "ElasticFace"\nbody = "{path}"\n'
+    string = f'title = "t"\nduration = 1\n[[plant]]\npart = "DrillString"\ntop_inertia = "2000 kg m2"\nsections = "{path}"\n'
+    if place in ("body", "sections"):
+        belt.write_text(body if place == "body" else string)
+    arguments = {"scene": ["simulate", str(path)], "data": ["fit", str(belt), str(path), "--free", "block.mass"]}
+    assert main([*arguments.get(place, ["simulate", str(belt)]), "--out", str(tmp_path / "out")]) == 2
+    assert f"must be a regular file, but it is a {'device' if kind == 'zero' else 'pipe'}" in one_line(capsys)

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import logging
+import os
+import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import casadi as ca
@@ -10,7 +16,11 @@ import pytest
 from models import BlockOnBelt
 from toolbox import compose, simulate
 from toolbox import time as t
-from toolbox.compilation.kept_code import cache_directory
+from toolbox.compilation import kept_code
+from toolbox.compilation.kept_code import cache_directory, keep, kept
+
+posix = pytest.mark.skipif(os.name != "posix", reason="owners and modes are those of POSIX")
+root_only = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root can give files away")
 
 
 def test_a_user_without_a_home_simulates_and_keeps_nothing(monkeypatch):
@@ -24,3 +34,88 @@ def test_a_user_without_a_home_simulates_and_keeps_nothing(monkeypatch):
     assert run.end == 1.0
     with pytest.raises(OSError):
         (cache_directory() / "objects").mkdir(parents=True)
+
+
+@pytest.fixture
+def untold(monkeypatch):
+    monkeypatch.setattr(kept_code, "_TOLD", [])
+
+
+@posix
+def test_the_folders_of_machine_code_are_their_users_alone(tmp_path):
+    before = os.umask(0)
+    try:
+        assert keep(tmp_path / "a" / "b" / "one.o", b"code")
+    finally:
+        os.umask(before)
+    assert [(tmp_path / name).stat().st_mode & 0o777 for name in ("a", "a/b")] == [0o700, 0o700]
+    assert kept(tmp_path / "a" / "b" / "one.o") == b"code"
+
+
+@posix
+@pytest.mark.parametrize("mode", [0o777, 0o702, 0o1777], ids=["all write", "others write", "sticky"])
+@pytest.mark.parametrize("part", ["a", "a/b"])
+def test_code_is_taken_and_kept_only_where_others_cannot_put_it(tmp_path, untold, caplog, mode, part):
+    path = tmp_path / "a" / "b" / "one.o"
+    assert keep(path, b"code")
+    (tmp_path / part).chmod(mode)
+    safe = mode == 0o1777  # as /tmp: nobody moves what is another's
+    with caplog.at_level(logging.WARNING, logger="stickslip"):
+        for _ in range(3):
+            assert (kept(path) == b"code") == safe
+            assert keep(path, b"code") == safe
+    assert len(caplog.messages) == (0 if safe else 1)
+    assert safe or (str(tmp_path / part) in caplog.text and "STICKSLIP_CACHE_DIR" in caplog.text)
+
+
+@root_only
+@pytest.mark.parametrize("part", ["a", "a/b", "a/b/one.o"])
+def test_code_of_another_user_is_not_taken(tmp_path, untold, part):
+    path = tmp_path / "a" / "b" / "one.o"
+    assert keep(path, b"code") and kept(path) == b"code"
+    os.chown(tmp_path / part, 12_345, 12_345)
+    assert kept(path) is None
+
+
+@posix
+def test_a_link_to_a_folder_in_which_others_write_is_followed_before_it_is_trusted(tmp_path, untold):
+    (tmp_path / "open" / "loops").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "open" / "loops")
+    assert keep(tmp_path / "link" / "one.o", b"code")
+    (tmp_path / "open").chmod(0o777)
+    assert kept(tmp_path / "link" / "one.o") is None
+
+
+class Planted:
+    """What leaves a mark where it is unpickled."""
+
+    def __init__(self, mark):
+        self.mark = mark
+
+    def __reduce__(self):
+        return open, (self.mark, "w")
+
+
+@posix
+def test_a_planted_file_in_an_open_folder_is_not_unpickled(tmp_path, root):
+    (tmp_path / "twice.py").write_text(
+        "from toolbox.compilation.numba_cache import cached, known\n@cached\ndef twice(x): return 2 * x\nprint(known(twice), twice(2.0))\n"
+    )
+
+    def answer():
+        paths = os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")])
+        environment = {**os.environ, "STICKSLIP_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": paths}
+        return subprocess.run([sys.executable, str(tmp_path / "twice.py")], capture_output=True, text=True, env=environment)
+
+    assert answer().stdout.split() == ["False", "4.0"]
+    assert answer().stdout.split() == ["True", "4.0"]
+    (planted,) = (tmp_path / "cache" / "loops").glob("*.code")
+    code, mark = pickle.dumps(Planted(str(tmp_path / "mark"))), tmp_path / "mark"
+    planted.write_bytes(hashlib.sha256(code).digest() + code)
+    (tmp_path / "cache").chmod(0o777)
+    told = answer()
+    assert told.stdout.split() == ["False", "4.0"], told.stderr
+    assert told.stderr.count("is not kept in") == 1 and not mark.exists()
+    (tmp_path / "cache").chmod(0o700)  # the twin: where the user alone can have put it, it is taken
+    answer()
+    assert mark.exists()

@@ -2,178 +2,70 @@
 
 from __future__ import annotations
 
+import gzip
 import json
-import random
-import shutil
+import os
+import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+import scipy.sparse
+from scipy.io import loadmat, mmwrite, savemat
 
-from models import BitRock, BlockOnBelt, wells
-from toolbox import SceneError, Trajectory, compose, severity_map, simulate, sweep
+from models import ElasticBody, ReducedBody
+from studies.benchmarks.damaged_files import ARGUMENTS, BELT, KINDS, Reader, run_file, store_file, tried
+from toolbox import Scene, SceneError, Trajectory, sweep
 from toolbox.calibration.recording import Recording
-from toolbox.onsets import SeverityMap
+from toolbox.files.mat import read_mat
+from toolbox.files.reading import opened
 from toolbox.sweeps import Sweep
 from toolbox.tuning.journal import Journal
 
 pytestmark = pytest.mark.timeout(600)
 
-BELT = compose(BlockOnBelt())
-ARGUMENTS = {"plant": "one", "law": "two"}
 
-
-def run_file(folder):
-    return simulate(BELT, 10.0, output_times=np.linspace(0.0, 10.0, 30)).save(folder / "run.npz")
-
-
-def run_read(path):
-    run = Trajectory.load(path)
-    return (
-        run.time.tobytes(),
-        {name: run[name].tobytes() for name in run.names},
-        run.events,
-        {n: w.tolist() for n, w in run.modes.items()},
-        run.end,
-    )
-
-
-def sweep_file(folder):
-    return sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0).save(folder / "sweep.npz")
-
-
-def store_file(folder):
-    sweep(BELT, {"block.mass": [0.5, 1.0, 2.0], "belt.friction.decay": [2.0, 3.0]}, duration=20.0, out=folder / "sweep.zarr")
-    return folder / "sweep.zarr"
-
-
-def sweep_read(path):
-    found = Sweep.load(path)
-    values = {name: each.tobytes() for name, each in found.measures.items()}
-    axes = tuple(axis.tobytes() for axis in found.axes)
-    return (
-        values,
-        found.points.tobytes(),
-        axes,
-        found.errors,
-        found.names,
-        found.units,
-        found.measure_units,
-        found.duration,
-        found.accuracy,
-        found.title,
-    )
-
-
-def map_file(folder):
-    plant = compose(wells.JANSEN_2, BitRock())
-    over = {"top.torque": (8e3, 20e3), "bit.weight": (60e3, 90e3)}
-    return severity_map(plant, over, shape=(3, 3), duration=20.0).save(folder / "map.npz")
-
-
-def map_read(path):
-    found = SeverityMap.load(path)
-    branches = [{name: value.tobytes() for name, value in vars(each).items()} for each in (found.smooth, found.sticking)]
-    return branches, [axis.tobytes() for axis in found.axes], {name: each.tobytes() for name, each in found.borders.items()}, str(found)
-
-
-def mat_file(folder):
-    time = np.linspace(0.0, 10.0, 200)
-    savemat(folder / "rig.mat", {"time": time, "block.speed": np.sin(time), "block.position": np.cos(time)}, do_compression=True)
-    return folder / "rig.mat"
-
-
-def mat_read(path):
-    found = Recording.of(path, BELT)
-    return found.time.tobytes(), {name: each.tobytes() for name, each in found.signals.items()}
-
-
-def journal_file(folder):
-    journal = Journal(folder / "journal", ARGUMENTS)
-    draw = random.Random(1)
-    for _ in range(20):
-        journal.add((draw.random(), draw.random()), {"values": [[draw.random()]], "failures": []})
-    return folder / "journal"
-
-
-def journal_read(path):
-    return Journal(path, ARGUMENTS).known
-
-
-KINDS = {
-    "run": (run_file, run_read), "sweep": (sweep_file, sweep_read), "store": (store_file, sweep_read), "map": (map_file, map_read),
-    "MAT": (mat_file, mat_read), "journal": (journal_file, journal_read),
-}  # fmt: skip
-
-
-def damaged(content, draw):
-    """Bytes that are cut, flipped in one bit, overwritten by zeros or noise, doubled or gone."""
-    at = draw.randrange(len(content)) if content else 0
-    length = draw.choice((1, 4, 64, 512))
-    how = draw.randrange(7)
-    if how == 0:
-        return content[:at]
-    if how in (1, 2) and content:
-        return content[:at] + bytes([content[at] ^ 1 << draw.randrange(8)]) + content[at + 1 :]
-    if how == 3:
-        return content[:at] + bytes(len(content[at : at + length])) + content[at + length :]
-    if how == 4:
-        return content[:at] + draw.randbytes(len(content[at : at + length])) + content[at + length :]
-    if how == 5:
-        return content[:at] + content[at : at + length] + content[at:]
-    return content[:at] + content[at + length :]
-
-
-def tried(kind, folder, copies, seed):
-    """Read so many damaged copies. Returns how many were errors, and how many the same data."""
-    write, read = KINDS[kind]
-    (folder / "whole").mkdir()
-    whole = write(folder / "whole")
-    expected, draw, refused = read(whole), random.Random(seed), 0
-    for number in range(copies):
-        copy = folder / f"{number}" / whole.name
-        copy.parent.mkdir()
-        if whole.is_dir():
-            shutil.copytree(whole, copy)
-            victim = draw.choice(sorted(path for path in copy.rglob("*") if path.is_file()))
-        else:
-            victim = shutil.copy(whole, copy)
-        before = victim.read_bytes()
-        if whole.is_dir() and draw.randrange(8) == 0:
-            victim.unlink()
-        else:
-            victim.write_bytes(damaged(before, draw))
-        try:
-            found = read(copy)
-        except SceneError as error:
-            refused += 1
-            assert str(copy) in str(error), (number, error)
-        else:
-            if kind == "journal":  # a line that was being written when the process was killed is dropped
-                assert (
-                    found.items() <= expected.items()
-                    and len(found) >= sum(line in before.splitlines() for line in victim.read_bytes().splitlines()) - 2
-                )
-            else:
-                assert found == expected, number
-        shutil.rmtree(copy.parent)
-    return refused, copies - refused
+@pytest.fixture(scope="module")
+def reader():
+    with Reader() as child:
+        yield child
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_files_are_refused_by_name_or_hold_the_same(kind, tmp_path):
+def test_twenty_damaged_files_are_refused_by_name_or_right_and_kill_nothing(kind, tmp_path, reader):
     if kind == "store":
         pytest.importorskip("zarr")
-    refused, _ = tried(kind, tmp_path, 40, seed=3)
-    assert refused > 0
+    counts, faults = tried(kind, tmp_path, 20, 3, reader)
+    assert not faults, "\n".join(faults)
+    assert counts["refused"] > 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_three_hundred_damaged_files_are_refused_by_name_or_hold_the_same(kind, tmp_path):
+def test_five_hundred_damaged_files_are_refused_by_name_or_right_and_kill_nothing(kind, tmp_path, reader):
     if kind == "store":
         pytest.importorskip("zarr")
-    print(json.dumps({kind: tried(kind, tmp_path, 300, seed=4)}))
+    counts, faults = tried(kind, tmp_path, 500, 4, reader)
+    assert not faults, "\n".join(faults)
+    print(json.dumps({kind: counts}))
+
+
+def test_a_reader_that_dies_or_grows_is_a_fault(tmp_path, monkeypatch):
+    for words, script in (
+        ("killed by signal 9", "import os; os.kill(os.getpid(), 9)"),
+        ("MB", "x = b'x' * (600 * 2**20)"),
+    ):
+        patch = f"def read(path):\n    if 'kept' not in str(path): exec({script!r})\n"
+        (tmp_path / "broken_reader.py").write_text(
+            patch
+            + "from studies.benchmarks import damaged_files\ndamaged_files.KINDS['CSV'] = (None, read, False)\ndamaged_files.child()\n"
+        )
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+        monkeypatch.setattr("studies.benchmarks.damaged_files.MODULE", "broken_reader")
+        (tmp_path / "kept").write_text("")
+        with Reader() as child:
+            came, told = child.asked("CSV", tmp_path / "rig.csv", tmp_path / "kept")
+        assert came == "fault" and words in told
 
 
 def test_a_store_without_a_chunk_of_its_axis_is_refused_and_not_filled_in(tmp_path):
@@ -263,3 +155,131 @@ def test_hidden_and_foreign_folders_in_a_store_stay_and_end_nothing(tmp_path):
     with pytest.raises(SceneError, match="must not hide your own files"):
         Sweep.load(store).save(tmp_path / "folder.zarr")
     assert (tmp_path / "folder.zarr" / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("form", ["4", "5"])
+def test_mat_files_are_read_as_scipy_reads_them(tmp_path, packed, form):
+    draw = np.random.default_rng(1)
+    sparse = scipy.sparse.random(6, 9, 0.4, random_state=1).tocsc()
+    held = {
+        "d": draw.normal(size=(4, 5)),
+        "f": np.float32([[1, 2]]),
+        "i": np.arange(6, dtype="i2").reshape(2, 3),
+        "s": sparse,
+        "t": "text",
+        "x": 3.0,
+    }
+    if form == "5":
+        held |= {
+            "c": np.array([1 + 2j]),
+            "st": {"a": 1.0},
+            "n": draw.normal(size=(2, 3, 4)),
+            "e": np.empty((0, 3)),
+            "a_longer_name": np.uint64([[7]]),
+        }
+    savemat(tmp_path / "all.mat", held, format=form, do_compression=packed and form == "5")
+    found, theirs = read_mat(tmp_path / "all.mat"), loadmat(tmp_path / "all.mat")
+    assert set(found) == set(held) - {"t", "c", "st"}
+    for name, each in found.items():
+        ours, other = (one.toarray() if scipy.sparse.issparse(one) else one for one in (each, theirs[name]))
+        assert np.array_equal(ours, other), name
+
+
+def test_matrices_that_ended_the_process_are_refused(tmp_path):
+    dense, path = np.eye(3), tmp_path / "mass.mtx"
+    mmwrite(path, scipy.sparse.coo_array(dense))
+    whole = path.read_bytes()
+    assert (ElasticBody.from_files(path, path).mass.toarray() == dense).all()
+    huge = whole.replace(b"3 3 3", b"3 3 99999999999999")
+    wide = whole.replace(b"3 3 3", b"999999999 999999999 3")
+    for content in (whole + bytes(5000), huge, wide, whole.replace(b"3 3 3", b"3 3 4"), whole.replace(b"\n3 3 ", b"\n4 3 "), b""):
+        assert content != whole
+        path.write_bytes(content)
+        with pytest.raises(SceneError, match=r"mass\.mtx` is no sound Matrix Market file"):
+            ElasticBody.from_files(path, path)
+    packed = tmp_path / "mass.mtx.gz"
+    for content in (gzip.compress(whole)[:-9], gzip.compress(whole)[:12] + b"\xff" * 20, gzip.compress(whole + bytes(2**20)), b""):
+        packed.write_bytes(content)
+        with pytest.raises(SceneError, match=r"mass\.mtx\.gz` is no sound Matrix Market file"):
+            ElasticBody.from_files(packed, packed)
+    sparse = scipy.sparse.csc_array(dense)
+    for indices, starts in (([0, 1, 7], [0, 1, 2, 3]), ([0, 1, -2], [0, 1, 2, 3]), ([0, 1, 2], [0, 9, 2, 3]), ([0, 1, 2], [0, 1, 2, 900])):
+        sparse.indices[:], sparse.indptr[:] = indices, starts
+        savemat(tmp_path / "mass.mat", {"M": sparse})
+        with pytest.raises(SceneError, match="sparse matrix"):
+            read_mat(tmp_path / "mass.mat")
+
+
+def test_an_archive_that_unpacks_to_far_more_than_its_size_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "run.npz"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("time.npy", "w", force_zip64=True) as entry,
+    ):
+        np.lib.format.write_array_header_1_0(entry, {"descr": "<f8", "fortran_order": False, "shape": (300 * 2**17,)})
+        for _ in range(300):
+            entry.write(bytes(2**20))
+    assert path.stat().st_size < 2 * 2**20
+    tracemalloc.start()
+    with pytest.raises(SceneError, match="unpacks to 300 MiB, and may to 256"):
+        Trajectory.load(path)
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
+
+
+def test_the_header_of_an_array_is_compared_with_what_is_there_before_memory_is_taken(tmp_path):
+    path = run_file(tmp_path)
+    held = dict(np.load(path))
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in held.items():
+            with archive.open(f"{name}.npy", "w") as entry:
+                np.lib.format.write_array_header_1_0(
+                    entry, {"descr": array.dtype.str, "fortran_order": False, "shape": (10**12,) if name == "time" else array.shape}
+                )
+                entry.write(np.ascontiguousarray(array).tobytes())
+    with pytest.raises(SceneError, match="the header of an array does not fit to its content"):
+        Trajectory.load(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="devices and pipes are those of POSIX")
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("kind", ["a device", "a pipe", "a folder"])
+@pytest.mark.parametrize("name", ["x.npz", "x.csv", "x.mat", "x.toml", "x.mtx", "x.mtx.gz", "x.journal", "body.npz"])
+def test_only_regular_files_are_opened(tmp_path, name, kind):
+    readers = {
+        "x.npz": Trajectory.load, "body.npz": ReducedBody.load, "x.toml": Scene.load, "x.journal": lambda path: Journal(path, ARGUMENTS),
+        "x.mtx": lambda path: ElasticBody.from_files(path, path), "x.mtx.gz": lambda path: ElasticBody.from_files(path, path),
+    }  # fmt: skip
+    path = tmp_path / name
+    if kind == "a device":
+        path.symlink_to("/dev/zero")
+    elif kind == "a pipe":
+        os.mkfifo(path)
+    else:
+        path.mkdir()
+    with pytest.raises(SceneError, match=f"must be a regular file, but it is {kind}"):
+        readers.get(name, lambda path: Recording.of(path, BELT))(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes are those of POSIX")
+@pytest.mark.timeout(60)
+def test_a_pipe_in_a_store_is_refused(tmp_path):
+    pytest.importorskip("zarr")
+    for name in ("zarr.json", "status/zarr.json", "severity/c/0/0", "block.mass/c/0"):
+        place = tmp_path / name.replace("/", "_")
+        place.mkdir()
+        store = store_file(place)
+        (store / name).unlink()
+        os.mkfifo(store / name)
+        with pytest.raises(SceneError, match="zarr"):
+            Sweep.load(store)
+
+
+def test_a_file_that_is_larger_than_it_may_be_is_not_read(tmp_path):
+    with (tmp_path / "scene.toml").open("wb") as file:
+        file.truncate(2**40)  # of which the disk holds nothing
+    with pytest.raises(SceneError, match="must be of at most 4 MiB, but it is of 1048576 MiB"):
+        Scene.load(tmp_path / "scene.toml")
+    with pytest.raises(SceneError, match="must be of at most 4096 MiB"):
+        opened(tmp_path / "scene.toml")

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import struct
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +13,7 @@ import numpy as np
 from toolbox.arguments import finite_array, mapping
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables as table
-from toolbox.files.archives import understood
+from toolbox.files.mat import read_mat
 from toolbox.files.units import parse
 from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.simulation.saved_run import SavedRun
@@ -80,7 +77,7 @@ class Recording:
         if isinstance(data, (str, Path)):
             path = Path(data)
             if path.suffix.lower() == ".mat":
-                values, source = _of_arrays(_mat(path), f"File `{path}`", plant, columns), path.name
+                values, source = _of_arrays(read_mat(path), f"File `{path}`", plant, columns), path.name
             else:
                 values, source = _of_table(path, plant, columns), path.name
         elif isinstance(data, (Trajectory, SavedRun)):
@@ -166,35 +163,6 @@ def _recorded(run: Trajectory | SavedRun, plant: HybridSystem | None) -> dict[st
         entries = {name: values} if values.ndim == 1 else {f"{name}.{i}": column for i, column in enumerate(values.T)}
         found |= {each: array for each, array in entries.items() if plant is None or plant.has_signal(each)}
     return found
-
-
-def _mat(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    if not path.is_file():
-        beside = [other.name for other in path.parent.glob("*.mat")] if path.parent.is_dir() else []
-        raise SceneError(f"There is no file `{path}`" + (f": {suggest(path.name, beside)}" if beside else "."))
-    with understood(path, "a MAT file"):
-        content = path.read_bytes()
-        try:
-            found = loadmat(io.BytesIO(content), squeeze_me=True)
-        except NotImplementedError:
-            raise SceneError(f"File `{path}` must be a MAT file up to version 7, but it is of version 7.3: save it with `-v7`.") from None
-        _check_compressed(content)
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
-def _check_compressed(content: bytes) -> None:
-    """Unpack every compressed element of a MAT file of version 5 to its end, where its checksum is looked at: scipy stops before. Raises zlib.error."""
-    little = content[126:128] == b"IM"
-    if not little and content[126:128] != b"MI":
-        return  # version 4, which has neither
-    at = 128
-    while at + 8 <= len(content):
-        kind, size = struct.unpack_from("<II" if little else ">II", content, at)
-        if kind == 15:
-            zlib.decompress(content[at + 8 : at + 8 + size])
-        at += 8 + (size if kind == 15 else -(-size // 8) * 8)
 
 
 def _of_arrays(given: Mapping[str, Any], where: str, plant: HybridSystem, columns: Mapping[str, str] | None) -> dict[str, np.ndarray]:

@@ -2,7 +2,7 @@
 over a grid, map its severity; tune its laws; fit it to data; measure what its accuracy costs; list the parts.
 
 Exit codes: 0 done; 1 nothing could be simulated, tuned or fitted, or a file could not be written while it ran; 2 the scene or an argument is wrong, or
-the folder cannot be written; 130 interrupted.
+the folder cannot be written; 130 interrupted; 143 ended by SIGTERM.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import Any, NoReturn
 
-from toolbox.commands import compare, fit, listing, onset, simulate, study, sweep, tradeoff, tune
+from toolbox.commands import compare, environment, fit, listing, onset, simulate, study, sweep, tradeoff, tune
 from toolbox.commands.interrupt import INTERRUPTED, NOTHING, Watch
 from toolbox.commands.terminal import complaint
 from toolbox.errors import SceneError, UnusualValue
@@ -32,6 +32,7 @@ def main(arguments: Sequence[str] | None = None, watch: Watch | None = None) -> 
     try:
         given = _parser().parse_args(arguments)
         words = given.words(given)
+        environment.check()
         if watch is not None:
             watch.words = words
         for path in given.load:

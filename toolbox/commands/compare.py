@@ -11,6 +11,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, drawn_as, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 
 COMPARE_FILES = ("compare.txt", "compare.png")
@@ -76,7 +77,7 @@ def run(given: argparse.Namespace) -> int:
 def _earlier(path: Path) -> set[str]:
     """Names of the files that an earlier comparison left in a folder, as its report tells."""
     try:
-        text = (path / "compare.txt").read_text(encoding="utf-8")
-    except (OSError, ValueError):
+        text = text_of(path / "compare.txt")
+    except SceneError:
         return set()
     return {name for name in drawn_as(COMPARE_FILES, *FORMATS) if (path / name).is_file()} if text.startswith(BEGINNING) else set()

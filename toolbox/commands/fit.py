@@ -12,6 +12,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 
 FIT_FILES = ("fit.txt", "fit.csv", "fit.png", "scene.toml")
 
@@ -113,8 +114,8 @@ def _in_unit(plant: Any, name: str, text: str) -> float:
 def _earlier_fit(path: Path) -> set[str]:
     """Names of the files that an earlier fit left in a folder, as its report tells."""
     try:
-        if "\nFit of " not in (path / "fit.txt").read_text(encoding="utf-8"):
+        if "\nFit of " not in text_of(path / "fit.txt"):
             return set()
-    except (OSError, ValueError):
+    except SceneError:
         return set()
     return {name for name in drawn_as(FIT_FILES, *FORMATS) if (path / name).is_file()}

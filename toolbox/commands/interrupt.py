@@ -1,4 +1,4 @@
-"""Ctrl-C in a process that is a command: it ends with 130 and one line on stderr, soon, whatever the process is doing, and nothing half-written.
+"""Ctrl-C and SIGTERM in a process that is a command: it ends with 130 or 143 and one line on stderr, soon, whatever it is doing, and nothing half-written.
 
 Why not KeyboardInterrupt: Python raises it between any two of its own instructions. While LLVM makes a loop there are none for seconds. Where the next one is
 in a function that LLVM calls back, the exception is lost and the study runs on, or LLVM goes on without what it asked for and the process dies; where it is in
@@ -22,6 +22,9 @@ from toolbox.files.interrupts import GATE
 INTERRUPTED = 130
 """Exit code of what was interrupted."""
 
+TERMINATED = 143
+"""Exit code of what was asked to end by SIGTERM, as the system and batch queues do."""
+
 NOTHING = "interrupted, and nothing was written."
 """What is said of most commands."""
 
@@ -39,7 +42,7 @@ class Watch:
     """What looks after the interrupts of a process. words: what it says of them."""
 
     def __init__(self) -> None:
-        self.words = NOTHING
+        self.words, self._code = NOTHING, INTERRUPTED
         self._out, self._ending = threading.Event(), threading.Lock()
         self._woken, self._wakes = socket.socketpair()
         self._wakes.setblocking(False)
@@ -49,7 +52,8 @@ class Watch:
         GATE.asked = GATE.placed = False
         threading.Thread(target=self._wait, name="interrupts", daemon=True).start()
         signal.set_wakeup_fd(self._wakes.fileno(), warn_on_full_buffer=False)
-        signal.signal(signal.SIGINT, _noted)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, _noted)
 
     def interrupted(self, words: str = "") -> NoReturn:
         """End the process from its main thread."""
@@ -58,14 +62,16 @@ class Watch:
 
     def over(self, code: int) -> NoReturn:
         """End the process with the exit code of its result, unless it was interrupted before that was in place."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
         if GATE.interrupted:
             self.interrupted()
         sys.exit(code)
 
     def _wait(self) -> None:
-        while signal.SIGINT not in self._woken.recv(64):
+        while not (came := {signal.SIGINT, signal.SIGTERM} & set(self._woken.recv(64))):
             pass
+        self._code = TERMINATED if signal.SIGTERM in came else INTERRUPTED
         GATE.asked = True
         if GATE.keeping:
             self._out.wait(MOMENT)
@@ -74,7 +80,7 @@ class Watch:
 
     def _end(self, words: str) -> NoReturn:
         self._ending.acquire()  # and never released: whoever comes second waits for the end
-        last = threading.Timer(LAST, os._exit, (INTERRUPTED,))
+        last = threading.Timer(LAST, os._exit, (self._code,))
         last.daemon = True
         last.start()
         with contextlib.suppress(Exception):
@@ -86,7 +92,7 @@ class Watch:
             clear_own()
         with contextlib.suppress(Exception):
             _without_workers()
-        os._exit(INTERRUPTED)
+        os._exit(self._code)
 
 
 def _noted(number: int, frame: object) -> None:

@@ -11,6 +11,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 
 ONSET_FILES = ("onset.png", "onset.txt")
 
@@ -106,9 +107,9 @@ def run(given: argparse.Namespace) -> int:
 def _earlier_onset(path: Path) -> set[str]:
     """Names of the files that an earlier search for borders left in a folder, as its report tells."""
     try:
-        if "Onset of stick-slip" not in (path / "onset.txt").read_text(encoding="utf-8"):
+        if "Onset of stick-slip" not in text_of(path / "onset.txt"):
             return set()
-    except (OSError, ValueError):
+    except SceneError:
         return set()
     tables = [file for table in ("onset", "borders") for file in path.glob(f"[0-9][0-9]_*_{table}.csv")]
     return {file.name for file in [*tables, *(path / name for name in drawn_as(ONSET_FILES, *FORMATS))] if file.is_file()}

@@ -14,6 +14,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain, progress
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 from toolbox.simulation.methods import METHODS
 
@@ -113,8 +114,8 @@ def _asked(given: argparse.Namespace) -> tuple[Any, Callable[[str], Any]]:
 def _earlier(path: Path) -> set[str]:
     """Names of the files that an earlier simulation left in a folder, as its report tells."""
     try:
-        text = (path / REPORT).read_text(encoding="utf-8")
-    except (OSError, ValueError):
+        text = text_of(path / REPORT)
+    except SceneError:
         return set()
     if not text.startswith("Simulation of "):
         return set()

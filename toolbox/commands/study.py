@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import csv
 import dataclasses
+import io
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, progress
+from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 
 COMMON_FILES = ("scene.toml", "table.csv", "comparison.png")
 CASE_FILES = (".npz", ".png", "_phase.png")
@@ -73,12 +76,11 @@ def _earlier_study(path: Path) -> set[str]:
     from toolbox.scenes.verdicts import Row
 
     try:
-        with (path / "table.csv").open(newline="", encoding="utf-8") as file:
-            table = csv.DictReader(file)
-            if table.fieldnames != [field.name for field in dataclasses.fields(Row)]:
-                return set()
-            stems = [row["files"] for row in table if row["files"]]
-    except (OSError, ValueError, csv.Error):
+        table = csv.DictReader(io.StringIO(text_of(path / "table.csv")))
+        if table.fieldnames != [field.name for field in dataclasses.fields(Row)]:
+            return set()
+        stems = [row["files"] for row in table if row["files"]]
+    except (SceneError, csv.Error):
         return set()
     names = drawn_as([*COMMON_FILES, *(stem + tail for stem in stems if stem == Path(stem).name for tail in CASE_FILES)], *FORMATS)
     return {name for name in names if (path / name).is_file()}

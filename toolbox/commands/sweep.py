@@ -12,6 +12,7 @@ from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, drawn_as, file_stems, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 from toolbox.files.unit_systems import asked_in
 from toolbox.messages import LOG
 
@@ -211,9 +212,9 @@ def run_map(given: argparse.Namespace) -> int:
 def _earlier_map(path: Path) -> set[str]:
     """Names of the files that an earlier map left in a folder, beside its data, as its report tells."""
     try:
-        if not (path / "map.txt").read_text(encoding="utf-8").startswith("Severity map of "):
+        if not text_of(path / "map.txt").startswith("Severity map of "):
             return set()
-    except (OSError, ValueError):
+    except SceneError:
         return set()
     return {name for name in drawn_as(MAP_FILES, *FORMATS) if (path / name).is_file()}
 

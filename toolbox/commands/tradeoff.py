@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import csv
 import dataclasses
+import io
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from toolbox.commands import figures
 from toolbox.commands.terminal import FORMATS, common, complaint, drawn_as, plain
+from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 from toolbox.files.units import parse
 
 TRADE_FILES = ("tradeoff.png", "tradeoff.csv")
@@ -64,9 +67,8 @@ def _earlier_tradeoff(path: Path) -> set[str]:
     from toolbox.scenes.work_precision import Point
 
     try:
-        with (path / "tradeoff.csv").open(newline="", encoding="utf-8") as file:
-            if csv.DictReader(file).fieldnames != [field.name for field in dataclasses.fields(Point)]:
-                return set()
-    except (OSError, ValueError, csv.Error):
+        if csv.DictReader(io.StringIO(text_of(path / "tradeoff.csv"))).fieldnames != [field.name for field in dataclasses.fields(Point)]:
+            return set()
+    except (SceneError, csv.Error):
         return set()
     return {name for name in drawn_as(TRADE_FILES, *FORMATS) if (path / name).is_file()}

@@ -14,6 +14,7 @@ from toolbox.commands.interrupt import NOTHING
 from toolbox.commands.terminal import FORMATS, complaint, drawn_as, figure_format, plain
 from toolbox.errors import SceneError
 from toolbox.files.atomic import whole_folder
+from toolbox.files.reading import text_of
 
 TUNE_FILES = ("tune.txt", "tune.png", "trials.csv")
 
@@ -144,8 +145,8 @@ def _range(text: str, law: Any) -> tuple[str, tuple[float, float]]:
 def _earlier_tuning(path: Path) -> set[str]:
     """Names of the files that an earlier tuning left in a folder, as its report tells."""
     try:
-        if not (path / "tune.txt").read_text(encoding="utf-8").startswith("Tuning of "):
+        if not text_of(path / "tune.txt").startswith("Tuning of "):
             return set()
-    except (OSError, ValueError):
+    except SceneError:
         return set()
     return {file.name for file in [*path.glob("tuned_*.toml"), *(path / name for name in drawn_as(TUNE_FILES, *FORMATS))] if file.is_file()}

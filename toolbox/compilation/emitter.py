@@ -348,8 +348,8 @@ def _library(text: str, names: Sequence[str], large: bool, side_by_side: bool) -
         image = kept(path)
         if image is None:
             image = _object_code(llvm, text, large, side_by_side)
-            _make_room(path.parent)
-            keep(path, image)
+            if keep(path, image):
+                _make_room(path.parent)
         library = llvm.JITLibraryBuilder().add_object_img(image).add_current_process()
         for symbol in LIBM:
             library = library.import_symbol(symbol, _libm_address(symbol))

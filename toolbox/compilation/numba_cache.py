@@ -33,7 +33,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from toolbox.compilation.kept_code import cache_directory, keep, kept
+from toolbox.compilation.kept_code import cache_directory, keep, kept, trusted
 from toolbox.compilation.loop_parts import PartCompiler
 
 VERSIONED = {"numba", "llvmlite", "numpy"}
@@ -106,7 +106,7 @@ class MachineCode(_Cache):
 
     def known(self) -> bool:
         """Whether this machine has machine code of the function as it is, for some signature."""
-        return bool(self._files(self._stamp))
+        return bool(self._files(self._stamp)) and trusted(_folder())
 
     @cached_property
     def _stamp(self) -> str:
@@ -140,9 +140,9 @@ class MachineCode(_Cache):
         """Keep the machine code of a signature."""
         if not self._enabled or data.library.has_dynamic_globals:
             return
-        keep(self._path(sig, data.codegen), dumps(data._reduce()))
-        with contextlib.suppress(OSError):
-            self._make_room()
+        if keep(self._path(sig, data.codegen), dumps(data._reduce())):
+            with contextlib.suppress(OSError):
+                self._make_room()
 
     def _make_room(self) -> None:
         texts: dict[str, float] = {}

@@ -1,29 +1,92 @@
-"""Arrays from npz files that anybody may have written or damaged: read whole and checked before they are used, and never as code."""
+"""Arrays from npz files that anybody may have written or damaged: checked before they are read, read whole, and never run as code."""
 
 from __future__ import annotations
 
-import io
+import reprlib
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from toolbox.errors import SceneError, suggest
+from toolbox.arguments import is_finite_number
+from toolbox.errors import SceneError
+from toolbox.files.reading import most_unpacked, opened
+
+Shape = tuple[str, *tuple[int | str, ...]]
+"""Kinds of the numbers of an array, as numpy names them (`f`, `iu`, `U`), and its lengths: a length with a name is the same wherever the name stands."""
 
 
 def arrays(path: Path, what: str) -> dict[str, np.ndarray]:
     """The arrays in an npz file, by name, each of which agrees with its checksum. Raises SceneError where that is not so; what: that the file must be."""
-    if not path.is_file():
-        beside = [other.name for other in path.parent.glob("*.npz")] if path.parent.is_dir() else []
-        raise SceneError(f"There is no file `{path}`" + (f": {suggest(path.name, beside)}" if beside else "."))
     found = {}
-    with understood(path, what), zipfile.ZipFile(path) as archive:
+    with opened(path) as file, understood(path, what), zipfile.ZipFile(file) as archive:
+        most = most_unpacked(path.stat().st_size)
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+        if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in archive.infolist()):
+            raise ValueError("it is packed in a way that is not read")
+        if unpacked > most:
+            raise ValueError(f"it unpacks to {unpacked / 2**20:.0f} MiB, and may to {most / 2**20:.0f}")
         for entry in archive.infolist():
-            content = io.BytesIO(archive.read(entry))  # to its end, where the checksum is looked at
-            found[entry.filename.removesuffix(".npy")] = np.lib.format.read_array(content, allow_pickle=False)
+            with archive.open(entry) as content:
+                found[entry.filename.removesuffix(".npy")] = _array(content, entry.file_size)
     return found
+
+
+def _array(content: Any, size: int) -> np.ndarray:
+    """The array of an entry, whose header must say what the entry holds before memory is taken for it."""
+    version = np.lib.format.read_magic(content)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read_header:
+        raise ValueError(f"an array has the unknown version {version}")
+    shape, columns_first, kind = read_header[version](content)
+    if kind.hasobject:
+        raise ValueError("it holds objects of Python, which are not read")
+    count = 1
+    for length in shape:
+        count *= length
+    if count * kind.itemsize != size - content.tell():
+        raise ValueError("the header of an array does not fit to its content")
+    held = bytearray(count * kind.itemsize)
+    at = 0
+    while piece := content.read(2**20):
+        held[at : at + len(piece)] = piece
+        at += len(piece)
+    if at != len(held):  # the checksum is looked at at the end
+        raise ValueError("an array ends before its end")
+    return np.ndarray(shape, kind, held, order="F" if columns_first else "C")
+
+
+def check_shapes(found: Mapping[str, np.ndarray], shapes: Mapping[str, Shape], lengths: Mapping[str, int] | None = None) -> None:
+    """Raise ValueError for an array that is not of the kind and shape that it must have, KeyError for one that is missing.
+
+    lengths: those of the named ones that are known.
+    """
+    known: dict[int | str, int] = {}
+    known.update(lengths or {})  # type: ignore[arg-type]
+    for name, (kinds, *shape) in shapes.items():
+        array = found[name]
+        if array.dtype.kind not in kinds:
+            raise ValueError(f"its `{name}` is of kind {array.dtype}")
+        if array.ndim != len(shape):
+            raise ValueError(f"its `{name}` has {array.ndim} axes, and must have {len(shape)}")
+        for length, must in zip(array.shape, shape, strict=True):
+            if length != known.setdefault(must, length if isinstance(must, str) else must):
+                raise ValueError(f"its `{name}` is of shape {array.shape}, which does not fit to its other arrays")
+
+
+def check_notes(held: Any, kinds: Mapping[str, str]) -> None:
+    """Raise ValueError for an attribute that is not of its kind: "text", "number", "texts" (a tuple), or "by name", a mapping of names to texts."""
+    for name, kind in kinds.items():
+        value = getattr(held, name)
+        texts = (
+            (value,) if kind == "text" else value if kind == "texts" else (*value, *value.values()) if isinstance(value, Mapping) else ()
+        )
+        fits = {"number": is_finite_number(value), "texts": isinstance(value, tuple), "by name": isinstance(value, Mapping)}.get(kind, True)
+        if not fits or (kind != "number" and not all(isinstance(each, str) for each in texts)):
+            raise ValueError(f"its `{name}` is {reprlib.repr(value)}")
 
 
 @contextmanager
@@ -31,7 +94,7 @@ def understood(path: Path, what: str) -> Iterator[None]:
     """Whatever a damaged file raises in the block, from wrong types to a lack of memory, becomes a SceneError that names the file."""
     try:
         yield
-    except SceneError:
+    except (SceneError, ImportError):
         raise
     except KeyError as error:
         raise SceneError(f"File `{path}` must be {what}, but it has no {error}.") from None

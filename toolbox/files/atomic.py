@@ -3,6 +3,11 @@
 Everything is written under a temporary name beside its place, which no other process takes for a result, and which is locked while its process lives. What
 a process leaves that is killed is told by the missing lock, and the next one that writes beside it clears it away; where it was killed between the old
 and the new, the old comes back first.
+
+What is recovered: files `.NAME.<16 digits>.part` and folders of that name are removed, of which the folder NAME comes back where there is none; folders
+`.stickslip-<16 digits>` are removed, and the results of a command come back that it had moved into one, in place of those that it had put there. Only what
+belongs to the user itself counts, never a symbolic link, and only what the note in the folder knows by its number in the file system: a folder that was
+copied, unpacked or changed is not one that was left. It stays as it is, one sentence says so, and the write goes on.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +29,8 @@ from typing import IO
 
 from toolbox.errors import SceneError
 from toolbox.files.interrupts import GATE, undivided
+from toolbox.files.reading import TEXT, content
+from toolbox.messages import LOG
 
 try:
     import fcntl
@@ -35,6 +43,9 @@ FORGOTTEN = 86_400.0
 _OURS = re.compile(r"\.(?P<name>.+)\.[0-9a-f]{16}\.part|\.stickslip-[0-9a-f]{16}")
 
 _TEMPORARY: set[Path] = set()
+
+_TOLD: set[Path] = set()
+"""What is not as it was left, and was told of."""
 
 
 @contextmanager
@@ -102,7 +113,9 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
         raise SceneError(f"Argument `--out` must be a folder, but `{path}` is something else.")
     exists = path.is_dir()
     ground = path if exists else next(parent for parent in path.parents if parent.exists())
-    clear_left(ground)
+    for parent in (path, *path.parents):  # one that was killed may have made the folders below that in which it began
+        if os.access(parent, os.W_OK):
+            clear_left(parent)
     earlier = left_by(path) if exists else set()
     for name in names:
         if exists and (path / name).exists() and name not in earlier:
@@ -125,14 +138,22 @@ def whole_folder(path: Path, names: Sequence[str], left_by: Callable[[Path], set
 
 
 def clear_left(folder: Path) -> None:
-    """Clear away what processes that were killed have left in a folder, and bring back what they had moved aside."""
+    """Clear away what processes of this user that were killed have left in a folder, and bring back what they had moved aside. Raises nothing."""
     try:
         found = [Path(entry.path) for entry in os.scandir(folder) if _OURS.fullmatch(entry.name) and Path(entry.path) not in _TEMPORARY]
     except OSError:  # what cannot be looked at cannot be written either, and that is said there
         return
     for left in found:
-        with contextlib.suppress(OSError), _abandoned(left):
-            _released(left)
+        try:
+            with _abandoned(left):
+                _check_left(left)
+                _released(left)
+        except OSError:
+            continue
+        except ValueError as error:
+            if left not in _TOLD:
+                _TOLD.add(left)
+                LOG.warning("`%s` is left alone, because it is not what a command that was killed leaves: %s.", left, error)
 
 
 def clear_own() -> None:
@@ -208,24 +229,64 @@ def _lock(handle: int, path: Path) -> bool:
 
 @contextmanager
 def _abandoned(path: Path) -> Iterator[None]:
-    """Hold what a process has left; raises OSError where its process lives, or may live."""
+    """Hold what a process of this user has left; raises OSError where its process lives, or may live, or is another's, ValueError for a link."""
+    found = os.lstat(path)
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+        raise ValueError("it is neither a file nor a folder")
     if fcntl is None:
-        if time.time() - path.stat().st_mtime < FORGOTTEN:
+        if time.time() - found.st_mtime < FORGOTTEN:
             raise BlockingIOError
         yield
         return
-    handle = os.open(path, os.O_RDONLY)
+    handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
+        if os.fstat(handle).st_uid != os.geteuid() or not os.path.samestat(os.fstat(handle), found):
+            raise PermissionError
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise
         except OSError:
-            if time.time() - path.stat().st_mtime < FORGOTTEN:
+            if time.time() - found.st_mtime < FORGOTTEN:
                 raise
         yield
     finally:
         os.close(handle)
+
+
+def _check_left(left: Path) -> None:
+    """Raise ValueError unless a folder is as this module leaves it; a file may hold anything."""
+    if not left.is_dir():
+        return
+    with os.scandir(left) as entries:
+        for entry in entries:
+            if entry.name not in ("names", "new", "old", "gone") or entry.is_symlink() or entry.is_dir() == (entry.name == "names"):
+                raise ValueError(f"it holds `{entry.name}`")
+    if fcntl is not None and left.stat().st_mode & 0o022:
+        raise ValueError("others may write in it")
+    if _whole(left) is None and (left / "old").exists():
+        _check_note(left)
+
+
+def _check_note(shelter: Path) -> None:
+    """Raise ValueError unless the note in a shelter is its own, and everything in `old` has its place free."""
+    try:
+        note = json.loads(content(shelter / "names", TEXT))
+        files, number = note["files"], note["folder"]
+        bare = all(os.path.basename(name) == name and name not in ("", ".", "..") and type(value) is int for name, value in files.items())
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise ValueError("its note of what belongs to it is missing or damaged") from None
+    if number != shelter.stat().st_ino or not bare:
+        raise ValueError("its note is that of another folder")
+    for file in (shelter / "old").iterdir():
+        place = shelter.parent / file.name
+        if os.path.lexists(place) and not _is_placed(place, files):
+            raise ValueError(f"`{file.name}` would come back, but there is another one")
+
+
+def _is_placed(place: Path, files: dict[str, int]) -> bool:
+    """Whether a file is one that the process put there that left a note of them."""
+    return os.path.lexists(place) and files.get(place.name) == os.lstat(place).st_ino
 
 
 # ------------------------------------------------------------------------------------------------------------------------------------ old and new
@@ -275,8 +336,8 @@ def _placed(shelter: Path, path: Path, earlier: set[str]) -> None:
     While `shelter/old` is there, the folder counts as not changed, and `shelter/names` says what was to come.
     """
     new, old = shelter / "new", shelter / "old"
-    files = sorted(file.name for file in new.iterdir())
-    (shelter / "names").write_text(json.dumps(files), encoding="utf-8")
+    files = {file.name: file.lstat().st_ino for file in sorted(new.iterdir())}
+    (shelter / "names").write_text(json.dumps({"folder": shelter.stat().st_ino, "files": files}), encoding="utf-8")
     old.mkdir()
     for name in sorted(earlier):
         with contextlib.suppress(FileNotFoundError):
@@ -286,20 +347,26 @@ def _placed(shelter: Path, path: Path, earlier: set[str]) -> None:
     os.rename(old, shelter / "gone")
 
 
+def _whole(shelter: Path) -> Path | None:
+    """The folder whose place a temporary one takes as a whole; None for the results of a command among other files."""
+    match = _OURS.fullmatch(shelter.name)
+    return None if match is None or match["name"] is None else shelter.with_name(match["name"])
+
+
 def _put_back(shelter: Path) -> None:
     """Bring back what stands in `shelter/old`, which is there only where the new did not get into place whole."""
     old = shelter / "old"
-    if not old.is_dir() and not old.is_symlink():
+    if not old.is_dir():
         return
-    match = _OURS.fullmatch(shelter.name)
-    if match is not None and match["name"] is not None:  # a whole folder
-        path = shelter.with_name(match["name"])
+    path = _whole(shelter)
+    if path is not None:
         if not os.path.lexists(path):
             os.rename(old, path)
         return
-    for name in json.loads((shelter / "names").read_text(encoding="utf-8")):
-        if not (shelter / "new" / name).exists():
-            (shelter.parent / name).unlink(missing_ok=True)
+    files = json.loads(content(shelter / "names", TEXT))["files"]
+    for name in files:
+        if _is_placed(shelter.parent / name, files):
+            os.rename(shelter.parent / name, shelter / "new" / name)
     for file in sorted(old.iterdir()):
         os.rename(file, shelter.parent / file.name)
     old.rmdir()

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError, suggest
+from toolbox.files.reading import SCENE, TEXT, text_of
 
 _HEADING = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
 
@@ -71,9 +72,10 @@ def read(path: str | Path, columns: Sequence[Column], *, others: bool = False) -
         empty or no finite number, or a row has another length than the headings.
     """
     path = Path(path)
-    text = _text(path)
+    toml = path.suffix.lower() == ".toml"
+    text = text_of(path, SCENE if toml else TEXT, "table")
     named = {name.casefold(): column for column in columns for name in (column.name, *column.also)}
-    rows = _toml(path, text) if path.suffix.lower() == ".toml" else _csv(path, text)
+    rows = _toml(path, text) if toml else _csv(path, text)
     if not rows:
         raise SceneError(f"Table `{path}` must have at least one row, but it is empty.")
     found: list[dict[str, Any]] = []
@@ -124,18 +126,6 @@ def write(path: str | Path, headings: Sequence[str], rows: Iterable[Sequence[Any
 
 def _fault(path: Path, place: str, heading: str, words: str) -> SceneError:
     return SceneError(f"Table `{path}`, {place}, column `{heading}`: {words}")
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        beside = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix] if path.parent.is_dir() else []
-        raise SceneError(f"There is no table `{path}`" + (f": {suggest(path.name, beside)}" if beside else ".")) from None
-    except OSError as error:
-        raise SceneError(f"Table `{path}` cannot be read: {error.strerror}.") from None
-    except ValueError:
-        raise SceneError(f"Table `{path}` must be text in UTF-8, but it is not.") from None
 
 
 def _csv(path: Path, text: str) -> list[tuple[str, dict[str, Any]]]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from toolbox.arguments import BoolArray, FloatArray
 from toolbox.errors import SceneError, suggest
-from toolbox.files.archives import arrays, understood
+from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.html import table
 from toolbox.files.unit_systems import Reading, reading
@@ -260,9 +260,37 @@ class SeverityMap:
             errors = {(branch, i, j): text for branch, i, j, text in notes.pop("errors")}
             for name in ("names", "units", "notes"):
                 notes[name] = tuple(notes[name])
-            return SeverityMap(
+            found = SeverityMap(
                 axes=(data["axis.0"], data["axis.1"]), growth=data["growth"], borders=borders, errors=errors, **{**branches, **notes}
             )
+            found._check(data)
+            return found
+
+    def _check(self, data: Mapping[str, np.ndarray]) -> None:
+        """Raise ValueError where what was read, from these arrays, does not fit together."""
+        texts = {
+            "title": "text",
+            "element": "text",
+            "signal": "text",
+            "names": "texts",
+            "units": "texts",
+            "notes": "texts",
+            "asked": "by name",
+        }
+        check_notes(self, texts | dict.fromkeys(("duration", "after", "accuracy", "resolution", "runs", "seconds"), "number"))
+        shapes: dict[str, Shape] = {"axis.0": ("f", "rows"), "axis.1": ("f", "columns"), "growth": ("f", "rows", "columns")}
+        for branch in ("smooth", "sticking"):
+            shapes |= {f"{branch}.{name}": ("i" if name == "verdict" else "f", "rows", "columns") for name in vars(self.smooth)}
+        shapes |= {f"border.{name}": ("f", f"segments of {name}", 2, 2) for name in self.borders}
+        check_shapes(data, shapes)
+        rows, columns = self.growth.shape
+        inside = (branch in ("smooth", "sticking") and 0 <= i < rows and 0 <= j < columns for branch, i, j in self.errors)
+        if (
+            (len(self.names), len(self.units)) != (2, 2)
+            or not all(inside)
+            or not all(isinstance(text, str) for text in self.errors.values())
+        ):
+            raise ValueError("its notes do not fit to its arrays")
 
 
 def severity_map(

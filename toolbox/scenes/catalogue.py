@@ -20,6 +20,7 @@ from typing import Any
 
 from toolbox.contacts.problem import ContactBody
 from toolbox.errors import SceneError, suggest
+from toolbox.files.reading import opened
 from toolbox.modelling.components import Component
 from toolbox.modelling.elements import FrictionLaw
 from toolbox.modelling.laws import Controller
@@ -107,8 +108,7 @@ def load_parts(path: str | Path) -> list[str]:
     name = file.stem
     if file.suffix != ".py" or not name.isidentifier():
         raise SceneError(f"Argument `--load` must be a Python file such as `my_drive.py`, but it is `{path}`.")
-    if not file.is_file():
-        raise SceneError(f"Argument `--load` must be a file, but there is no `{path}`.")
+    opened(file).close()
     if name not in _LOADED:
         known = importlib.util.find_spec(name)
         if known is not None and Path(known.origin or "").resolve() != file:

@@ -7,7 +7,6 @@ its unit. The keys, their units, defaults and meanings stand in `toolbox.scenes.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import inspect
 import tomllib
 import types
@@ -20,6 +19,7 @@ import numpy as np
 
 from toolbox.errors import SceneError, suggest
 from toolbox.files.atomic import replaced
+from toolbox.files.reading import SCENE, text_of
 from toolbox.files.units import TypedNumber, parse
 from toolbox.modelling.components import Component
 from toolbox.modelling.composition import compose
@@ -58,15 +58,10 @@ def write(scene: Mapping[str, Any], path: Path) -> None:
 
 
 def _data(path: Path) -> dict[str, Any]:
+    given = text_of(path, SCENE)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        beside = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        near = difflib.get_close_matches(path.name, beside, n=1, cutoff=0.7)
-        raise SceneError("there is no such file" + (f": {suggest(path.name, near)}" if near else ".")) from None
-    except OSError as error:
-        raise SceneError(f"the file cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError) as error:  # not TOML, or not UTF-8
+        return tomllib.loads(given)
+    except (ValueError, RecursionError) as error:
         raise SceneError(f"the file must be TOML, but: {error}.") from None
 
 

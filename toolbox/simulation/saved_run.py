@@ -25,7 +25,7 @@ import numpy as np
 
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
-from toolbox.files.archives import arrays, understood
+from toolbox.files.archives import Shape, arrays, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.samples import Event, Modes, Read
@@ -205,6 +205,44 @@ def _completed(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return found | steps | {"report": np.array(["saved by an older version: straight lines between its records"])}
 
 
+def _check(found: dict[str, np.ndarray]) -> None:
+    """Raise ValueError or KeyError where the arrays of a file do not fit to one another."""
+    text = ("U", "rows")
+    for table in (
+        "unit.names unit.values",
+        "modes.element modes.word",
+        "event.element event.before event.after",
+        "contacts",
+        "main",
+        "report",
+    ):
+        check_shapes(found, dict.fromkeys(table.split(), text))
+    elements, degree = list(dict.fromkeys(found["modes.element"].tolist())), found["step.degree"]
+    lengths = {"elements": len(elements), "points": int(degree.astype(int).sum() + degree.size), "events": len(found["event.element"])}
+    shapes: dict[str, Shape] = {
+        "time": ("f", "records"), "end": ("f",), "error": ("f",), "accuracy": ("f",), "event.time": ("f", "events"), "modes.last": ("U", "elements"),
+        "modes.number": ("iu", len(found["modes.word"])), "step.time": ("f", "nodes"), "step.degree": ("i", "nodes"), "step.mode": ("i", "nodes", "elements"),
+        "limit.values": ("f", len(found["limit.names"]), 2),
+    }  # fmt: skip
+    for name in found["unit.names"].tolist():
+        width = found[name].shape[1:]
+        shapes |= {name: ("f", "records", *width), f"step.{name}": ("f", "points", *width)}
+    shapes |= {f"{name}.mode": ("i", "records") for name in elements}
+    shapes |= {f"approach.{name}": ("f", f"impacts of {name}") for name in elements if f"approach.{name}" in found}
+    check_shapes(found, shapes, lengths)
+    if not all((np.diff(each) >= 0).all() and np.isfinite(each).all() for each in (found["time"], found["step.time"], found["end"][None])):
+        raise ValueError("its times do not rise")
+    if not set(degree.tolist()) <= {0, *DEGREES} or (degree.size == 0) != (found["time"].size == 0):
+        raise ValueError("its steps do not fit to one another")
+    known = set(zip(found["modes.element"].tolist(), found["modes.number"].tolist(), strict=True))
+    for k, name in enumerate(elements):
+        if not {(name, mode) for mode in {*found[f"{name}.mode"].tolist(), *found["step.mode"][:, k].tolist()}} <= known:
+            raise ValueError(f"its `{name}.mode` has a mode without a word")
+    named = {*found["contacts"].tolist(), *found["event.element"].tolist()} - set(elements)
+    if named or not set(found["main"].tolist()) <= set(found["unit.names"].tolist()):
+        raise ValueError("it names elements or signals that it does not have")
+
+
 class SavedSteps:
     """The steps of a saved run: `time` and `mode` of the nodes that begin them, and a polynomial of each signal in each.
 
@@ -321,7 +359,9 @@ class SavedRun(Recorded):
         """The run in a file; raises SceneError where there is none."""
         what = "a run written by `Trajectory.save`"
         with understood(path, what):
-            return SavedRun(path, _completed(arrays(path, what)))
+            found = _completed(arrays(path, what))
+            _check(found)
+            return SavedRun(path, found)
 
     @property
     def names(self) -> list[str]:

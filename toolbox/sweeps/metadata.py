@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import replaced
+from toolbox.files.reading import TEXT, content
 
 FILE = "zarr.json"
 """Where zarr format 3 keeps its metadata; a folder of another format has none."""
@@ -44,11 +46,13 @@ def write_notes(path: Path, notes: Mapping[str, Any]) -> None:
 
 def digests(path: Path, names: tuple[str, ...]) -> dict[str, str]:
     """Checksums of the metadata of arrays."""
-    return {name: _digest((path / name / FILE).read_bytes()) for name in names}
+    return {name: _digest(content(path / name / FILE, TEXT)) for name in names}
 
 
 def notes_of(path: Path) -> dict[str, Any]:
     """The notes of the sweep in a folder. Raises SceneError where there is none, where it is damaged, and for a format or codec that sweeps do not use."""
+    if not os.path.lexists(path / FILE):
+        raise SceneError(f"There is no sweep in `{path}`: there is no file `{path / FILE}`.")
     try:
         group = _metadata(path / FILE, "group")
         words = group["attributes"]
@@ -60,8 +64,6 @@ def notes_of(path: Path) -> dict[str, Any]:
             _check_array(path, name, notes.get("digests", {}).get(name))
     except SceneError:
         raise
-    except FileNotFoundError as error:
-        raise SceneError(f"There is no sweep in `{path}`, or it is damaged: there is no file `{error.filename}`.") from None
     except Exception as error:  # what is damaged raises anything
         raise SceneError(f"There is no sweep in `{path}`, or it is damaged: {error}") from None
     return notes
@@ -71,7 +73,7 @@ def _check_array(path: Path, name: str, checksum: str | None) -> None:
     file = path / name / FILE
     if name in ("", ".", "..") or "/" in name or "\\" in name:
         raise SceneError(f"There is no sweep in `{path}`: an array of it cannot be called `{name}`.")
-    if checksum is not None and _digest(file.read_bytes()) != checksum:
+    if checksum is not None and _digest(content(file, TEXT)) != checksum:
         raise SceneError(f"The sweep in `{path}` is damaged: the checksum of `{file}` is another.")
     array = _metadata(file, "array")
     foreign = {codec["name"] for codec in array["codecs"]} - _CODECS | {array["data_type"]} - _TYPES
@@ -80,7 +82,7 @@ def _check_array(path: Path, name: str, checksum: str | None) -> None:
 
 
 def _metadata(file: Path, kind: str) -> dict[str, Any]:
-    found = json.loads(file.read_bytes())
+    found = json.loads(content(file, TEXT))
     if not isinstance(found, dict) or found.get("zarr_format") != 3 or found.get("node_type") != kind:
         raise SceneError(f"The file `{file}` must describe an {kind} of zarr format 3, but it does not.".replace("an group", "a group"))
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from toolbox.arguments import FloatArray
 from toolbox.errors import SceneError, suggest
 from toolbox.files import tables
-from toolbox.files.archives import arrays, understood
+from toolbox.files.archives import Shape, arrays, check_notes, check_shapes, understood
 from toolbox.files.atomic import replaced
 from toolbox.files.unit_systems import reading
 from toolbox.sweeps import store
@@ -167,17 +168,38 @@ class Sweep:
 
         Raises SceneError for anything else, and for a sweep that is not finished.
         """
-        path = Path(path)
-        if path.is_dir():
-            return Sweep(**store.loaded(path))
-        what = "a sweep written by `Sweep.save`"
+        path, what = Path(path), "a sweep written by `Sweep.save`"
         with understood(path, what):
-            data = arrays(path, what)
-            notes = json.loads(str(data["sweep"]))
-            axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
-            return Sweep(
-                title=notes["title"], names=tuple(notes["names"]), units=tuple(notes["units"]), points=data["points"],
-                shape=tuple(axis.size for axis in axes) or (len(data["points"]),), axes=axes, measures={name: data[f"measure.{name}"] for name in
-                notes["measure_units"]}, measure_units=notes["measure_units"], errors={int(i): text for i, text in notes["errors"].items()},
-                duration=notes["duration"], accuracy=notes["accuracy"], seconds=notes["seconds"], asked=notes.get("asked", {}),
-            )  # fmt: skip
+            found = Sweep(**(store.loaded(path) if path.is_dir() else _fields(arrays(path, what))))
+            found._check()
+            return found
+
+    def _check(self) -> None:
+        """Raise ValueError or TypeError where what was read does not fit together."""
+        kinds = {"title": "text", "names": "texts", "units": "texts", "measure_units": "by name", "asked": "by name"}
+        check_notes(self, {**kinds, **dict.fromkeys(("duration", "accuracy", "seconds"), "number")})
+        shapes: dict[str, Shape] = {"points": ("f", self.runs, len(self.names))}
+        shapes |= {f"axis {k}": ("f", length) for k, length in enumerate(self.shape if self.axes else ())}
+        shapes |= dict.fromkeys(self.measure_units, ("f", *self.shape))
+        check_shapes({"points": self.points, **{f"axis {k}": axis for k, axis in enumerate(self.axes)}, **self.measures}, shapes)
+        if (
+            self.runs != math.prod(self.shape)
+            or not self.runs
+            or len(self.units) != len(self.names)
+            or len(self.axes) not in (0, len(self.names))
+        ):
+            raise ValueError("its arrays do not fit to one another")
+        if not all(0 <= index < self.runs and isinstance(text, str) for index, text in self.errors.items()):
+            raise ValueError("it has an error of a run that it does not have")
+
+
+def _fields(data: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The arguments of a sweep from the arrays of its file."""
+    notes = json.loads(str(data["sweep"]))
+    axes = tuple(data[f"axis.{name}"] for name in notes["names"]) if notes["grid"] else ()
+    return {
+        "title": notes["title"], "names": tuple(notes["names"]), "units": tuple(notes["units"]), "points": data["points"], "axes": axes,
+        "shape": tuple(axis.size for axis in axes) or (len(data["points"]),), "measures": {name: data[f"measure.{name}"] for name in
+        notes["measure_units"]}, "measure_units": notes["measure_units"], "errors": {int(i): text for i, text in notes["errors"].items()},
+        "duration": notes["duration"], "accuracy": notes["accuracy"], "seconds": notes["seconds"], "asked": notes.get("asked", {}),
+    }  # fmt: skip

@@ -26,6 +26,7 @@ import numpy as np
 
 from toolbox.errors import SceneError
 from toolbox.files.atomic import clear_left, replaced, replaced_folder
+from toolbox.files.reading import LARGEST, most_unpacked, opened
 from toolbox.sweeps import metadata
 from toolbox.sweeps.chunks import DONE, FAILED, WAITING, Columns, chunk_ranges, chunk_shape
 from toolbox.sweeps.designs import grid
@@ -193,6 +194,8 @@ class _Open:
                 self.arrays = {name: self.group[name] for name in metadata.parts(self.notes)}
             if len({self.arrays[name].shape for name in ("status", "error", *self.names)}) > 1:
                 raise ValueError("its arrays are not of one shape")
+            if 8 * math.prod(self.arrays["status"].shape) * (len(self.names) + 1) > LARGEST:
+                raise ValueError("its arrays are too large to be read")
         except Exception as error:  # what is damaged raises anything
             raise SceneError(f"There is no sweep in `{path}`, or it is damaged: {error}") from None
 
@@ -284,6 +287,14 @@ def _durable() -> Any:
     class Durable(LocalStore):
         """Files of which a name is never seen before the content is on disk."""
 
+        async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
+            await asyncio.to_thread(_check_file, Path(self.root) / key)
+            return await super().get(key, prototype, byte_range)
+
+        def get_sync(self, key: str, **named: Any) -> Any:
+            _check_file(Path(self.root) / key)
+            return super().get_sync(key, **named)
+
         async def set(self, key: str, value: Any) -> None:
             await asyncio.to_thread(self.set_sync, key, value)
 
@@ -294,6 +305,22 @@ def _durable() -> Any:
                 file.write(value.to_bytes())
 
     return Durable
+
+
+def _check_file(path: Path) -> None:
+    """Raise SceneError for what is no regular file, and for a chunk that unpacks to more than it may. Zstandard: RFC 8878, section 3.1.1."""
+    if not os.path.lexists(path) or path.is_dir():
+        return
+    with opened(path) as file:
+        head, size = file.read(18), os.fstat(file.fileno()).st_size
+    if head[:4] != b"\x28\xb5\x2f\xfd" or (len(head) < 18 and len(head) < size):
+        return
+    flag = head[4]
+    at = 5 + (not flag & 0x20) + (0, 1, 2, 4)[flag & 3]
+    width = (flag >> 5 & 1, 2, 4, 8)[flag >> 6]
+    unpacked = int.from_bytes(head[at : at + width], "little") + (256 if width == 2 else 0)
+    if not width or unpacked > most_unpacked(size):
+        raise SceneError(f"The file `{path}` must say to how much it unpacks, and to no more than {most_unpacked(size) / 2**20:.0f} MiB.")
 
 
 def _laid_out(folder: Path, sheet: Sheet, chunk: tuple[int, ...], more: Mapping[str, Any]) -> None:

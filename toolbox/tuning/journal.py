@@ -13,12 +13,13 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from toolbox.errors import SceneError
 from toolbox.files.interrupts import undivided
+from toolbox.files.reading import TEXT, content
 
 FORMAT = "stickslip journal 2"
 
@@ -30,19 +31,20 @@ class Journal:
     """A file of results, each under a list of numbers as its key; numbers and results survive unchanged to the last bit.
 
     arguments: {name: text} of the search. An existing file must be a journal of the same arguments, or SceneError names the one that differs.
+    fits: whether a result is one of this search; without it any is.
     """
 
-    def __init__(self, path: str | Path, arguments: Mapping[str, str]):
-        self.path = Path(path)
+    def __init__(self, path: str | Path, arguments: Mapping[str, str], fits: Callable[[Any], bool] = lambda result: True):
+        self.path, self._fits = Path(path), fits
         self.known: dict[tuple[float | None, ...], Any] = {}
         self.checked = True
         header = {"format": FORMAT, "arguments": dict(arguments)}
         try:
-            content = self.path.read_bytes() if self.path.exists() else b""
-            whole = content[: content.rfind(b"\n") + 1]
-            if content and not whole and not _line(header).startswith(content):
+            there = content(self.path, TEXT, "journal") if self.path.exists() else b""
+            whole = there[: there.rfind(b"\n") + 1]
+            if there and not whole and not _line(header).startswith(there):
                 raise SceneError(f"Argument `journal` must be a journal of an earlier search, but `{self.path}` is something else.")
-            if len(whole) < len(content):
+            if len(whole) < len(there):
                 with self.path.open("r+b") as file:
                     file.truncate(len(whole))
             if whole:
@@ -75,6 +77,7 @@ class Journal:
                 and isinstance(entry.get("numbers"), list)
                 and "result" in entry
                 and ("check" in entry) == self.checked
+                and self._fits(entry["result"])
             )
             if not whole or not all(value is None or isinstance(value, (int, float)) for value in entry["numbers"]):
                 raise SceneError(

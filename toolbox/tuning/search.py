@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from toolbox.arguments import is_finite_number
 from toolbox.errors import SceneError, SimulationError
 from toolbox.scenes.cases import Case
 from toolbox.scenes.scene import Scene
@@ -40,6 +41,17 @@ def trial_objectives(
     except (SimulationError, *refused) as error:
         return (math.inf,) * len(objectives), f"{type(error).__name__}: {error}"
     return tuple(value if math.isfinite(value) else math.inf for value in values), ""
+
+
+def is_result(kept: Any, scenes: int, objectives: int) -> bool:
+    """Whether what a journal holds is the result of one point: a row of objectives for each scene, and why each failed."""
+    rows, failures = (kept.get("values"), kept.get("failures")) if isinstance(kept, dict) else (None, None)
+    if not isinstance(rows, list) or not isinstance(failures, list) or not len(rows) == len(failures) == scenes:
+        return False
+    whole = all(
+        isinstance(row, list) and len(row) == objectives and all(value is None or is_finite_number(value) for value in row) for row in rows
+    )
+    return whole and all(isinstance(text, str) for text in failures)
 
 
 class TuningSearch:

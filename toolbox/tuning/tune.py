@@ -36,7 +36,7 @@ from toolbox.scenes.verdicts import MEASURES
 from toolbox.sweeps.executors import check_executor
 from toolbox.tuning.journal import Journal, fingerprint
 from toolbox.tuning.results import Free, Tuned, plain_number
-from toolbox.tuning.search import Objective, Spent, TuningSearch, smallest, spread
+from toolbox.tuning.search import Objective, Spent, TuningSearch, is_result, smallest, spread
 
 _BY_FUNCTION: Mapping[Any, str] = {measure.severity: "severity", measure.settling: "settling", measure.overshoot: "overshoot"}
 _UNITS = {"stuck": "s", "severity": "1", "settling": "s", "overshoot": "1"}
@@ -128,6 +128,7 @@ def tune(
                 "bounds": repr([(each.name, each.low, each.high) for each in free]),
                 "seed": str(seed),
             },
+            lambda result: is_result(result, len(scenes), len(objectives)),
         )
     search = TuningSearch(list(scenes.values()), cases, free, objectives, over, runs, kept, executor)
     with _bar(runs, progress) as search.bar:

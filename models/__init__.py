@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from models.belt import Block as Block
     from models.belt import BlockOnBelt as BlockOnBelt
     from models.belt import BlocksOnBelt as BlocksOnBelt
+    from models.belt import Guide as Guide
     from models.bit_rock import BitRock as BitRock
     from models.bristle_contact import BristleContact as BristleContact
     from models.bristle_contact import parabolic_shares as parabolic_shares
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from models.hysteretic_bit_rock import SmoothHystereticBitRock as SmoothHystereticBitRock
     from models.lateral import WhirlingCollar as WhirlingCollar
     from models.lateral import whirl_ratio as whirl_ratio
+    from models.rate_and_state import RateAndState as RateAndState
     from models.sections import Section as Section
     from models.sections import read_sections as read_sections
     from models.shaft import shaft_frequencies as shaft_frequencies
@@ -101,6 +103,7 @@ __all__ = [
     "FrictionDamper",
     "GaussianStribeck",
     "GearNetwork",
+    "Guide",
     "HandArm",
     "Hyperbolic",
     "HystereticBitRock",
@@ -110,6 +113,7 @@ __all__ = [
     "OutletRCR",
     "PlateContact",
     "PressedDisks",
+    "RateAndState",
     "RationalStribeck",
     "ReducedBody",
     "Section",
@@ -148,7 +152,7 @@ __all__ = [
 _FILES = {
     "models.axial": "AxialChain",
     "models.bar": "OscillatorOnBar",
-    "models.belt": "Absorber, Block, BlockOnBelt, BlocksOnBelt",
+    "models.belt": "Absorber, Block, BlockOnBelt, BlocksOnBelt, Guide",
     "models.bit_rock": "BitRock",
     "models.bristle_contact": "BristleContact, parabolic_shares",
     "models.bristles": "Dahl, Dankowicz, LuGre",
@@ -172,6 +176,7 @@ _FILES = {
     "models.hand_arm": "HandArm",
     "models.hysteretic_bit_rock": "HystereticBitRock, SmoothHystereticBitRock",
     "models.lateral": "WhirlingCollar, whirl_ratio",
+    "models.rate_and_state": "RateAndState",
     "models.sections": "Section, read_sections",
     "models.shaft": "shaft_frequencies",
     "models.sliders": "InclinedSlider, PlateContact, Slider",

@@ -23,42 +23,41 @@ class Bristle(FrictionLaw):
     """A law whose memory is a bristle that yields at the friction of steady sliding: F = -N (s0 z + s1 z' + s2 v), z' = v - s0 |v| z / g(|v|)."""
 
     stiffness: Quantity
-    steady: FrictionLaw
+    steady: FrictionLaw  # at which it yields
     damping, viscous = 0.0, 0.0
 
     def memory(self, directions):
         return {"deflection": ("m", (0.0,) * directions)}
 
-    def curve(self, speed):
-        """Coefficient g at which the bristle yields at a slip speed >= 0."""
-        return self.steady.sliding(speed)
-
     def sliding(self, speed):
-        return self.curve(speed) + self.viscous * speed
+        return self.steady.sliding(speed) + self.viscous * speed
 
     def breakaway(self):
         return self.steady.breakaway()
 
     def evolution(self, slip, speed, load, memory):
         z = memory["deflection"]
-        rate = slip - self.stiffness * speed * z / self.curve(speed)
+        rate = slip - self.stiffness * speed * z / self.steady.sliding(speed)
         return self.stiffness * z + self.damping * rate + self.viscous * slip, {"deflection": rate}
 
     def energies(self, slip, speed, load, memory):
         z, rate = memory["deflection"], self.evolution(slip, speed, load, memory)[1]["deflection"]
-        sliding = self.stiffness**2 * speed * ca.sumsqr(z) / self.curve(speed)
+        sliding = self.stiffness**2 * speed * ca.sumsqr(z) / self.steady.sliding(speed)
         losses = {"sliding": sliding, "bending": self.damping * ca.dot(rate, slip), "viscous": self.viscous * speed**2}
         return self.stiffness * ca.sumsqr(z) / 2, {name: power for name, power in losses.items() if not ca.SX(power).is_zero()}
 
     def check(self):
-        steady = getattr(self, "steady", None)
-        if steady is not None and (steady.memory(1) or steady.breaks()):
-            raise SceneError(f"Argument `steady` must be a law without memory and without jumps, but it is {steady!r}.")
+        if self.steady.memory(1) or self.steady.breaks():
+            raise SceneError(f"Argument `steady` must be a law without memory and without jumps, but it is {self.steady!r}.")
+        if not float(self.steady.breakaway()) > 0:
+            raise SceneError(f"Argument `steady` must have a static friction > 0, at which bristles yield, but it is {self.steady!r}.")
 
     @classmethod
     def from_part(cls, table):
         """The table of a scene file that means this law by a part on a block, whose numbers are forces, as that of a `Guide`."""
         load = in_si(table.get("load", 1.0), "N", "load")
+        if not load > 0:
+            raise SceneError(f"Argument `{cls.__name__}.load` must be > 0 N, but it is {load!r}.")
         specs = {spec.name: spec for spec in dataclasses.fields(cls)}
         law = {"law": cls.__name__} | ({"steady": table["friction"]} if "friction" in table else {})
         for name, spec in specs.items():
@@ -84,11 +83,9 @@ class Dahl(Bristle):
     )
     kinetic: Quantity = quantity(1.0, "1", "coefficient mu of sliding friction", above=0)
 
-    def curve(self, speed):
-        return self.kinetic
-
-    def breakaway(self):
-        return self.kinetic
+    @property
+    def steady(self):
+        return Coulomb(self.kinetic, self.kinetic)
 
 
 @dataclass(frozen=True)
@@ -126,6 +123,6 @@ class Dankowicz(Bristle):
 
     def evolution(self, slip, speed, load, memory):
         z = memory["deflection"]
-        return self.curve(speed) * z / self.reach, {"deflection": slip - speed * z / self.reach}
+        return self.steady.sliding(speed) * z / self.reach, {"deflection": slip - speed * z / self.reach}
 
     energies = FrictionLaw.energies

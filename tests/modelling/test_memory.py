@@ -10,9 +10,26 @@ import numpy as np
 import pytest
 
 from controllers import SoftTorque
-from models import BitRock, Block, BlockOnBelt, Coulomb, Dahl, Drop, Exponential, Guide, LuGre, RateAndState, WhirlingCollar, wells
+from models import (
+    BitRock,
+    Block,
+    BlockOnBelt,
+    Coulomb,
+    Dahl,
+    Drop,
+    Exponential,
+    Guide,
+    HystereticBitRock,
+    LuGre,
+    RateAndState,
+    WhirlingCollar,
+    averaged_friction,
+    tangential_dither,
+    wells,
+)
 from toolbox import (
     Component,
+    ContactProblem,
     DryFriction,
     Equations,
     FrictionLaw,
@@ -114,6 +131,7 @@ def test_numbers_of_a_law_with_memory_bear_the_name_of_their_contact_and_the_uni
         (LuGre(stiffness=-1.0), "stiffness.*must be >"),
         (LuGre(steady=Dahl()), "`steady` must be a law without memory"),
         (LuGre(steady=Drop()), "`steady` must be a law without memory and without jumps"),
+        (LuGre(steady=Coulomb(0.0, 0.0)), "`steady` must have a static friction > 0"),
         (LuGre(steady=Coulomb(0.2, 0.3)), "`kinetic` must be <= the static"),
         (RateAndState(distance=math.nan), "distance"),
         (Dahl(kinetic=0.0), "kinetic.*must be >"),
@@ -131,6 +149,20 @@ def test_every_state_of_a_law_needs_its_rate():
 
     with pytest.raises(SceneError, match="`belt` must give a rate for grip, but it gives none"):
         compose(BlockOnBelt(friction=Still()))
+
+
+@pytest.mark.parametrize(
+    "ask, word",
+    [
+        (lambda: compose(wells.JANSEN_2, HystereticBitRock(friction=Dahl())), "`friction` must be a law without memory"),
+        (lambda: averaged_friction(LuGre(), 0.1, 1.0), "`law` must be without memory"),
+        (lambda: tangential_dither(RIG, "bit", 1.0, 50.0), "`bit` has no modes"),
+        (lambda: ContactProblem(np.eye(1), np.eye(1), np.ones((1, 1, 1)), LuGre(), load=[1.0]), "`friction` must be .* without memory"),
+    ],
+)
+def test_what_rests_on_a_law_of_the_slip_alone_refuses_one_with_memory(ask, word):
+    with pytest.raises(SceneError, match=word):
+        ask()
 
 
 def test_a_rigid_wall_does_not_carry_a_law_with_memory_and_an_elastic_one_does():
@@ -187,11 +219,15 @@ def test_a_name_that_is_no_contact_at_all_is_still_unknown(running):
         running.time_in("bat", "stick")
 
 
-def test_the_severity_on_bristles_is_that_of_the_set_valued_contact(running):
+def test_the_severity_on_bristles_is_that_of_the_set_valued_contact(running, root):
     # stiff bristles: 0.8 / 200 rad of presliding beside the turns of a stick-slip cycle
     twin = simulate(TWIN, 300.0, controller=SoftTorque(reference=2.0))
     assert twin.time_in("bit", "stick", after=100.0) > 10.0
     assert measure.severity(running, "bit.speed", 100.0) == pytest.approx(measure.severity(twin, "bit.speed", 100.0), rel=0.01)
+    found = [measure.severity(run, "bit.speed", 100.0) for run in (twin, running)]
+    page = " ".join((root / "docs" / "friction.md").read_text().split())
+    assert f"prints {found[0]:.2f} and {found[1]:.2f}, 3.6771 and 3.6770 rad/s" in page
+    assert 50 < sum(running.steps) / sum(twin.steps) < 200 and "takes a hundred times the steps" in page
     swept = sweep(RIG, {"bit.weight": [97_347.0]}, 300.0, controller=SoftTorque(reference=2.0), measures=["severity"])
     assert float(np.ravel(swept["severity"])[0]) == pytest.approx(measure.severity(running, "bit.speed", 150.0), rel=1e-6)
 

@@ -95,6 +95,11 @@ def test_a_scene_that_names_a_bristle_as_a_part_loads_as_the_guide_that_it_means
     saved = tmp_path / "new.toml"
     found.save(saved)
     assert 'part = "Guide"' in saved.read_text() and Scene.load(saved).parts == found.parts
+    if name != "Dahl":
+        path.write_text(path.read_text().replace(f"load = {load}", "load = 0.0").replace(f'load = "{load} N"', "load = 0.0"))
+        with pytest.raises(SceneError, match=f"`{name}.load` must be > 0 N"):
+            Scene.load(path)
+        path.write_text(path.read_text().replace("load = 0.0", "load = 1.0"))
     path.write_text(path.read_text() + 'stifness = "1 N/m"\n')
     with pytest.raises(SceneError, match="There is no key `stifness`"):
         Scene.load(path)

@@ -92,7 +92,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     verdict = _keys(data.get("verdict", {}), "verdict", keys.names("[verdict]"), keys.required("[verdict]"))
     contacts = [each.name for each in plant.elements if verdict.get("element") not in plant.modeless] or [*plant.modeless]
     if not contacts:
-        raise SceneError("Argument `plant` must have a contact with friction, but it has none.")
+        raise SceneError("Argument `plant` must have a contact that can stick, or one with memory, but it has none.")
     if len(contacts) > 1 and "element" not in verdict:
         raise SceneError(
             f"The key `element` is missing in `verdict`: which of {', '.join(f'`{name}`' for name in contacts)} is to be judged?"

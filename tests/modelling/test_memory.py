@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from controllers import SoftTorque
+from controllers import LinearMPC, SoftTorque
 from models import (
     BitRock,
     Block,
@@ -45,6 +45,7 @@ from toolbox import (
     measure,
     onset,
     quantity,
+    sensitivity,
     simulate,
     state,
     sweep,
@@ -155,6 +156,10 @@ def test_every_state_of_a_law_needs_its_rate():
     "ask, word",
     [
         (lambda: compose(wells.JANSEN_2, HystereticBitRock(friction=Dahl())), "`friction` must be a law without memory"),
+        (
+            lambda: simulate(RIG, 1.0, controller=LinearMPC(reference=8.0)),
+            "the law of `bit`, LuGre, has a memory: give the rock its steady curve",
+        ),
         (lambda: averaged_friction(LuGre(), 0.1, 1.0), "`law` must be without memory"),
         (lambda: tangential_dither(RIG, "bit", 1.0, 50.0), "`bit` has no modes"),
         (lambda: ContactProblem(np.eye(1), np.eye(1), np.ones((1, 1, 1)), LuGre(), load=[1.0]), "`friction` must be .* without memory"),
@@ -266,6 +271,16 @@ def test_a_limit_cycle_on_bristles_returns_and_attracts():
     found = measure.extent(again, "block.position")
     assert found.maximum - found.minimum == pytest.approx(swings.maximum - swings.minimum, rel=1e-5)
     assert max(abs(np.delete(cycle.multipliers, np.argmin(abs(cycle.multipliers - 1))))) < 1
+
+
+def test_the_sensitivity_to_the_stiffness_of_bristles_is_the_difference_of_runs():
+    def run(stiffness):
+        block = BlockOnBelt(friction=LuGre(stiffness=stiffness, steady=Exponential(1.0, 0.6, 3.0)))
+        return simulate(compose(block), 5.0, accuracy=1e-12)
+
+    slope = sensitivity(run(100.0), "belt.friction.stiffness")["block.position"][-1]
+    across = (run(100.1).at(5.0)["block.position"] - run(99.9).at(5.0)["block.position"]) / 0.2
+    assert float(np.ravel(slope)[-1]) == pytest.approx(across, rel=1e-5)
 
 
 @pytest.mark.parametrize("method", ["stiff", "taylor", "time-stepping", "smoothed"])

@@ -38,6 +38,11 @@ def string_model(plant: HybridSystem) -> StringModel:
     for name in ("top.torque", "top.speed", "top.load", "bit.speed", "bit.force"):
         if not plant.has_signal(name):
             raise SceneError(f"The law is designed on a drill string with a rock, but the plant has no `{name}`.")
+    if "bit" in plant.modeless:
+        raise SceneError(
+            f"The law is designed on a rock that sticks and slips, but the law of `bit`, {plant.modeless['bit']}, has a memory: give the rock its steady "
+            "curve, such as Exponential()."
+        )
     contact = next(i for i, element in enumerate(plant.elements) if element.name == "bit")
     outputs = ca.vertcat(*[plant.expression(name) for name in ("top.speed", "bit.speed", "top.load")])
     torque = plant.inputs["top.torque"].symbol
@@ -70,7 +75,9 @@ def rock_slope(plant: HybridSystem, speed: float) -> tuple[float, float]:
     """Torque [N m] of the rock at a bit speed [rad/s] > 0 on the declared plant, and its slope [N m s/rad]."""
     rock = next((element for element in plant.elements if element.name == "bit"), None)
     if rock is None:
-        raise SceneError("The law is designed on a drill string with a rock, but the plant has no contact `bit`.")
+        raise SceneError(
+            "The law is designed on a drill string with a rock that sticks and slips, but the plant has no such contact `bit`."
+        )
     place = ca.jacobian(rock.slip, plant.x)
     inputs = plant.input_defaults(plant.values)
     torque = ca.Function("rock", [plant.x, plant.u, plant.p, plant.m, plant.t], [rock.kinetic, ca.jacobian(rock.kinetic, plant.x)])

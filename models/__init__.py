@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from models.belt import Block as Block
     from models.belt import BlockOnBelt as BlockOnBelt
     from models.belt import BlocksOnBelt as BlocksOnBelt
+    from models.belt import Guide as Guide
     from models.bit_rock import BitRock as BitRock
     from models.bristle_contact import BristleContact as BristleContact
     from models.bristle_contact import parabolic_shares as parabolic_shares
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from models.hysteretic_bit_rock import SmoothHystereticBitRock as SmoothHystereticBitRock
     from models.lateral import WhirlingCollar as WhirlingCollar
     from models.lateral import whirl_ratio as whirl_ratio
+    from models.rate_and_state import RateAndState as RateAndState
     from models.sections import Section as Section
     from models.sections import read_sections as read_sections
     from models.shaft import shaft_frequencies as shaft_frequencies

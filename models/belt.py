@@ -75,6 +75,32 @@ class BlockOnBelt(Component):
 
 
 @dataclass(frozen=True)
+class Guide(Component):
+    """A second surface that rubs on a block: a guide, a seal, a slide with bristles; a = F, dry friction against v - v_belt.
+
+    - Needs the signals `block.speed` v [m/s] and `guide.load` [N] (default: the field `load`).
+    - Gives the signals `guide.drag` -F [N] and `block.attachment` a [N].
+    - Contact: `guide`.
+
+    Source: textbook; numbers chosen.
+    """
+
+    load: Quantity = quantity(1.0, "N", "normal load; 1 where the law is a force", at_least=0)
+    belt_speed: Quantity = quantity(0.0, "m/s", "speed of the surface")
+    friction: FrictionLaw = Hyperbolic(static=1.0, decay=3.0)
+
+    def equations(self, signal):
+        v = signal("block.speed", "m/s")
+        guide = DryFriction("guide", v - self.belt_speed, self.friction, signal("guide.load", "N", default=self.load))
+        return Equations(
+            gives={"guide.drag": (-guide.force, "N"), "block.attachment": (guide.force, "N")},
+            elements=[guide],
+            losses={"friction": -guide.force * (v - self.belt_speed)},
+            supplies={"drive": guide.force * self.belt_speed, "block": -guide.force * v},
+        )
+
+
+@dataclass(frozen=True)
 class BlocksOnBelt(Component):
     """Blocks in a row on one belt, each held by a spring to ground and tied to its neighbours: the smallest machine whose parts stick in turn.
 

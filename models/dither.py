@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from toolbox import FrictionLaw, HybridSystem, SceneError
-from toolbox.authoring import suggest
 
 
 def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float:
@@ -33,8 +32,10 @@ def averaged_friction(law: FrictionLaw, speed: float, amplitude: float) -> float
     Raises
     ------
     SceneError
-        If a number is not finite, or B < 0.
+        If a number is not finite, B < 0, or the law has a memory.
     """
+    if law.memory(1):
+        raise SceneError(f"Argument `law` must be without memory, because bristles follow a dither that is small, but it is {law!r}.")
     if not math.isfinite(speed):
         raise SceneError(f"Argument `speed` must be a finite number, but it is {speed!r}.")
     if not 0 <= amplitude < math.inf:
@@ -88,7 +89,7 @@ def tangential_dither(plant: HybridSystem, contact: str, slip: float, frequency:
     """
     names = [element.name for element in plant.elements]
     if contact not in names:
-        raise SceneError(f"There is no contact `{contact}`: {suggest(contact, names)}")
+        raise plant.no_element(contact)
     for name, value in (("slip", slip), ("frequency", frequency)):
         if not 0 < value < math.inf:
             raise SceneError(f"Argument `{name}` must be > 0 and finite, but it is {value!r}.")

@@ -24,7 +24,7 @@ import casadi as ca
 
 from models.friction import Exponential
 from models.smooth_bit_rock import smooth_torque
-from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, quantity
+from toolbox import Component, DryFriction, Equations, FrictionLaw, Quantity, SceneError, quantity
 from toolbox.modelling import OptionalQuantity
 
 STEPS = 12
@@ -70,6 +70,12 @@ class HystereticBitRock(Component):
     beta0: Quantity = quantity(0.2, "1", "half distance of the branches in parts of the torque (assumed)", at_least=0, at_most=1)
     beta1: OptionalQuantity = quantity(None, "s2/rad", "steepness of the change between the branches; none where it switches", at_least=0)
     friction: FrictionLaw = Exponential(static=0.8, kinetic=0.5, decay=0.9)
+
+    def check(self):
+        if self.friction.memory(1):
+            raise SceneError(
+                "Argument `friction` must be a law without memory, whose place the branches take: `BitRock` takes one with it."
+            )
 
     def equations(self, signal):
         speed, inertia = signal("bit.speed", "rad/s"), signal("bit.inertia", "kg m2")

@@ -129,8 +129,10 @@ class ContactProblem:
         if not isinstance(self.friction, FrictionLaw):
             raise SceneError(f"Argument `friction` must be a friction law such as Coulomb(), but it is {self.friction!r}.")
         check_fields(self.friction)
-        if self.friction.breaks():
-            raise SceneError("Argument `friction` must be a law without breaks: time stepping locates none.")
+        if self.friction.breaks() or self.friction.memory(2):
+            raise SceneError(
+                "Argument `friction` must be a law without breaks, which time stepping does not locate, and without memory, which it has not."
+            )
 
     def unit(self, name: str) -> str:
         """The unit of an input; of an output where no input has its name."""

@@ -74,7 +74,7 @@ class Measure:
             return
         elements = {element.name: element for element in system.elements}
         if self.of not in elements:
-            raise SceneError(f"There is no element `{self.of}`: {suggest(self.of, elements)}")
+            raise system.no_element(self.of)
         if self.kind != "events" and self.mode not in elements[self.of].legend.values():
             raise SceneError(f"There is no mode `{self.mode}` of `{self.of}`: {suggest(self.mode, elements[self.of].legend.values())}")
 

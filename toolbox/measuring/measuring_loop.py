@@ -226,10 +226,10 @@ def _highest(f0, d0, c0, f1, d1, c1, best):
 
 @inlined
 def _straightened(left, right, h, count, size):
-    """Where slopes are not finite, as of a root at zero, or so large that a signal would leave its size, as of a length that grows from zero, a piece is
-    straight."""
+    """Where slopes are not finite, as of a root at zero, or so large that they cannot be those of a piece so short, as of a length that grows from zero, or
+    of a stiff state that follows others within the accuracy of the run, a piece is straight."""
     for s in range(count):
-        if not _fits_one(left, right, h, s, count, size, 1.0):
+        if not _fits_one(left, right, h, s, count, size, 1e-4):
             slope = (right[s] - left[s]) / h
             left[count + s] = right[count + s] = slope
             left[2 * count + s] = right[2 * count + s] = 0.0

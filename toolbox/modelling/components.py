@@ -366,3 +366,24 @@ def equations_of(symbolic: Component, signal: Callable[..., ca.SX], title: str) 
         if not isinstance(variable, State):
             raise SceneError(f"The flow of {title} must map states made with `state(...)` to derivatives, but a key is {variable!r}.")
     return equations
+
+
+def governed(law: Any, owner: Any) -> bool:
+    """Whether a law is this one, or has it as a field."""
+    return law is owner or (law is not None and any(getattr(law, field.name) is owner for field in dataclasses.fields(law)))
+
+
+def unit_at(element: Element, unit: str) -> str:
+    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
+    if unit in ("m/s", "rad/s"):
+        return element.slip_unit
+    if unit in ("m", "1/m"):
+        return unit.replace("m", element.slip_unit.removesuffix("/s"))
+    if unit in ("s/m", "s/rad"):
+        return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
+    if unit == "s2/m2" and element.slip_unit == "rad/s":
+        return "s2/rad2"
+    if unit in ("N", "N m"):  # of a law that is a force by itself, where the load is 1; under one that is computed it is a coefficient
+        load = ca.SX(getattr(element, "load", 1.0))
+        return element.force_unit if load.is_symbolic() or load.is_constant() else "1"
+    return unit

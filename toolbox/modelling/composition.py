@@ -26,12 +26,14 @@ from toolbox.modelling.components import (
     bounds_checked,
     checked,
     equations_of,
+    governed,
     law_of,
     numbers_of,
     structure_of,
     symbolic_copy,
+    unit_at,
 )
-from toolbox.modelling.elements import Element, time
+from toolbox.modelling.elements import Element, State, time
 from toolbox.modelling.elimination import dependent_rows, must_be_independent
 from toolbox.modelling.hybrid_system import HybridSystem, Input, Parameter, SampledUpdate
 from toolbox.modelling.switching import check_rates
@@ -126,9 +128,11 @@ class _Composer:
         self.values: list[float] = []
         self.states: dict[str, tuple[int, int | None, str]] = {}
         self.x: list[ca.SX] = []
+        self.begin: list[np.ndarray] = []
         self.flow: list[ca.SX] = []
         self.given: dict[str, tuple[ca.SX, str]] = {}
         self.elements: list[Element] = []
+        self.modeless: dict[str, str] = {}
         self.owners: dict[str, int] = {}
         self.stored: dict[str, ca.SX] = {}
         self.losses: dict[str, ca.SX] = {}
@@ -185,15 +189,16 @@ class _Composer:
             path = f"{own}.{slot.field_path.removeprefix('law.')}"
             unit = slot.spec.metadata.get("unit", "1")
             if slot.owner is not symbolic:
-                users = [e for e, original in zip(elements, originals, strict=True) if original.law is slot.owner]
+                users = [e for e, original in zip(elements, originals, strict=True) if governed(original.law, slot.owner)]
                 if len(users) == 1:
                     path = f"{users[0].name}.{slot.field_path}"
                 if users:
-                    unit = _unit_at(users[0], unit)
+                    unit = unit_at(users[0], unit)
             self._add_parameter(path, slot, unit)
         for name, unit, default, placeholder in needs:
             self._need(renamed(name), unit, default, placeholder, title)
-        self._add_flow(equations, renamed)
+        for variable, derivative in equations.flow.items():
+            self._add_state(renamed(variable.label), variable, derivative, variable.unit)
         for name, (expression, unit) in equations.gives.items():
             self._give(renamed(name), ca.SX(expression), unit)
         for element in elements:
@@ -207,6 +212,11 @@ class _Composer:
         for target, source in ((self.losses, equations.losses), (self.supplies, equations.supplies)):
             for name, power in source.items():
                 target[f"{own}.{name}"] = ca.SX(power)
+        for element in elements:
+            for variable, derivative in element.flow.items():
+                self._add_state(f"{element.name}.{variable.label}", variable, derivative, unit_at(element, variable.unit))
+            for target, source in zip((self.losses, self.supplies), element.powers, strict=False):
+                target.update({f"{element.name} {name}": power for name, power in source.items()})
 
     def _add_elements(self, component: Component, originals: list[Element], own: str, renamed: Callable[[str], str]) -> list[Element]:
         """Copies of the elements of a component, under their names in the plant."""
@@ -215,24 +225,24 @@ class _Composer:
             element.name = renamed(element.name)
             if component.name and element.name.partition(".")[0] != own:
                 element.name = f"{own}.{element.name}"
-            if any(element.name == other.name for other in self.elements):
+            if element.name in self.modeless or any(element.name == other.name for other in self.elements):
                 raise SceneError(f"Two elements are called `{element.name}`: give one of the parts a `name=`.")
-            self.elements.append(element)
+            self.modeless |= {element.name: type(element.law).__name__} if element.flow else {}
+            self.elements += [] if element.flow else [element]
         return elements
 
-    def _add_flow(self, equations: Equations, renamed: Callable[[str], str]) -> None:
-        """States and their derivatives."""
-        for variable, derivative in equations.flow.items():
-            name = renamed(variable.label)
-            derivative = ca.densify(ca.SX(derivative))
-            if derivative.shape != variable.shape:
-                raise SceneError(f"The derivative of `{name}` must have shape {variable.shape}, but it has {derivative.shape}.")
-            if name in self.states:
-                raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
-            self.states[name] = (sum(v.numel() for v in self.x), variable.length, variable.unit)
-            self.x.append(ca.SX(variable))
-            self.flow.append(derivative)
-            self._give(name, ca.SX(variable), variable.unit)
+    def _add_state(self, name: str, variable: State, derivative: Any, unit: str) -> None:
+        """A state and its derivative."""
+        derivative = ca.densify(ca.SX(derivative))
+        if derivative.shape != variable.shape:
+            raise SceneError(f"The derivative of `{name}` must have shape {variable.shape}, but it has {derivative.shape}.")
+        if name in self.states:
+            raise SceneError(f"Two parts have the state `{name}`: give one of them a `name=`.")
+        self.states[name] = (sum(v.numel() for v in self.x), variable.length, unit)
+        self.x.append(ca.SX(variable))
+        self.begin.append(np.broadcast_to(np.asarray(variable.begin, float), variable.numel()))
+        self.flow.append(derivative)
+        self._give(name, ca.SX(variable), unit)
 
     def _add_update(self, update: Update, renamed: Callable[[str], str]) -> None:
         """What a sampled law holds and remembers between its samples."""
@@ -255,6 +265,7 @@ class _Composer:
     def _check_regular(self, title: str, equations: Equations) -> None:
         expressions = [*equations.flow.values(), *(e for e, _ in equations.gives.values())]
         for element in equations.elements:
+            expressions += [*element.flow.values(), *(power for powers in element.powers for power in powers.values())]
             expressions += [getattr(element, name) for name in element.expressions]
         expressions += [*equations.losses.values(), *equations.supplies.values(), 0 if equations.stored is None else equations.stored]
         if equations.update is not None:
@@ -357,13 +368,13 @@ class _Composer:
         if not self.x:
             raise SceneError("A plant needs at least one state, but these parts have none.")
         system.flow = ca.vertcat(*[bundle[f"flow:{i}"] for i in range(len(self.flow))])
-        system.states = self.states
+        system.states, system.begin = self.states, np.concatenate(self.begin)
         system.owners = self.owners
         system.signals = {name: (bundle[f"given:{name}"], unit) for name, (_, unit) in self.given.items()}
         for i, element in enumerate(self.elements):
             for name in element.expressions:
                 setattr(element, name, bundle[f"{name}:{i}"])
-        system.elements = tuple(self.elements)
+        system.elements, system.modeless = tuple(self.elements), self.modeless
         system.inputs = inputs
         system.parameters = self.parameters
         for kind in ("stored", "losses", "supplies"):
@@ -388,6 +399,9 @@ class _Composer:
             unlisted = sorted({name.rpartition(".")[0] for name in strangers if name.endswith((".multiplier", ".mode"))})
             remedy = f"element `{unlisted[0]}` must be in `elements`" if unlisted else "a state must be a key of `flow`"
             raise SceneError(f"The equations use symbols that nobody declared: {', '.join(strangers)}; {remedy}.")
+        rigid = [e.multiplier for e in self.elements if e.rigid]
+        for name in (n for n in self.modeless if any(ca.depends_on(bundle[f"given:{n}.force"], push) for push in rigid)):
+            raise SceneError(f"The load of `{name}` must not come from a rigid contact, as its law has a memory: make that elastic.")
         slips = ca.vertcat(*[e.slip for e in self.elements], *[e.closure for e in self.elements if e.has_gap])
         if ca.depends_on(slips, system.held):
             raise SceneError("A slip must not depend on a signal held by a sampled law: it would jump at every sample.")
@@ -395,20 +409,6 @@ class _Composer:
         others = ca.vertcat(system.p, system.u, system.F, system.m, system.held)
         check_rates(time, system.x, others, system.flow, system.elements)
         return system
-
-
-def _unit_at(element: Element, unit: str) -> str:
-    """The unit of a friction law's field where the law acts: laws are declared for one kind of motion and serve both."""
-    if unit in ("m/s", "rad/s"):
-        return element.slip_unit
-    if unit in ("s/m", "s/rad"):
-        return {"m/s": "s/m", "rad/s": "s/rad"}.get(element.slip_unit, unit)
-    if unit == "s2/m2" and element.slip_unit == "rad/s":
-        return "s2/rad2"
-    if unit in ("N", "N m"):  # of a law that is a force by itself, where the load is 1; under one that is computed it is a coefficient
-        load = ca.SX(getattr(element, "load", 1.0))
-        return element.force_unit if load.is_symbolic() or load.is_constant() else "1"
-    return unit
 
 
 def _substituted(bundle: dict[str, ca.SX], old: list[ca.SX], new: list[ca.SX]) -> dict[str, ca.SX]:

@@ -11,6 +11,7 @@ import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import casadi as ca
@@ -26,6 +27,7 @@ time = ca.SX.sym("time")
 class State(ca.SX):
     """A named state of a part: a casadi symbol that remembers its name, unit and size."""
 
+    begin: Any = 0.0  # where a run starts unless it is told otherwise
     __hash__ = object.__hash__  # a vector SX has no hash of its own; a state is identified by itself
 
     def __init__(self, name: str, unit: str, size: int | None = None):
@@ -169,7 +171,7 @@ def _below(value: Any, bounds: Mapping[str, Any]) -> bool:
     return least is not None and any(isinstance(number, (int, float)) and number < least for number in numbers)
 
 
-TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s"}
+TURNED = {"s/rad": "s/m", "s/m": "s/rad", "m/s": "rad/s", "rad/s": "m/s", "m": "rad", "1/m": "1/rad"}
 """Friction laws serve turning and straight contacts alike: the slip unit of a law's parameters may be either."""
 
 
@@ -179,10 +181,25 @@ class FrictionLaw:
 
     Subclass it as a frozen dataclass whose numeric fields are declared with `quantity`, and write `sliding` and `breakaway`. The law must be smooth for
     positive slip speeds, except at the speeds that it declares as `breaks`, and at kinks of fabs, fmin and fmax.
+
+    A law with memory declares its internal states in `memory` and writes `evolution`; `sliding` is then its friction at a steady slip speed. The force follows
+    from states and slip alone, as bristles (Dahl 1968) and rate and state (Rice, Ben-Zion 1996) have it: a contact has no modes, and creeps where it stands.
     """
 
     def __post_init__(self) -> None:
         fields_in_si(self, TURNED)
+
+    def memory(self, directions: int) -> Mapping[str, tuple[str, Any]]:
+        """{internal state: (unit, start value)}, a number, or `(0.0,) * directions` for a deflection and its like; empty for a law without memory."""
+        return {}
+
+    def evolution(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[ca.SX, Mapping[str, Any]]:
+        """Friction against the slip, per unit of load, and {internal state: its rate}; `slip` and friction are columns of directions, `speed` is |slip|."""
+        raise NotImplementedError
+
+    def energies(self, slip: ca.SX, speed: ca.SX, load: ca.SX, memory: Mapping[str, ca.SX]) -> tuple[Any, Mapping[str, Any]]:
+        """Stored energy and {name: dissipated power} of a law with memory, per unit of load; by default nothing is stored."""
+        return 0.0, {"memory": ca.dot(self.evolution(slip, speed, load, memory)[0], slip)}
 
     def sliding(self, speed: ca.SX, *beyond: ca.SX) -> ca.SX:
         """Kinetic friction per unit of load at the slip speed `speed` >= 0.
@@ -212,7 +229,7 @@ class Element:
 
     Elements that hold (`DryFriction`, `Relay`, rigid `UnilateralContact`) keep `slip` at zero in mode 0, by whatever multiplier that takes; else
     the multiplier is -mode * kinetic, kinetic = load * sliding. Switches (`Hysteresis`, elastic `UnilateralContact`, a break of a law) have mode 0 or 1 and
-    no multiplier. `force` is an expression to be used, affinely, in the flow of the part that owns the element.
+    no multiplier. `force` is an expression to be used, affinely, in the flow of the part that owns the element. One with a `flow`, {state: rate}, has no mode.
 
     What an element can do it answers; nobody asks for its class.
     """
@@ -231,6 +248,8 @@ class Element:
     speed: ca.SX = ca.SX(0, 1)
     closure: ca.SX = ca.SX(0)
     restitution: ca.SX = ca.SX(0)
+    flow: Mapping[State, ca.SX] = MappingProxyType({})
+    powers: Sequence[Mapping[str, ca.SX]] = ()  # losses and supplies of one with a flow
 
     def __init__(self, name: str, slip: ca.SX | float, slip_unit: str, force_unit: str):
         self.name = name
@@ -300,6 +319,9 @@ class DryFriction(Element):
 
     Its modes are "stick" and "slip", and its signals `name.force` and `name.slip` are the lengths. Whose direction its force has is an element of its own
     (`name.direction`): "pull" from the instant at which it breaks away until it moves, "slip" from then on. Its load must not come from a rigid contact.
+
+    Under a law with memory it has no modes: force = -load * friction(slip, memory). Internal states are signals such as `pad.deflection`; the energy audit has
+    what the contact takes up (supply `pad.slip`), what its memory gives back (`pad.memory`) and what it loses, beside what the part books as given to it.
     """
 
     def __init__(
@@ -313,10 +335,8 @@ class DryFriction(Element):
         force_unit: str = "N",
     ):
         if isinstance(slip, (list, tuple)):
-            kind = type(slip).__name__
-            raise SceneError(
-                f"Argument `slip` of `{name}` must be one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {kind}."
-            )
+            words = f"one expression or a column of two, `casadi.vertcat(a, b)`, but it is a {type(slip).__name__}"
+            raise SceneError(f"Argument `slip` of `{name}` must be {words}.")
         slips = ca.densify(ca.SX(slip))
         if slips.shape not in ((1, 1), (2, 1)):
             raise SceneError(f"Argument `slip` of `{name}` must be one expression or a column of two, but its shape is {slips.shape}.")
@@ -328,6 +348,9 @@ class DryFriction(Element):
         if not self.load.is_scalar():
             raise SceneError(f"Argument `load` of `{name}` must be one normal force, but its shape is {self.load.shape}.")
         self.directions = slips.numel()
+        if law.memory(self.directions):
+            self._remember(slips, law)
+            return
         # |slip| = mode * slip while the mode holds; the product continues the law smoothly past the switching surface, where a step looks ahead
         speed = self.mode * self.slip
         second = []
@@ -346,10 +369,28 @@ class DryFriction(Element):
         """How fast it slips while it does, given its slips."""
         return self.mode * slips if self.directions == 1 else length(slips)
 
+    def _remember(self, slips: ca.SX, law: FrictionLaw) -> None:
+        """Take force, states and powers from a law; what is stored is booked as a power, as a load that changes makes it worth more or less."""
+        states = {}
+        for word, (unit, start) in law.memory(self.directions).items():
+            states[word] = state(word, unit, np.size(start) if np.size(start) > 1 else None)
+            states[word].begin = start
+        told = (slips, ca.fabs(slips) if slips.is_scalar() else length(slips), self.load, states)
+        friction, rates = law.evolution(*told)
+        if set(rates) != set(states):
+            given = ", ".join(rates) or "none"
+            raise SceneError(f"The law of `{self.name}` must give a rate for {', '.join(states)}, but it gives {given}.")
+        stored, losses = law.energies(*told)
+        self.slip, self.force, self.mode = slips, -self.load * friction, ca.SX(1)
+        self.flow = {states[word]: ca.SX(rate) for word, rate in rates.items()}
+        growth = ca.jtimes(ca.SX(stored), ca.vertcat(*self.flow), ca.vertcat(*self.flow.values()))
+        supplies = {"slip": -ca.dot(self.force, slips), "memory": -self.load * growth}
+        self.powers = ({word: self.load * power for word, power in losses.items()}, supplies)
+
     def signals(self) -> dict[str, tuple[ca.SX, str]]:
         if self.directions == 1:
             return super().signals()
-        slips = ca.vertcat(self.slip, self.companions[0].slip)
+        slips = self.slip if self.flow else ca.vertcat(self.slip, self.companions[0].slip)
         force, slip = (ca.sumsqr(column) / length(column) for column in (self.force, slips))  # exactly zero at zero
         return {"force": (force, self.force_unit), "slip": (self.mode**2 * slip, self.slip_unit)}
 

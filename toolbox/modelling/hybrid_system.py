@@ -102,6 +102,10 @@ class HybridSystem:
         {name: Parameter}.
     elements
         The set-valued elements.
+    modeless
+        {contact without modes: name of its friction law, which has a memory}.
+    begin
+        Where states start unless a run says otherwise, shape (n,): 0, or what a law with memory declares.
     values
         Declared parameter values, shape (n_p,).
     owners
@@ -132,6 +136,8 @@ class HybridSystem:
     inputs: dict[str, Input]
     parameters: dict[str, Parameter]
     elements: tuple[Element, ...]
+    modeless: Mapping[str, str]
+    begin: np.ndarray
     stored: dict[str, ca.SX]
     losses: dict[str, ca.SX]
     supplies: dict[str, ca.SX]
@@ -153,7 +159,7 @@ class HybridSystem:
 
     def __repr__(self) -> str:
         parts = ", ".join(type(part).__name__ for part in self.parts)
-        contacts = ", ".join(element.name for element in self.elements) or "none"
+        contacts = ", ".join([*(element.name for element in self.elements), *self.modeless]) or "none"
         free = ", ".join(f"{i.name} [{i.unit}]" for i in self.inputs.values()) or "none"
         return f"HybridSystem({parts}): {self.x.numel()} states ({', '.join(self.states)}); contacts: {contacts}; inputs: {free}"
 
@@ -245,6 +251,15 @@ class HybridSystem:
                 f"There is no signal and no parameter `{name}`: {suggest(str(name), [*self.signals, *self.inputs, *self.parameters])}"
             )
         return self._parameter(name).unit
+
+    def no_element(self, name: str) -> SceneError:
+        """The error of a name that is no element: a contact without modes is none."""
+        if name in self.modeless:
+            return SceneError(
+                f"`{name}` has no modes and never sticks exactly, because its friction law, {self.modeless[name]}, has a memory: judge the severity of a "
+                "speed, by `measure.severity` or in a `sweep`, and find where smooth running is lost by `hopf_points`."
+            )
+        return SceneError(f"There is no element `{name}`: {suggest(name, [element.name for element in self.elements])}")
 
     def signal_unit(self, name: str) -> str:
         """Unit of a signal, an input, or one entry of a vector state; raises SceneError for any other name."""

@@ -126,7 +126,7 @@ def measured_margins(
     Raises SceneError for an unknown `inertia` and for a plant without a contact.
     """
     contacts = [element.name for element in plant.elements if element.law is not None]
-    if not contacts:
+    if not contacts and not plant.modeless:
         raise SceneError("The plant must have a contact with dry friction to be judged, but it has none.")
     if inertia is not None and (
         not plant.has_parameter(inertia) or (inertia in plant.parameters and plant.parameters[inertia].size is not None)
@@ -134,7 +134,7 @@ def measured_margins(
         raise SceneError(
             f"Argument `inertia` must name one number of the plant, but it is {inertia!r}: {suggest(str(inertia), plant.parameters)}"
         )
-    speeds = [judged_signal(plant, name) for name in contacts]
+    speeds = [judged_signal(plant, name) for name in [*contacts, *plant.modeless]]
     after = duration / 2
 
     def run(gain: float, delay: float, factor: float) -> Trajectory:

@@ -35,16 +35,23 @@ def judged_element(names: Sequence[str], element: str | None, argument: str = "e
     return element or next(iter(names), None)
 
 
-def judged_contact(closed: HybridSystem, element: str | None, argument: str = "element") -> str:
-    """The contact with dry friction whose sticking is judged: the one named, or the only one. Raises SceneError for any other case."""
-    found = judged_element([each.name for each in closed.elements if each.law is not None], element, argument)
+def judged_contact(closed: HybridSystem, element: str | None, argument: str = "element", sticks: bool = True) -> str:
+    """The contact with dry friction whose sticking is judged: the one named, or the only one. Raises SceneError for any other case.
+
+    sticks: False for what is judged by a speed alone, which a contact without modes has, too.
+    """
+    names = [each.name for each in closed.elements if each.law is not None]
+    found = judged_element([*closed.modeless] if element in closed.modeless else names or [*closed.modeless], element, argument)
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
+    if sticks and found in closed.modeless:
+        raise closed.no_element(found)
     return found
 
 
 def judged_speed(closed: HybridSystem, contact: str) -> str:
     """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
 
-    speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
+    slips = {each.name: each.slip for each in closed.elements}
+    speed, slip = f"{contact}.speed", slips[contact] if contact in slips else closed.expression(f"{contact}.slip")
     return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

@@ -124,7 +124,7 @@ class Scene(Labelled):
         checked_plant(plant)
         if not is_finite_number(duration) or not duration > 0:
             raise SceneError(f"Argument `duration` must be a finite number > 0 s, but it is {duration!r}.")
-        contacts = [each.name for each in plant.elements]
+        contacts = [each.name for each in plant.elements if element not in plant.modeless] or [*plant.modeless]
         if not contacts and signal is None:
             raise SceneError(
                 "Argument `plant` must have a contact that can stick, or come with the `signal` to be judged, but it has none."
@@ -132,6 +132,7 @@ class Scene(Labelled):
         element = judged_element(contacts, element)
         cases = tuple(Case.of(label, law) for label, law in (controllers or {"no controller": None}).items())
         signal = signal or judged_signal(plant, element or "")
+        element = None if element in plant.modeless else element
         wished = {_reference(case.law, plant.signal_unit(signal)) for case in cases}
         reference = wished.pop() if reference is None and len(wished) == 1 else reference
         scene = Scene(

@@ -85,9 +85,9 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     plant = compose(*parts)
     duration = parse(data["duration"], "s", "duration")
     verdict = _keys(data.get("verdict", {}), "verdict", keys.names("[verdict]"), keys.required("[verdict]"))
-    contacts = [element.name for element in plant.elements]
+    contacts = [each.name for each in plant.elements if verdict.get("element") not in plant.modeless] or [*plant.modeless]
     if not contacts:
-        raise SceneError("Argument `plant` must have a contact that can stick, but it has none.")
+        raise SceneError("Argument `plant` must have a contact that can stick, or one with memory, but it has none.")
     if len(contacts) > 1 and "element" not in verdict:
         raise SceneError(
             f"The key `element` is missing in `verdict`: which of {', '.join(f'`{name}`' for name in contacts)} is to be judged?"
@@ -104,7 +104,7 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
         "parts": parts,
         "cases": cases or (Case("no controller"),),
         "duration": duration,
-        "element": element,
+        "element": None if element in plant.modeless else element,
         "signal": signal,
         "effort": _text(verdict.get("effort", judged_effort(plant, signal)), "verdict.effort"),
         "after": parse(verdict.get("after", duration / 2), "s", "verdict.after"),
@@ -123,6 +123,8 @@ def _scene(data: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _component(data: Any, where: str, folder: Path, kind: str = "part") -> Any:
     """A part of a plant, or another kind of body, with its fields."""
     _keys(data, where, None, keys.required("[[plant]]"))
+    former = getattr(catalogue.part(data["part"]), "from_part", None)  # a friction law that was a part once
+    data = data if former is None else former(data)
     item = catalogue.part(data["part"], kind)
     values, title = {key: value for key, value in data.items() if key != "part"}, _text(data["part"], where)
     if isinstance(item, type) and hasattr(item, "from_tables"):

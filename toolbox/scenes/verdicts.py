@@ -76,7 +76,9 @@ def verdict_row(scene: Scene, label: str, files: str = "") -> tuple[Row, Traject
         return _stop(scene, run, row), run
     row = Row(
         controller=label,
-        verdict=verdict(measure.stick_intervals(run, scene.contact, scene.after), scene.after, scene.duration),
+        verdict="no modes"  # a contact without modes never sticks, whether it swings says the severity
+        if scene.element is None
+        else verdict(measure.stick_intervals(run, scene.element, scene.after), scene.after, scene.duration),
         **{name: measured(scene, run, name) for name in MEASURES},
         error=error,
         wall_time=run.wall_time,
@@ -96,7 +98,7 @@ def measured(scene: Scene, run: Trajectory, name: str) -> float:
     if scene.standstill is not None and name in ("stuck", "settling"):
         return getattr(_stop(scene, run, Row("", "")), name)
     if name == "stuck":
-        return run.time_in(scene.contact, "stick", after=scene.after)
+        return math.nan if scene.element is None else run.time_in(scene.element, "stick", after=scene.after)
     if name == "severity":
         return measure.severity(run, scene.signal, after=scene.after)
     if name == "peak":
@@ -115,7 +117,7 @@ def _stop(scene: Scene, run: Trajectory, row: Row) -> Row:
     if stands <= scene.after:
         return dataclasses.replace(row, verdict="stands at once", stuck=0.0, settling=0.0)
     end = min(stands, scene.duration)
-    sticks = measure.stick_intervals(run, scene.contact, scene.after, end)
+    sticks = [] if scene.element is None else measure.stick_intervals(run, scene.element, scene.after, end)
     if sticks and sticks[-1][1] >= end and stands < math.inf:
         sticks.pop()  # the stick in which it comes to stand
     word = verdict(sticks, scene.after, end)

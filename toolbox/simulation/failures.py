@@ -102,6 +102,10 @@ def failure(status: int, run: Run, program: Program, work: Any, began: float, an
         return SimulationError(f"The bound of `{name}` must be >= 0, but it falls below 0 at t = {t:.9g} s: is its load negative?", so_far)
     if status == work_layout.ENDLESS:
         i = int(work.ints[work_layout.CULPRIT])
+        if i >= len(names):
+            return ZenoError(
+                f"A kink of the equations, of fabs, fmin or fmax, is passed without end at t = {t:.9g} s{_resolution(t)}.", so_far
+            )
         i -= program.system.elements[i].second
         if (wrong := _rising_friction(program, [i], point, work, so_far)) is not None:
             return wrong

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -38,10 +38,14 @@ class Stays:
         """Mode of an element at the end of the run."""
         raise NotImplementedError
 
+    def _no_element(self, name: str) -> SceneError:
+        """The error of a name that is no element of the run."""
+        return SceneError(f"There is no element `{name}`: {suggest(name, self._legends)}")
+
     def intervals(self, element: str) -> list[tuple[float, float, str]]:
         """(begin, end, mode) of one element over the whole run, from the located events; raises SceneError for an unknown element."""
         if element not in self._legends:
-            raise SceneError(f"There is no element `{element}`: {suggest(element, self._legends)}")
+            raise self._no_element(element)
         own = [event for event in self.events if event.element == element]
         end = self.end
         mode = own[0].before if own else self._at_last(element)
@@ -73,10 +77,12 @@ Read = TypeVar("Read", covariant=True)
 
 
 class Modes(dict[str, Any]):
-    """Modes by element; an unknown element is an error that suggests the nearest."""
+    """Modes by element; an unknown element is an error that suggests the nearest, or that of `unknown`."""
+
+    unknown: Callable[[str], SceneError] | None = None
 
     def __missing__(self, name: str) -> Any:
-        raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
+        raise self.unknown(name) if self.unknown else SceneError(f"There is no element `{name}`: {suggest(name, self)}")
 
 
 def short(value: Any) -> str:
@@ -123,9 +129,11 @@ class Samples(Generic[Read]):
         """Mode of each element at `time`, as strings: "stick", "slip+", "slip-"; raises SceneError for an unknown element."""
         words = {}
         for i, element in enumerate(self.program.system.elements):
-            modes, place = np.unique(self.mode[:, i], return_inverse=True)
-            words[element.name] = np.array([element.legend[int(mode)] for mode in modes], dtype=np.str_)[place]
-        return Modes(words)
+            numbers, place = np.unique(self.mode[:, i], return_inverse=True)
+            words[element.name] = np.array([element.legend[int(number)] for number in numbers], dtype=np.str_)[place]
+        modes = Modes(words)
+        modes.unknown = self.program.system.no_element
+        return modes
 
     @property
     def _elements(self) -> list[str]:

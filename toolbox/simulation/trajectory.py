@@ -228,6 +228,9 @@ class Trajectory(Recorded, Samples[FloatArray]):
     def _legends(self) -> dict[str, dict[int, str]]:
         return {element.name: element.legend for element in self.program.system.elements}
 
+    def _no_element(self, name: str) -> SceneError:
+        return self.program.system.no_element(name)
+
     def _at_last(self, element: str) -> str:
         return self._legends[element][int(self._last_mode[self._elements.index(element)])]
 

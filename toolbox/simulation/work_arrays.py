@@ -83,6 +83,7 @@ def work_arrays(run: Run, program: Program) -> Any:
     if fixed is not None and run.output_times is None:
         capacity = 1024 + int(run.duration / fixed / ints[work_layout.NODES])
     x = np.zeros(n)  # behind the states come those of hidden forces
+    x[: system.begin.size] = system.begin
     if run.start:
         place_starts(system, x, {name: v for name, v in run.start.items() if not any(name in update.places for update in system.updates)})
     events = _event_room(128 + 4 * ne, program, run.budget.events)

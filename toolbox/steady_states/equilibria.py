@@ -101,7 +101,7 @@ class EquilibriumBranch:
         self.closed, self.free, self.inputs, self.mode = closed, free, inputs, mode
         self.guess: np.ndarray | None = None
         if guess:
-            self.guess = np.zeros(closed.x.numel())
+            self.guess = closed.begin.copy()
             place_starts(closed, self.guess, mapping("guess", guess))
         self.known: dict[float, Equilibrium | None] = {}
         self.alone: set[float] = set()
@@ -149,7 +149,7 @@ class EquilibriumBranch:
         plant = self.closed.with_parameters(arguments["parameters"]) if arguments["parameters"] else self.closed
         u = input_values(plant, arguments["inputs"])
         residual, slopes = residual_functions(plant)
-        x = np.zeros(plant.x.numel())
+        x = plant.begin.copy()
         m = _modes_at(plant, x, u, self.mode, resting=True)
         a = np.array(slopes(0.0, x, u, plant.values, m)[0])
         step = 0.1 / max(float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)), 1e-9) if np.isfinite(a).all() else 1e-3

@@ -75,7 +75,7 @@ def equilibrium(
     declared = _closed(plant, controller)
     plant = _checked(declared, parameters)
     u = input_values(plant, inputs or {})
-    given = np.zeros(plant.x.numel())
+    given = plant.begin.copy()
     place_starts(plant, given, mapping("start", start))
     free = _free(plant)
     guesses = [given] if start else [_frictionless(plant, free, u), given]
@@ -96,6 +96,8 @@ def equilibrium(
         # a plant in stick has more equations than states: its constraints repeat rows of the flow
         x = root(equations, guess, jac=slopes, method="lm" if sticking.any() else "hybr", options={"xtol": 1e-14}).x
         for _ in range(4):
+            if not np.isfinite(slopes(x)).all():
+                break
             step = np.linalg.lstsq(slopes(x), -equations(x), rcond=1e-13)[0]
             if np.isfinite(step).all() and np.abs(equations(x + step)).sum() <= np.abs(equations(x)).sum():
                 x = x + step
@@ -105,7 +107,7 @@ def equilibrium(
         found = equations(x)
         # round-off is that of the terms that cancel, and a force that sticks may cancel all the others
         load, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
-        size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(np.zeros_like(x))) + 1e-300
+        size = np.abs(slopes(x)) @ np.abs(x) + np.abs(equations(plant.begin)) + 1e-300
         size[: x.size] += np.abs(load).ravel() + np.abs(slope) @ np.abs(x)
         if not np.isfinite(found).all() or not (np.abs(found) <= 1e-9 * size + 1e-13 * size.max()).all():
             worst = int(np.nanargmax(np.abs(found[: x.size]) / size[: x.size])) if np.isfinite(found).any() else 0
@@ -274,7 +276,7 @@ def _modes_at(
     names = [element.name for element in plant.elements]
     for name, word in mapping("mode", mode).items():
         if name not in names:
-            raise SceneError(f"There is no element `{name}`: {suggest(name, names)}")
+            raise plant.no_element(name)
         _code(plant.elements[names.index(name)], word)
     probe = function_of(plant, ("probe",), lambda: [plant.switching.probed])
     slips = np.array(probe(t, x, u, plant.values, np.ones(len(names)))).ravel()[: len(names)]
@@ -344,7 +346,7 @@ def _point(
     plant: HybridSystem, at: Any, mode: Mapping[str, str] | None, values: Mapping[str, float]
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """(t, x, u, m) of `linearise`."""
-    x = np.zeros(plant.x.numel())
+    x = plant.begin.copy()
     t, own, given = 0.0, mapping("mode", mode), dict(values)
     placed = np.zeros(x.size, bool)
     if isinstance(at, Equilibrium) and at.plant.cache is not plant.cache:
@@ -402,7 +404,7 @@ def _free(plant: HybridSystem) -> ca.Function:
 
 def _frictionless(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndarray:
     """Where the plant would rest without the forces of its elements: a few Newton steps from zero."""
-    x = np.zeros(plant.x.numel())
+    x = plant.begin.copy()
     for _ in range(8):
         value, slope = (np.array(v) for v in free(0.0, x, u, plant.values, 1.0))
         if not (np.isfinite(value).all() and np.isfinite(slope).all()):
@@ -418,16 +420,13 @@ def _descended(plant: HybridSystem, free: ca.Function, u: np.ndarray) -> np.ndar
     """Where it would rest by steps that only go down: a law that cuts its command throws full Newton steps from one limit to the other."""
     from scipy.optimize import least_squares
 
-    def values(x: np.ndarray) -> np.ndarray:
-        return np.array(free(0.0, x, u, plant.values, 1.0)[0]).ravel()
-
-    def slopes(x: np.ndarray) -> np.ndarray:
-        return np.array(free(0.0, x, u, plant.values, 1.0)[1])
+    def values(x: np.ndarray, of: int = 0) -> np.ndarray:
+        return np.array(free(0.0, x, u, plant.values, 1.0)[of])
 
     try:
-        return least_squares(values, np.zeros(plant.x.numel()), slopes, x_scale="jac", method="trf").x
+        return least_squares(lambda x: values(x).ravel(), plant.begin, lambda x: values(x, 1), x_scale="jac", method="trf").x
     except ValueError:  # rates that are not finite somewhere
-        return np.zeros(plant.x.numel())
+        return plant.begin.copy()
 
 
 def residual_functions(plant: HybridSystem) -> tuple[ca.Function, ca.Function]:

@@ -75,7 +75,7 @@ def running(
         return [values, ca.jacobian(values, plant.x), ca.jacobian(values, plant.u)]
 
     function = function_of(plant, ("running", *wanted), expressions)
-    q, m = np.concatenate([np.zeros(n), u[columns]]), np.ones(len(plant.elements))
+    q, m = np.concatenate([plant.begin, u[columns]]), np.ones(len(plant.elements))
     for _ in range(50):
         u[columns] = q[n:]
         value, of_x, of_u = (np.array(each) for each in function(0.0, q[:n], u, plant.values, m))

@@ -56,7 +56,7 @@ def named_measures(given: Any, closed: HybridSystem, duration: float, scene: Sce
         if isinstance(value, str):
             if value not in STANDARD:
                 raise SceneError(f"There is no measure `{value}`: {suggest(value, STANDARD)}")
-            element = judged_contact(closed, scene.element if scene else None, "measures")
+            element = judged_contact(closed, scene.element if scene else None, "measures", sticks=False)
             value = STANDARD[value](
                 scene.signal if scene else judged_speed(closed, element), element, scene.after if scene else duration / 2
             )

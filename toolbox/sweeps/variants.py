@@ -80,7 +80,7 @@ def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int,
 
 def start_states(run: Run, variations: Variations, begin: Callable[[Mapping[str, float]], Mapping[str, Any]]) -> np.ndarray:
     """Start states of every run, shape (runs, states), from a function of what is varied."""
-    starts = np.zeros((len(variations.points), run.system.x.numel()))
+    starts = np.tile(run.system.begin, (len(variations.points), 1))
     for x, point in zip(starts, variations.points.tolist(), strict=True):
         place_starts(run.system, x, begin(dict(zip(variations.names, point, strict=True))))
     return starts

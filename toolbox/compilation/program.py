@@ -18,7 +18,7 @@ from toolbox.compilation.taylor import Taylor, peaks_in_time, series_of
 from toolbox.modelling.elements import SecondDirection
 from toolbox.modelling.elimination import calls, coupled_groups
 from toolbox.modelling.hybrid_system import HybridSystem
-from toolbox.modelling.inputs import Shape
+from toolbox.modelling.inputs import ExpressionKey, Shape
 from toolbox.modelling.switching import Switching, depending, switching
 from toolbox.modelling.two_directions import resolution
 
@@ -310,16 +310,3 @@ def _stuck(elements: list[Any], expressions: list[ca.SX]) -> list[ca.SX]:
 def _hiding(form: Switching, i: int, element: Any) -> tuple[ca.SX, ...]:
     """What a contact hides from the states while it sticks: its force, and its bound where that is its own."""
     return (form.force[i],) if element.unilateral else (form.force[i], form.static[i])
-
-
-@dataclass(frozen=True, eq=False)
-class ExpressionKey:
-    """A casadi expression of time as part of a program's key: equal where the expressions are."""
-
-    expression: ca.SX
-
-    def __hash__(self) -> int:
-        return hash(str(self.expression))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))

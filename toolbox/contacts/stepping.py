@@ -25,7 +25,7 @@ from toolbox.contacts.problem import OPEN, SLIP, STICK, ContactProblem
 from toolbox.contacts.sampled_laws import Acting, constants
 from toolbox.errors import SceneError, SimulationError
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.simulation.samples import short
+from toolbox.arguments import short
 
 MOST_STEPS = 1_000_000
 

@@ -18,7 +18,7 @@ from toolbox.files.units import parse
 from toolbox.scenes import catalogue, keys, scene_file
 from toolbox.scenes.cases import Case, Labelled, Waveform
 from toolbox.scenes.scene import Scene
-from toolbox.simulation.samples import short
+from toolbox.arguments import short
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from toolbox.measuring.measure import extent, stick_intervals
 from toolbox.measuring.severity import severity_of
 from toolbox.scenes.scene import Scene
 from toolbox.simulation.recorded import Recorded
-from toolbox.simulation.samples import short
+from toolbox.arguments import short
 
 SPEEDS = ("rad/s", "m/s")
 

@@ -33,7 +33,7 @@ from toolbox.figures.style import (
     name_axis,
 )
 from toolbox.files.units import NumberOrText
-from toolbox.simulation.samples import Event, scalar, short, window
+from toolbox.simulation.samples import Event, scalar, window
 
 
 class Pictured(Protocol):

@@ -13,7 +13,7 @@ from toolbox.errors import SceneError
 from toolbox.files.html import table
 from toolbox.files.unit_systems import reading
 from toolbox.files.units import NumberOrText, in_si
-from toolbox.simulation.samples import Stays, short
+from toolbox.simulation.samples import Stays
 
 
 class Recorded(Stays):

@@ -79,12 +79,6 @@ class Modes(dict[str, Any]):
         raise SceneError(f"There is no element `{name}`: {suggest(name, self)}")
 
 
-def short(value: Any) -> str:
-    """A value as it stands in an error message, cut where it is long."""
-    text = repr(value)
-    return text if len(text) < 60 else text[:56] + " ..."
-
-
 class Samples(Generic[Read]):
     """Signals of a closed system at given times: `samples["bit.speed"]`, an array of shape (nt,), or (nt, n) for a vector state.
 

@@ -18,7 +18,7 @@ from toolbox.modelling.elements import SecondDirection, UnilateralContact
 from toolbox.simulation.methods import EventExact, Smoothing, TimeStepping
 from toolbox.simulation.recorded import Recorded
 from toolbox.simulation.run import UNHURRIED, Budget
-from toolbox.simulation.samples import Event, Samples, short
+from toolbox.simulation.samples import Event, Samples
 from toolbox.simulation.saved_run import SavedRun
 
 

@@ -9,7 +9,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import casadi as ca
 import numpy as np
 
-from toolbox.arguments import FloatArray, is_finite_number
+from toolbox.arguments import FloatArray, is_finite_number, short
 from toolbox.errors import SceneError, suggest
 from toolbox.files.units import NumberOrText, in_si
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from toolbox.arguments import FloatArray
+from toolbox.arguments import FloatArray, short
 from toolbox.compilation.work_layout import Nodes
 from toolbox.errors import SceneError, SimulationError, suggest
 from toolbox.modelling.components import law_of

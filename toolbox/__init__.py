@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from toolbox.measuring.measure import settling as settling
     from toolbox.measuring.measure import severity as severity
     from toolbox.measuring.measure import stick_intervals as stick_intervals
+    from toolbox.modelling.closed_loop import ClosedLoop as ClosedLoop
+    from toolbox.modelling.closed_loop import closed_loop as closed_loop
     from toolbox.modelling.components import Component as Component
     from toolbox.modelling.components import Equations as Equations
     from toolbox.modelling.components import Update as Update
@@ -117,6 +119,7 @@ __all__ = [
     "Branch",
     "Budget",
     "BudgetError",
+    "ClosedLoop",
     "Component",
     "ContactBody",
     "ContactProblem",
@@ -167,6 +170,7 @@ __all__ = [
     "ZenoError",
     "absorber_limit",
     "compare",
+    "closed_loop",
     "compose",
     "cycle_phases",
     "cycles",
@@ -228,6 +232,7 @@ _ROOMS = {
     "toolbox.measuring.energy": "energy_audit",
     "toolbox.measuring.measure": "cycles, overshoot, settling, severity, stick_intervals",
     "toolbox.modelling.components": "Component, Equations, Update",
+    "toolbox.modelling.closed_loop": "ClosedLoop closed_loop",
     "toolbox.modelling.composition": "compose",
     "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, OptionalQuantities, OptionalQuantity, Quantities, Quantity, "
     "Relay, UnilateralContact, quantity, state, time",

@@ -18,6 +18,7 @@ from toolbox import (
     Equations,
     EventExact,
     Scene,
+    closed_loop,
     compose,
     energy_audit,
     equilibrium,
@@ -427,9 +428,9 @@ def test_a_law_in_python_is_asked_once_per_sample():
 
 def test_linear_analysis_does_not_depend_on_the_method():
     plant, inputs = PLANTS["bit"]
-    before = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    before = linearise(plant, at=equilibrium(closed_loop(plant, inputs={"top.torque": 30_000.0})))
     simulate(plant, 1.0, inputs=inputs, method="stiff")
-    after = linearise(plant, at=equilibrium(plant, inputs={"top.torque": 30_000.0}))
+    after = linearise(plant, at=equilibrium(closed_loop(plant, inputs={"top.torque": 30_000.0})))
     np.testing.assert_array_equal(before.A, after.A)
 
 

@@ -94,14 +94,14 @@ def onset(
     SceneError
         If a name is unknown, the range is none, an input varies in time, or a law has no continuous form.
     """
-    check_one_direction(loop.continuous.system.elements, "`onset`", "judge runs of it, by `sweep`")
+    closed, inputs = loop.continuous.system, loop.constant_inputs("an onset to exist")
+    check_one_direction(closed.elements, "`onset`", "judge runs of it, by `sweep`")
     free = loop.continuous.acting(parameter, "onset")
     low, high = free.between(between)
     asked_unit = asked_in(tuple(free.in_si("between", tuple(between))), free.unit)
     duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     at = free.value
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
-    closed, inputs = loop.continuous.system, loop.constant_inputs("an onset")
     contact = judged_contact(closed, loop.element)
     speed = loop.signal or judged_speed(closed, contact)
     closed.signal_unit(speed)

@@ -354,17 +354,32 @@ def severity_map(
         return mapped.growth(points) > 0 if not mapped.sampled else verdicts_of(points, np.zeros(len(points), bool))[2] != SMOOTH
 
     with progress_bar(None, "map, borders") as front.bar:
-        places = (edges[0].halved(lost, halvings if mapped.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
-    borders = {name: each.segments(place) for name, each, place in zip(names, edges, places, strict=True)}
+        halved = (edges[0].halved(lost, halvings if mapped.sampled else LINEAR_HALVINGS), front.halved(edges[1], halvings))
+    borders = {name: each.segments(place) for name, each, place in zip(names, edges, halved, strict=True)}
     linear = edges_of(axes, growth > 0, np.isfinite(growth))
     borders = {"linear": linear.segments(linear.halved(lambda points: mapped.growth(points) > 0, LINEAR_HALVINGS)), **borders}
+    places = {i: (names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))) for i in first}
     found = SeverityMap(
-        title=mapped.title, names=mapped.names, units=mapped.units, axes=axes, element=mapped.element, signal=mapped.signal, smooth=branches[0], sticking=branches[1],  # type: ignore[arg-type]
-        growth=growth, borders=borders, duration=mapped.run.duration, after=mapped.after, accuracy=mapped.run.accuracy, resolution=0.5**halvings,
+        title=mapped.title,
+        names=mapped.names,
+        units=mapped.units,
+        axes=axes,  # type: ignore[arg-type]
+        element=mapped.element,
+        signal=mapped.signal,
+        smooth=branches[0],
+        sticking=branches[1],
+        growth=growth,
+        borders=borders,
+        duration=mapped.run.duration,
+        after=mapped.after,
+        accuracy=mapped.run.accuracy,
+        resolution=0.5**halvings,
         runs=count + front.runs,
-        seconds=clock.perf_counter() - began, notes=tuple(mapped.notes),
-        asked=mapped.asked, errors={(names[i // len(points)], *map(int, np.unravel_index(i % len(points), shape))): text for i, text in first.items()},  # type: ignore[misc]
-    )  # fmt: skip
+        seconds=clock.perf_counter() - began,
+        notes=tuple(mapped.notes),
+        asked=mapped.asked,
+        errors={places[i]: text for i, text in first.items()},  # type: ignore[misc]
+    )
     if out is not None:
         found.save(Path(out) / "map.npz")
     return found

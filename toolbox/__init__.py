@@ -232,7 +232,7 @@ _ROOMS = {
     "toolbox.measuring.energy": "energy_audit",
     "toolbox.measuring.measure": "cycles, overshoot, settling, severity, stick_intervals",
     "toolbox.modelling.components": "Component, Equations, Update",
-    "toolbox.modelling.closed_loop": "ClosedLoop closed_loop",
+    "toolbox.modelling.closed_loop": "ClosedLoop, closed_loop",
     "toolbox.modelling.composition": "compose",
     "toolbox.modelling.elements": "DryFriction, FrictionLaw, Hysteresis, OptionalQuantities, OptionalQuantity, Quantities, Quantity, "
     "Relay, UnilateralContact, quantity, state, time",

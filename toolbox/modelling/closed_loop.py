@@ -140,14 +140,9 @@ class ClosedLoop:
         """{input: its checked value}: a float, a `Table`, a `Shape` or an expression of time."""
         return self._given[1]
 
-    @property
-    def system(self) -> HybridSystem:
-        """The plant with its laws as parts, as they run: sampled ones with memory and held signals."""
-        return self.closed.system
-
     @cached_property
-    def running(self) -> HybridSystem:
-        """What is simulated: `system`, with the smooth friction of a plant that is smooth."""
+    def system(self) -> HybridSystem:
+        """The plant with its laws as parts, as they run: sampled ones with memory and held signals, and the smooth friction of a plant that is smooth."""
         system, plant = self.closed.system, self.closed.plant
         return smoothed(system, plant.widths, matched=plant.matched) if isinstance(plant, SmoothSystem) else system
 
@@ -206,15 +201,17 @@ class ClosedLoop:
         found = number_of(self, name)
         if found is not None:
             return found
+        if not isinstance(name, str):
+            raise SceneError(f"Argument `parameter` must be the name of a number of the loop, but it is {name!r}.")
         known = self.numbers()
-        if isinstance(name, str) and name.endswith(".reference") and not any(each.endswith(".reference") for each in known):
+        if name.endswith(".reference") and not any(each.endswith(".reference") for each in known):
             raise SceneError(
                 f"There is no number `{name}`: a set-point belongs to a control law, and there is none: give it to `closed_loop`."
             )
-        listed = [each for each in known if each.startswith(f"{name}.") and each[len(str(name)) + 1 :].isdigit()]
+        listed = [each for each in known if each.startswith(f"{name}.") and each[len(name) + 1 :].isdigit()]
         if listed:
             raise SceneError(f"Argument `{name}` must be one number, but it has {len(listed)} entries: name one, e.g. `{listed[0]}`.")
-        raise SceneError(f"There is no number `{name}` in this loop: {suggest(str(name), known)}")
+        raise SceneError(f"There is no number `{name}` in this loop: {suggest(name, known)}")
 
     def acting(self, name: str, verb: str) -> Number:
         """An input or a parameter where it acts, for a verb that needs slopes by it; raises SceneError for a number of any other kind."""
@@ -420,11 +417,9 @@ def takes_loop(
 # --------------------------------------------------------------------------------------------------------------------------------- how it is made
 def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
     """Control laws in order, each `Sampled` or continuous; raises SceneError where the sample time is none, or belongs to no law."""
-    if given is None:
-        if period is not None:
-            raise SceneError("Argument `sample_time` must come with a `controller`, but there is none.")
-        return ()
-    everything = tuple(given) if isinstance(given, (list, tuple)) else (given,)
+    everything = tuple(given) if isinstance(given, (list, tuple)) else () if given is None else (given,)
+    if period is not None and not everything:
+        raise SceneError("Argument `sample_time` must come with a control law, but there is none.")
     if period is not None and everything and all(isinstance(each, Sampled) and each.period != period for each in everything):
         raise SceneError(
             f"Argument `sample_time` must be left out where every controller is Sampled, with a period of its own, but it is {period!r}."

@@ -58,7 +58,7 @@ class Request:
                 method = Smoothing(widths, method.tolerance)
         duration = float(duration)
         return Run(
-            plant=closed.plant, system=loop.running, duration=duration, start=begin, inputs=loop.values, kinds=loop.kinds, clocks=closed.clocks,
+            plant=closed.plant, system=loop.system, duration=duration, start=begin, inputs=loop.values, kinds=loop.kinds, clocks=closed.clocks,
             laws=closed.callables, accuracy=float(self.accuracy), output_times=grid, longest_step=duration / 256, seeds=closed.seeds, method=method,
             budget=self.budget or UNHURRIED, solver=carry_out, loop=loop,
         )  # fmt: skip

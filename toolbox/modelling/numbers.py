@@ -96,16 +96,16 @@ class Number:
         self.check(value)
         if self.kind == "input":
             kept = {name: given for name, given in loop.parameters.items() if name != self.name}
-            return dataclasses.replace(loop, inputs={**loop.inputs, self.name: value}, parameters=kept)
+            return loop.but(inputs={**loop.inputs, self.name: value}, parameters=kept)
         if self.kind == "parameter":
             kept = {name: given for name, given in loop.inputs.items() if name != self.name}
-            return dataclasses.replace(loop, parameters={**loop.parameters, self.name: value}, inputs=kept)
+            return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
         if self.kind == "start":
-            return dataclasses.replace(loop, start={**loop.start, self.name: value})
+            return loop.but(start={**loop.start, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
         name, _, key = self._split(loop)
-        return dataclasses.replace(loop, inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
+        return loop.but(inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
 
     def _split(self, loop: ClosedLoop) -> tuple[str, str, str]:
         name = max((each for each in loop.values if self.name.startswith(f"{each}.")), key=len)
@@ -282,7 +282,7 @@ def _redesigned(loop: ClosedLoop, name: str, value: float) -> ClosedLoop:
                 dataclasses.replace(given, law=changed) if isinstance(given, Sampled) else changed,
                 *loop.laws[index + 1 :],
             )
-            return dataclasses.replace(loop, laws=laws)
+            return loop.but(laws=laws)
     raise AssertionError(name)
 
 

@@ -240,9 +240,9 @@ def _scene(random: np.random.Generator, label: str) -> Structure:
     path = sorted(SCENES.glob("*.toml"))[random.integers(len(list(SCENES.glob("*.toml"))))]
     scene = Scene.load(path)
     case = scene.cases[random.integers(len(scene.cases))]
-    arguments = {key: value for key, value in scene.arguments(case).items() if key in ("start", "inputs", "parameters", "controller")}
-    plant = scene.plant().with_parameters(arguments.pop("parameters") or {})
-    return Structure(f"{label} {path.stem}: {case.label}", plant, min(scene.duration, 20.0), arguments)
+    loop = scene[case.label]
+    arguments = {"start": loop.start, "inputs": loop.inputs, "controller": loop.laws or None}
+    return Structure(f"{label} {path.stem}: {case.label}", loop.closed.plant, min(scene.duration, 20.0), arguments)
 
 
 def structure(seed: int, number: int) -> Structure:

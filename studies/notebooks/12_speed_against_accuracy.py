@@ -34,13 +34,7 @@ print(trade)
 
 # %%
 axis = trade.plot()
-auto = simulate(
-    scene.plant(),
-    60.0,
-    method="auto",
-    accuracy=1e-4,
-    **{k: v for k, v in scene.arguments(scene.case("stiff PI")).items() if k != "accuracy"},
-)
+auto = simulate(scene["stiff PI"], 60.0, method="auto", accuracy=1e-4)
 print(auto.why)
 
 # %% [markdown]

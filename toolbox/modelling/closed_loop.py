@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import inspect
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -164,11 +164,7 @@ class ClosedLoop:
         for law in inner:
             if not isinstance(law, Controller):
                 raise SceneError(f"Argument `law` must be a Controller with a continuous form, but it is {law!r}.")
-        if inner == self.laws:
-            return self
-        loop = self.but(laws=inner)
-        loop.__dict__["designed"] = self.designed
-        return loop
+        return self if inner == self.laws else self.with_laws(inner)
 
     def unsampled(self) -> ClosedLoop:
         """The loop itself, where no law samples; raises SceneError for a sample time, of which a continuous form knows nothing."""
@@ -178,6 +174,19 @@ class ClosedLoop:
                 "give `loop.continuous` for the limit of fast sampling; `onset` and `margins` take it as it is."
             )
         return self.continuous
+
+    def with_laws(self, laws: Iterable[Any]) -> ClosedLoop:
+        """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
+        other = dataclasses.replace(self, laws=tuple(laws))
+        other.__dict__["designed"] = self.designed
+        return other
+
+    @property
+    def bare(self) -> ClosedLoop:
+        """The loop without its laws, with those inputs and parameters that the plant alone has."""
+        own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
+        inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
+        return dataclasses.replace(self, laws=(), parameters=own, inputs=inputs)
 
     @property
     def sampled(self) -> bool:
@@ -387,7 +396,7 @@ def closed_loop(
     if law is not None or sample_time is not None:
         changes["laws"] = laws_of(law if law is not None else base.laws, in_si(sample_time, "s", "sample_time"))
     if start is not None:
-        changes["start"] = states_of(start)
+        changes["start"] = states_of(start, base.plant)
     if inputs is not None or parameters is not None:
         others = mapping("parameters", parameters)
         changes["inputs"] = {name: value for name, value in base.inputs.items() if name not in others} | mapping("inputs", inputs)
@@ -440,11 +449,23 @@ def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
     return tuple(each if isinstance(each, Sampled) or period is None else Sampled(each, period) for each in everything)
 
 
-def states_of(start: Any) -> dict[str, Any]:
-    """Start values by state, of a mapping or of an equilibrium."""
+def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
+    """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken."""
     if isinstance(start, Equilibrium):
         return {name: start[name] for name in start.plant.states}
-    return mapping("start", start)
+    if not hasattr(start, "program"):
+        return mapping("start", start)
+    if start.time.size != 1:
+        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {start.time.size} times.")
+    lacking = next((name for name in plant.states if name not in start), None)
+    if lacking is not None:
+        raise SceneError(f"Argument `start` must hold the state `{lacking}`, but the run it comes from has none.")
+    return {name: value_at(start, name, size) for name, (_, size, _) in plant.states.items()}
+
+
+def value_at(instant: Any, name: str, size: int | None) -> Any:
+    """A state at one instant of a run, as a start value."""
+    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
 
 
 def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:

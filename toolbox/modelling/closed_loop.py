@@ -421,19 +421,26 @@ def takes_loop(
 ) -> Callable[Concatenate[ClosedLoop | HybridSystem, Arguments], Result]:
     """Let a verb take a bare plant in place of a loop, and say how a call is written whose arguments belong to the loop."""
     own = inspect.signature(verb).parameters
-    others = frozenset(FORMER) - own.keys()
     first = next(iter(own))
 
     @functools.wraps(verb)
     def taking(machine: ClosedLoop | HybridSystem, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        former = [word for word in kwargs if word in others]
-        if former or hasattr(machine, "cases"):
-            words = ", ".join("law" if word == "controller" else f"{word}=..." for word in FORMER if word in former)
-            loop = 'scene["label of a case"]' if hasattr(machine, "cases") else f"closed_loop(plant, {words})"
-            raise SceneError(f"`{verb.__name__}` takes a closed loop: write `{verb.__name__}({loop}, ...)`.")
+        refuse_former(verb.__name__, machine, [word for word in kwargs if word not in own])
         return verb(as_loop(machine, first), *args, **kwargs)
 
     return taking
+
+
+def refuse_former(verb: str, machine: Any, others: Iterable[str]) -> None:
+    """Raise the error of a scene, or of arguments that belong to the loop, with the line to write; a TypeError for arguments that nobody knows."""
+    scene, former = hasattr(machine, "cases"), set(others)
+    unknown = next((word for word in former if word not in FORMER), None)
+    if unknown is not None:
+        raise TypeError(f"{verb}() got an unexpected keyword argument {unknown!r}")
+    if scene or former:
+        words = ", ".join("law" if word == "controller" else f"{word}=..." for word in FORMER if word in former)
+        loop = 'scene["label of a case"]' if scene else f"closed_loop(plant, {words})"
+        raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- how it is made

@@ -379,7 +379,7 @@ def closed_loop(
     if inputs is not None:
         changes["inputs"] = {**{k: v for k, v in base.inputs.items() if k not in (parameters or {})}, **mapping("inputs", inputs)}
     loop = dataclasses.replace(base, **changes).with_parameters(parameters)
-    loop.values  # noqa: B018, so that what is wrong is said here
+    loop.values
     return loop
 
 
@@ -399,19 +399,28 @@ def takes_loop(
 ) -> Callable[Concatenate[ClosedLoop | HybridSystem, Arguments], Result]:
     """Let a verb take a bare plant in place of a loop, and say how a call is written whose arguments belong to the loop."""
     own = inspect.signature(verb).parameters
-    others = frozenset(FORMER) - own.keys()
     first = next(iter(own))
 
     @functools.wraps(verb)
     def taking(machine: ClosedLoop | HybridSystem, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        former = [word for word in kwargs if word in others]
-        if former or hasattr(machine, "cases"):
-            words = ", ".join("law" if word == "controller" else f"{word}=..." for word in FORMER if word in former)
-            loop = 'scene["label of a case"]' if hasattr(machine, "cases") else f"closed_loop(plant, {words})"
-            raise SceneError(f"`{verb.__name__}` takes a closed loop: write `{verb.__name__}({loop}, ...)`.")
+        refuse_former(verb.__name__, machine, [word for word in kwargs if word not in own])
         return verb(as_loop(machine, first), *args, **kwargs)
 
     return taking
+
+
+def refuse_former(verb: str, machine: Any, words: Sequence[str]) -> None:
+    """Raise SceneError with the line to write for a call whose arguments belong to the loop now, or that gives a scene or a law in its place."""
+    former = [word for word in FORMER if word in words]
+    if hasattr(machine, "cases"):
+        loop = 'scene["label of a case"]'
+    elif isinstance(machine, (Controller, Sampled)):
+        loop = "closed_loop(plant, law, sample_time=...)"
+    elif former:
+        loop = f"closed_loop(plant, {', '.join('law' if word == 'controller' else f'{word}=...' for word in former)})"
+    else:
+        return
+    raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- how it is made

@@ -11,6 +11,7 @@ from models import BitRock, wells
 from toolbox import (
     Sampled,
     SceneError,
+    closed_loop,
     compose,
     export_c,
     from_control,
@@ -91,22 +92,22 @@ def test_about_a_working_point_the_system_sees_deviations():
 @pytest.mark.slow
 def test_it_is_a_law_like_any_other(tmp_path):
     law = from_control(pi(), reference=9.95, **SIGNALS)
-    found = onset(RIG, "top.reference", (5.0, 14.0), controller=law, values=4)
+    found = onset(closed_loop(RIG, law), "top.reference", (5.0, 14.0), values=4)
     assert found.end is not None
-    assert found.end == pytest.approx(onset(RIG, "top.reference", (5.0, 14.0), controller=DRIVE, values=4).end, rel=1e-3)
-    table = sweep(RIG, {"bit.weight": [80e3, 97e3]}, duration=60.0, controller=law, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
+    assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
+    table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
     assert table.measures["stuck"].shape == (2,)
     source, header = export_c(law, RIG, 0.01, tmp_path / "drive")
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
-    assert limit_cycle(RIG, 200.0, controller=from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)).period > 1.0
+    assert limit_cycle(closed_loop(RIG, from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)), 200.0).period > 1.0
 
 
 @pytest.mark.slow
 def test_it_is_mapped_as_the_law_itself():
     law = from_control(pi(), reference=9.95, **SIGNALS)
     over = {"top.reference": ("70 rpm", "130 rpm"), "bit.weight": ("80 kN", "100 kN")}
-    mine, theirs = (severity_map(RIG, over, shape=(3, 2), duration=60.0, controller=each, halvings=0) for each in (DRIVE, law))
+    mine, theirs = (severity_map(closed_loop(RIG, each), over, shape=(3, 2), duration=60.0, halvings=0) for each in (DRIVE, law))
     assert np.array_equal(mine.smooth.verdict, theirs.smooth.verdict) and np.array_equal(mine.sticking.verdict, theirs.sticking.verdict)
     assert np.allclose(mine.growth, theirs.growth, rtol=1e-8)
 

@@ -431,16 +431,24 @@ def takes_loop(
     return taking
 
 
-def refuse_former(verb: str, machine: Any, others: Iterable[str]) -> None:
-    """Raise the error of a scene, or of arguments that belong to the loop, with the line to write; a TypeError for arguments that nobody knows."""
-    scene, former = hasattr(machine, "cases"), set(others)
-    unknown = next((word for word in former if word not in FORMER), None)
+def refuse_former(verb: str, machine: Any, words: Iterable[str]) -> None:
+    """Raise the error of a call whose arguments belong to the loop, or that gives a scene or a law in its place, with the line to write.
+
+    Raises TypeError for arguments that nobody knows.
+    """
+    given = set(words)
+    unknown = next((word for word in given if word not in FORMER), None)
     if unknown is not None:
         raise TypeError(f"{verb}() got an unexpected keyword argument {unknown!r}")
-    if scene or former:
-        words = ", ".join("law" if word == "controller" else f"{word}=..." for word in FORMER if word in former)
-        loop = 'scene["label of a case"]' if scene else f"closed_loop(plant, {words})"
-        raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
+    if hasattr(machine, "cases"):
+        loop = 'scene["label of a case"]'
+    elif isinstance(machine, (Controller, Sampled)):
+        loop = "closed_loop(plant, law, sample_time=...)"
+    elif given:
+        loop = f"closed_loop(plant, {', '.join('law' if word == 'controller' else f'{word}=...' for word in FORMER if word in given)})"
+    else:
+        return
+    raise SceneError(f"`{verb}` takes a closed loop: write `{verb}({loop}, ...)`.")
 
 
 # --------------------------------------------------------------------------------------------------------------------------------- how it is made

@@ -12,7 +12,7 @@ An input and a parameter of one name are one number: the input, whose default th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -104,12 +104,13 @@ class Number:
             return loop.but(start={**loop.start, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
-        name, _, key = self._split(loop)
+        name, key = self.in_input(loop.values)
         return loop.but(inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
 
-    def _split(self, loop: ClosedLoop) -> tuple[str, str, str]:
-        name = max((each for each in loop.values if self.name.startswith(f"{each}.")), key=len)
-        return name, ".", self.name[len(name) + 1 :]
+    def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
+        """(input, name of the number in its shape or table), for the number of a shape."""
+        name = max((each for each in inputs if self.name.startswith(f"{each}.")), key=len)
+        return name, self.name[len(name) + 1 :]
 
 
 def numbers_in(loop: ClosedLoop) -> dict[str, Number]:
@@ -138,7 +139,7 @@ def number_of(loop: ClosedLoop, name: str) -> Number | None:
         usual = _usual(system, name) if entry is not None else None
         return Number(name, system.inputs[name].unit, "input", _input_value(loop, name), entry.meaning if entry is not None else "",
                       entry.bounds if entry is not None else {}, usual)  # fmt: skip
-    design = next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
+    design = designed_law(loop, name)
     if design is not None:
         spec, value = _design_fields(loop, design)[name]
         return Number(name, spec.get("unit", "1"), "design", float(value), spec.get("meaning", ""), _bounds(spec), spec.get("usual"))
@@ -262,6 +263,11 @@ def _design_fields(loop: ClosedLoop, index: int) -> dict[str, tuple[Mapping[str,
     return {name: entry for name, entry in fields.items() if not (system.has_parameter(name) and acts(loop, name))}
 
 
+def designed_law(loop: ClosedLoop, name: str) -> int | None:
+    """Which law of a loop a field of that name belongs to that its design alone knows; None for none."""
+    return next((index for index in range(len(loop.laws)) if name in _design_fields(loop, index)), None)
+
+
 def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], float]]) -> None:
     for each in fields_of(type(node)):
         value = getattr(node, each.name)
@@ -273,17 +279,12 @@ def _collect(node: Any, path: str, found: dict[str, tuple[Mapping[str, Any], flo
 
 def _redesigned(loop: ClosedLoop, name: str, value: float) -> ClosedLoop:
     """The loop with one field of a declared law changed, which is designed anew."""
-    for index, given in enumerate(loop.laws):
-        if name in _design_fields(loop, index):
-            law = given.law if isinstance(given, Sampled) else given
-            changed = _replaced(law, name.split(".")[1:], value)
-            laws = (
-                *loop.laws[:index],
-                dataclasses.replace(given, law=changed) if isinstance(given, Sampled) else changed,
-                *loop.laws[index + 1 :],
-            )
-            return loop.but(laws=laws)
-    raise AssertionError(name)
+    index = designed_law(loop, name)
+    assert index is not None
+    given = loop.laws[index]
+    law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
+    laws = (*loop.laws[:index], dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law, *loop.laws[index + 1 :])
+    return loop.but(laws=laws)
 
 
 def _replaced(node: Any, path: list[str], value: float) -> Any:

@@ -98,12 +98,11 @@ class MapLoop:
         closed, inputs = continuous.system, continuous.constant_inputs("a steady state")
         check_one_direction(closed.elements, "A map", "judge runs of it, by `sweep`")
         rest = steady_state(closed, inputs, guess, mode)
-        contact = judged_contact(closed, loop.element)
+        contact = judged_contact(continuous)
         m = mode_numbers(closed, rest.modes)
         if m[[e.name for e in closed.elements].index(contact)] == 0.0:
             raise SceneError(f"The contact `{contact}` must slip in the steady state in the middle of the map, but it sticks.")
-        speed = loop.signal or judged_speed(closed, contact)
-        closed.signal_unit(speed)  # an unknown signal is refused here
+        speed = judged_speed(continuous, contact)
         notes = []
         if loop.sampled:
             notes.append("the linear border is that of the continuous form of the law; the others are of the law as it runs, sampled")

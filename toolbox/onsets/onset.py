@@ -102,9 +102,8 @@ def onset(
     duration, tolerance = in_si(duration, "s", "duration"), in_si(tolerance, free.unit, "tolerance")
     at = free.value
     _check_numbers(values, tolerance=tolerance, duration=duration, perturbation=perturbation, at=at)
-    contact = judged_contact(closed, loop.element)
-    speed = loop.signal or judged_speed(closed, contact)
-    closed.signal_unit(speed)
+    contact = judged_contact(loop.continuous)
+    speed = judged_speed(loop.continuous, contact)
     grid = np.linspace(low, high, values)
     if low < at < high and not np.isclose(grid, at, rtol=0, atol=1e-9 * (high - low)).any():
         grid = np.sort(np.append(grid, at))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 
 from toolbox.errors import SceneError, suggest
+from toolbox.modelling.closed_loop import ClosedLoop
 from toolbox.modelling.hybrid_system import HybridSystem
 
 
@@ -35,16 +36,25 @@ def judged_element(names: Sequence[str], element: str | None, argument: str = "e
     return element or next(iter(names), None)
 
 
-def judged_contact(closed: HybridSystem, element: str | None, argument: str = "element") -> str:
-    """The contact with dry friction whose sticking is judged: the one named, or the only one. Raises SceneError for any other case."""
+def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None, argument: str = "element") -> str:
+    """The contact with dry friction whose sticking is judged: the one named, here or by the loop, or the only one. Raises SceneError for any other case."""
+    if isinstance(closed, ClosedLoop):
+        closed, element = closed.system, element or closed.element
     found = judged_element([each.name for each in closed.elements if each.law is not None], element, argument)
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
     return found
 
 
-def judged_speed(closed: HybridSystem, contact: str) -> str:
-    """The speed of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero."""
+def judged_speed(closed: ClosedLoop | HybridSystem, contact: str) -> str:
+    """The speed that a loop names to be judged, else that of what rubs where that is its slip, as at a bit; else the slip, whose mean is not zero.
 
+    Raises SceneError where a loop names a signal that there is not.
+    """
+    if isinstance(closed, ClosedLoop):
+        if closed.signal is not None:
+            closed.system.signal_unit(closed.signal)
+            return closed.signal
+        closed = closed.system
     speed, slip = f"{contact}.speed", next(each.slip for each in closed.elements if each.name == contact)
     return speed if speed in closed.signals and ca.is_equal(ca.SX(closed.signals[speed][0]), slip, 4) else f"{contact}.slip"

@@ -14,7 +14,6 @@ import pytest
 from controllers import PI, SoftTorque, StiffPI
 from models import BitRock, BlockOnBelt, Coulomb, CubicStribeck, Exponential, TorsionalChain, wells
 from toolbox import Component, DryFriction, Equations, FrictionLaw, Relay, SceneError, closed_loop, compose, quantity, simulate, state
-from toolbox.simulation.request import continuous_loop
 from toolbox.steady_states.linear import equilibrium, linearise
 
 pytestmark = pytest.mark.timeout(120)
@@ -357,7 +356,7 @@ def test_a_law_with_torque_limits_has_the_steady_state_that_it_has_without_where
     rig = compose(wells.JANSEN_2, BitRock(weight=97_347.0))
     states = []
     for limits in ({}, {"lowest_torque": 0.0, "highest_torque": 20e3}):
-        states.append(equilibrium(continuous_loop(rig, law(reference=reference, **limits))).states)
+        states.append(equilibrium(closed_loop(rig, law(reference=reference, **limits))).states)
     np.testing.assert_allclose(states[1], states[0], rtol=1e-9)
     assert states[1][1] == pytest.approx(reference, rel=1e-12)
 

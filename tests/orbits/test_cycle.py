@@ -221,6 +221,8 @@ def test_the_frequency_of_a_drive_can_be_followed_with_its_period():
         w = 2 * math.pi * value
         np.testing.assert_allclose(point.amplitude("mass.position"), 1 / abs(1 - w**2 + 0.2j * w), rtol=1e-5)
         np.testing.assert_allclose(point.period, 1 / value)
+        assert point.loop.number("mass.force.frequency").value == pytest.approx(value, rel=1e-12)
+    assert branch.loop == branch.cycles[0].loop
 
 
 def test_thomsen_and_fidlins_block_goes_from_stick_slip_through_grazing_to_sliding_and_rest():

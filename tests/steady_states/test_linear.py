@@ -317,7 +317,7 @@ def test_bad_arguments_are_refused_by_name(rig):
     run = simulate(rig, 1.0)
     law = compose(Drift())
     refused = [
-        (lambda: linearise("rig"), "Argument `plant` must be a plant made by `compose`"),
+        (lambda: linearise("rig"), "Argument `loop` must be a plant made by `compose`"),
         (lambda: equilibrium(closed_loop(rig, inputs={"top.torqe": 1.0})), r"There is no input `top\.torqe`: did you mean `top\.torque`"),
         (lambda: equilibrium(closed_loop(rig, inputs={"bit.speed": 1.0})), "must not be an input"),
         (lambda: equilibrium(closed_loop(rig, inputs={"top.torque": math.nan})), "must be a finite number"),
@@ -382,8 +382,9 @@ def test_a_law_closes_the_loop_of_a_steady_state_and_of_its_linear_system(rig):
         assert closed.input_labels == ["bit_weight", "top_reference"]
     run = simulate(rig, 20.0, start=rest, controller=law)
     assert np.abs(run["bit.speed"] - w).max() < 1e-6 and run.events == []
-    with pytest.raises(SceneError, match="continuous form"):
-        linearise(closed_loop(rig, lambda t, y: 0.0))
+    for verb in (equilibrium, linearise):
+        with pytest.raises(SceneError, match="continuous form"):
+            verb(closed_loop(rig, lambda t, y: 0.0, sample_time=0.1))
 
 
 def test_a_plant_is_linearised_where_a_loop_holds_it(rig):

@@ -76,7 +76,7 @@ def root():
 def event_loop():
     """The event loop and the reader of measures, compiled once per machine outside the time of any test, and what is said of it."""
     from models import BlockOnBelt
-    from toolbox import compose, severity, simulate, sweep
+    from toolbox import compose, severity, simulate
 
     plant = compose(BlockOnBelt())
     severity(simulate(plant, 10.0), "block.speed")

@@ -53,6 +53,7 @@ class Program:
     groups: np.ndarray
     group_count: int
     outputs: dict[Any, Any]
+    signals: dict[str | ExpressionKey, ca.Function]
     updates: list[tuple[ca.SX, ca.SX, ca.SX]]
     expressions: tuple[ca.SX, ...]
     form: Switching
@@ -144,6 +145,7 @@ def program_of(system: HybridSystem, kinds: tuple[tuple[str, Any], ...], pair: P
         groups=np.array([known.index(unit) for unit in units], np.int64),
         group_count=len(known),
         outputs={},
+        signals={},
         updates=updates,
         expressions=(p, u, form.force),
         form=form,

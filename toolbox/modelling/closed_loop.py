@@ -14,7 +14,7 @@ import dataclasses
 import functools
 import inspect
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -51,8 +51,6 @@ class Closed(NamedTuple):
         The laws in Python.
     seeds
         Seeds of the noise of the sampled laws.
-    laws
-        The laws as designed on the declared plant, in the order given.
     """
 
     system: HybridSystem
@@ -60,7 +58,6 @@ class Closed(NamedTuple):
     clocks: list[tuple[float, float]]
     callables: list[Any]
     seeds: list[int]
-    laws: list[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +97,6 @@ class ClosedLoop:
     duration: float | None = None
     after: float | None = None
     accuracy: float | None = None
-    typed: tuple[Any, ...] = field(default=(), repr=False)
 
     # ------------------------------------------------------------------------------------------------------------------------------ what it becomes
     @cached_property
@@ -112,7 +108,7 @@ class ClosedLoop:
             raise SceneError(f"Argument `{both}` must be given in `inputs` or in `parameters`, but it is in both.")
         plant = self.plant.with_parameters(own) if own else self.plant
         declared, sharp = (each.sharp if isinstance(each, SmoothSystem) else each for each in (self.plant, plant))
-        found = closed_system(declared, sharp, self.laws)
+        found = closed_system(declared, sharp, self.laws, self.designed)
         system = found.system
         if len(own) < len(self.parameters):
             system = system.with_parameters({name: value for name, value in self.parameters.items() if name not in own})
@@ -120,7 +116,19 @@ class ClosedLoop:
         return found._replace(system=system.varying(changing) if changing else system, plant=plant)
 
     @cached_property
-    def _given(self) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], list[Any]]:
+    def designed(self) -> list[Any]:
+        """The laws as designed on the declared plant, in order."""
+        return designed_laws(self.plant, self.laws)
+
+    def but(self, **changes: Any) -> ClosedLoop:
+        """The loop with other values of some of its fields; laws that stay keep their design."""
+        other = dataclasses.replace(self, **changes)
+        if "designed" in self.__dict__ and not {"plant", "laws"} & changes.keys():
+            other.__dict__["designed"] = self.designed
+        return other
+
+    @cached_property
+    def _given(self) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], dict[str, Any]]:
         kinds, values, typed = input_kinds(self.closed.system, self.inputs)
         changing = [name for name in values if name in self.plant.parameters or not self.plant.has_signal(name)]
         changing = [name for name in changing if self.plant.has_parameter(name) and not self.plant.has_signal(name)]
@@ -156,7 +164,7 @@ class ClosedLoop:
         for law in inner:
             if not isinstance(law, Controller):
                 raise SceneError(f"Argument `law` must be a Controller with a continuous form, but it is {law!r}.")
-        return self if inner == self.laws else dataclasses.replace(self, laws=inner)
+        return self if inner == self.laws else self.with_laws(inner)
 
     def unsampled(self) -> ClosedLoop:
         """The loop itself, where no law samples; raises SceneError for a sample time, of which a continuous form knows nothing."""
@@ -166,6 +174,19 @@ class ClosedLoop:
                 "give `loop.continuous` for the limit of fast sampling; `onset` and `margins` take it as it is."
             )
         return self.continuous
+
+    def with_laws(self, laws: Iterable[Any]) -> ClosedLoop:
+        """The loop with its laws sampled, sensed or wrapped otherwise, in their order, each designed as it is."""
+        other = dataclasses.replace(self, laws=tuple(laws))
+        other.__dict__["designed"] = self.designed
+        return other
+
+    @property
+    def bare(self) -> ClosedLoop:
+        """The loop without its laws, with those inputs and parameters that the plant alone has."""
+        own = {name: value for name, value in self.parameters.items() if self.plant.has_parameter(name)}
+        inputs = {name: value for name, value in self.inputs.items() if name in self.plant.inputs or self.plant.has_parameter(name)}
+        return dataclasses.replace(self, laws=(), parameters=own, inputs=inputs)
 
     @property
     def sampled(self) -> bool:
@@ -184,7 +205,7 @@ class ClosedLoop:
     @cached_property
     def asked(self) -> Mapping[str, str]:
         """{unit: unit in which it was typed}, in which reports and figures answer."""
-        return {**self.plant.asked, **asked_units(self._given[2], self.parameters, self.typed, fields=(self.laws,))}
+        return {**self.plant.asked, **asked_units(self.inputs, self.parameters, fields=(self.laws,))}
 
     @property
     def title(self) -> str:
@@ -257,7 +278,7 @@ class ClosedLoop:
                 loop = number.put(loop, value)
             else:
                 values[name] = in_si(value, self.system._parameter(name).unit, name)
-        return dataclasses.replace(loop, parameters=values)
+        return loop.but(parameters=values)
 
     # --------------------------------------------------------------------------------------------------------------------------------- as a value
     @cached_property
@@ -368,19 +389,19 @@ def closed_loop(
     SceneError
         If a name is unknown, a number is out of bounds, or a law does not fit the plant.
     """
-    base = plant if isinstance(plant, ClosedLoop) else ClosedLoop(checked_plant(plant))
+    base = as_loop(plant, "plant")
     changes: dict[str, Any] = {
         word: given for word, given in (("element", element), ("signal", signal), ("label", label)) if given is not None
     }
     if law is not None or sample_time is not None:
         changes["laws"] = laws_of(law if law is not None else base.laws, in_si(sample_time, "s", "sample_time"))
     if start is not None:
-        changes["start"] = states_of(start)
-    if inputs is not None:
-        changes["inputs"] = {**{k: v for k, v in base.inputs.items() if k not in (parameters or {})}, **mapping("inputs", inputs)}
-    loop = dataclasses.replace(base, **changes).with_parameters(parameters)
-    loop.values
-    return loop
+        changes["start"] = states_of(start, base.plant)
+    if inputs is not None or parameters is not None:
+        others = mapping("parameters", parameters)
+        changes["inputs"] = {name: value for name, value in base.inputs.items() if name not in others} | mapping("inputs", inputs)
+    loop = base.but(**changes).with_parameters(parameters)
+    return loop.but(inputs=loop._given[2])  # what is wrong is said here
 
 
 def as_loop(given: Any, argument: str = "loop") -> ClosedLoop:
@@ -388,7 +409,8 @@ def as_loop(given: Any, argument: str = "loop") -> ClosedLoop:
     return given if isinstance(given, ClosedLoop) else ClosedLoop(checked_plant(given, argument))
 
 
-Arguments, Result = ParamSpec("Arguments"), TypeVar("Result")
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
 
 FORMER = ("controller", "sample_time", "inputs", "parameters", "start", "element", "signal")
 """Arguments that verbs took before they took a loop."""
@@ -436,36 +458,49 @@ def laws_of(given: Any, period: float | None) -> tuple[Any, ...]:
     return tuple(each if isinstance(each, Sampled) or period is None else Sampled(each, period) for each in everything)
 
 
-def states_of(start: Any) -> dict[str, Any]:
-    """Start values by state, of a mapping or of an equilibrium."""
+def states_of(start: Any, plant: HybridSystem) -> dict[str, Any]:
+    """Start values by state, of a mapping, of an equilibrium, or of one instant of a run, of which the states of the plant are taken."""
     if isinstance(start, Equilibrium):
         return {name: start[name] for name in start.plant.states}
-    return mapping("start", start)
+    if not hasattr(start, "program"):
+        return mapping("start", start)
+    if start.time.size != 1:
+        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {start.time.size} times.")
+    lacking = next((name for name in plant.states if name not in start), None)
+    if lacking is not None:
+        raise SceneError(f"Argument `start` must hold the state `{lacking}`, but the run it comes from has none.")
+    return {name: value_at(start, name, size) for name, (_, size, _) in plant.states.items()}
 
 
-def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any]) -> Closed:
-    """A plant with laws as its parts that are designed on the declared plant."""
+def value_at(instant: Any, name: str, size: int | None) -> Any:
+    """A state at one instant of a run, as a start value."""
+    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])
+
+
+def designed_laws(declared: HybridSystem, laws: Sequence[Any]) -> list[Any]:
+    """Laws in order as they are designed on the declared plant, without what samples them."""
+    inner = [given.law if isinstance(given, Sampled) else given for given in laws]
+    return [designed(law, declared) if isinstance(law, Controller) else law for law in inner]
+
+
+def closed_system(declared: HybridSystem, plant: HybridSystem, laws: Sequence[Any], made: Sequence[Any]) -> Closed:
+    """A plant with laws as its parts; made: the laws as they are designed on the declared plant."""
     parts: list[Component] = []
     clocks: list[tuple[float, float]] = []
     callables: list[Any] = []
     seeds: list[int] = []
-    made: list[Any] = []
-    for given in laws:
+    for given, law in zip(laws, made, strict=True):
         sampled = given.measured_by(declared.signal_unit) if isinstance(given, Sampled) else None
         if sampled is not None:
             sampled.check()
             clocks.append((float(sampled.period), float(sampled.delay)))
             seeds.append(sampled.seed)
-        law = given.law if isinstance(given, Sampled) else given
-        if isinstance(law, Controller):
-            law = designed(law, declared)
         parts.append(_part(law, sampled, declared))
-        made.append(law)
         if not isinstance(law, Controller):
             callables.append(law)
     if not parts:
-        return Closed(plant, plant, [], [], [], [])
-    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds, made)
+        return Closed(plant, plant, [], [], [])
+    return Closed(_assembled(plant, parts), plant, clocks, callables, seeds)
 
 
 def _part(law: Any, sampled: Sampled | None, declared: HybridSystem) -> Component:

@@ -214,21 +214,21 @@ def _checked(kind: str, *numbers: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class ExpressionKey:
-    """A casadi expression of time as part of a program's key: equal where the expressions are."""
+    """A casadi expression as a key: equal where the expressions are."""
 
     expression: ca.SX
 
     def __hash__(self) -> int:
-        return hash(str(self.expression))
+        return hash((self.expression.shape, self.expression.nnz(), self.expression.n_dep() if self.expression.is_scalar() else 0))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, ExpressionKey) and bool(ca.is_equal(self.expression, other.expression, 100))
 
 
-def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], list[Any]]:
-    """How each input is given (number, table, shape with its size, expression), which is structure, the checked values, and those that were typed."""
+def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[tuple[str, Any], ...], dict[str, Any], dict[str, Any]]:
+    """How each input is given (number, table, shape with its size, expression), which is structure; the checked values; and these as they were typed."""
     kinds: list[tuple[str, Any]] = []
-    typed: list[Any] = []
+    typed: dict[str, Any] = {}
     values: dict[str, Any] = {}
     for name, value in inputs.items():
         entry = system.inputs.get(name)
@@ -244,9 +244,9 @@ def input_kinds(system: HybridSystem, inputs: Mapping[str, Any]) -> tuple[tuple[
             times, numbers = (
                 in_si(row, unit, f"{name}.{word}") for row, unit, word in zip(value, ("s", entry.unit), ("times", "values"), strict=True)
             )
-            typed.append(numbers)
-            value = Table.of(name, times, numbers)
-        typed.append(value.typed if isinstance(value, (Table, Shape)) else value)
+            told = tuple(number for number in numbers if isinstance(number, TypedNumber))
+            value = replace(Table.of(name, times, numbers), typed=told)
+        typed[name] = value
         if isinstance(value, Table):
             kinds.append((name, "table"))
         elif isinstance(value, Shape):

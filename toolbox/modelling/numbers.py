@@ -96,16 +96,16 @@ class Number:
         self.check(value)
         if self.kind == "input":
             kept = {name: given for name, given in loop.parameters.items() if name != self.name}
-            return dataclasses.replace(loop, inputs={**loop.inputs, self.name: value}, parameters=kept)
+            return loop.but(inputs={**loop.inputs, self.name: value}, parameters=kept)
         if self.kind == "parameter":
             kept = {name: given for name, given in loop.inputs.items() if name != self.name}
-            return dataclasses.replace(loop, parameters={**loop.parameters, self.name: value}, inputs=kept)
+            return loop.but(parameters={**loop.parameters, self.name: value}, inputs=kept)
         if self.kind == "start":
-            return dataclasses.replace(loop, start={**loop.start, self.name: value})
+            return loop.but(start={**loop.start, self.name: value})
         if self.kind == "design":
             return _redesigned(loop, self.name, value)
         name, key = self.in_input(loop.values)
-        return dataclasses.replace(loop, inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
+        return loop.but(inputs={**loop.inputs, name: _reshaped(loop.values[name], key, value)})
 
     def in_input(self, inputs: Iterable[str]) -> tuple[str, str]:
         """(input, name of the number in its shape or table), for the number of a shape."""
@@ -284,7 +284,7 @@ def _redesigned(loop: ClosedLoop, name: str, value: float) -> ClosedLoop:
     given = loop.laws[index]
     law = _replaced(given.law if isinstance(given, Sampled) else given, name.split(".")[1:], value)
     laws = (*loop.laws[:index], dataclasses.replace(given, law=law) if isinstance(given, Sampled) else law, *loop.laws[index + 1 :])
-    return dataclasses.replace(loop, laws=laws)
+    return loop.but(laws=laws)
 
 
 def _replaced(node: Any, path: list[str], value: float) -> Any:

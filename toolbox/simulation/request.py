@@ -11,9 +11,8 @@ import numpy as np
 from toolbox.arguments import finite_array, is_finite_number
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
-from toolbox.modelling.closed_loop import ClosedLoop
+from toolbox.modelling.closed_loop import ClosedLoop, states_of, value_at
 from toolbox.modelling.elements import check_one_direction
-from toolbox.modelling.hybrid_system import HybridSystem
 from toolbox.modelling.regularisation import SmoothSystem, checked_widths
 from toolbox.simulation.carry_out import carry_out
 from toolbox.simulation.methods import Method, Smoothing, TimeStepping, method_of
@@ -41,11 +40,11 @@ class Request:
         loop = self.loop
         begin = dict(loop.start)
         if self.start is not None:
-            begin = _states_of(loop.plant, self.start)
+            begin = states_of(self.start, loop.plant)
         closed, system = loop.closed, loop.closed.system
         if self.start is not None:
             known = self.start.program.system.states
-            begin |= {name: _value(self.start, name, size) for name, (_, size, _) in system.states.items() if name in known}
+            begin |= {name: value_at(self.start, name, size) for name, (_, size, _) in system.states.items() if name in known}
         if isinstance(method, TimeStepping):
             check_one_direction(
                 system.elements, f"`method={method.text!r}`", "locate its events, by 'event', or give a ContactProblem to `step_contacts`"
@@ -101,17 +100,3 @@ def _wrong_with(grid: np.ndarray | None, duration: float) -> str:
         before, after = grid[late[0] : late[0] + 2].tolist()
         return f"{before!r} s is followed by {after!r} s"
     return f"they begin at {grid[0]:g} s" if grid[0] < 0 else f"they end at {float(grid[-1])!r} s"
-
-
-def _states_of(plant: HybridSystem, instant: Samples) -> dict[str, Any]:
-    """The states of a plant at one instant of a run of it; raises SceneError where the run has none of that name."""
-    if instant.time.size != 1:
-        raise SceneError(f"Argument `start` must be one instant of a run, such as `run.at(12.5)`, but it holds {instant.time.size} times.")
-    for name in plant.states:
-        if name not in instant:
-            raise SceneError(f"Argument `start` must hold the state `{name}`, but the run it comes from has none.")
-    return {name: _value(instant, name, size) for name, (_, size, _) in plant.states.items()}
-
-
-def _value(instant: Samples, name: str, size: int | None) -> Any:
-    return np.squeeze(instant[name]) if size is None else np.ravel(instant[name])

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+import casadi as ca
 import numpy as np
 
 from toolbox.arguments import FloatArray, short
@@ -219,7 +220,7 @@ class Trajectory(Recorded, Samples[FloatArray]):
         rows: Samples[Any] = Samples(
             nodes.program, times, nodes.states[before], nodes.mode[before], nodes.held[before], nodes.parameters, False
         )
-        return rows.computed(f"{element}.rate", elements[element].rate)
+        return rows.computed(ca.SX(elements[element].rate))
 
     @property
     def _legends(self) -> dict[str, dict[int, str]]:

@@ -76,8 +76,8 @@ def root():
 def event_loop():
     """The event loop and the reader of measures, compiled once per machine outside the time of any test, and what is said of it."""
     from models import BlockOnBelt
-    from toolbox import compose, severity, simulate
+    from toolbox import compose, severity, simulate, sweep
 
     plant = compose(BlockOnBelt())
     severity(simulate(plant, 10.0), "block.speed")
-    # TEMP sweep(plant, {"block.mass": [1.0, 2.0]}, duration=1.0)
+    sweep(plant, {"block.mass": [1.0, 2.0]}, duration=1.0)

@@ -86,7 +86,7 @@ class Recording:
         elif isinstance(data, (Trajectory, SavedRun)):
             values, source = _of_arrays(_recorded(data, plant if columns is None else None), "Argument `data`", plant, columns), "a run"
         elif hasattr(data, "keys") and hasattr(data, "__getitem__"):
-            values, source = _of_arrays({str(key): data[key] for key in data.keys()}, "Argument `data`", plant, columns), "given data"
+            values, source = _of_arrays({str(key): data[key] for key in data.keys()}, "Argument `data`", plant, columns), "given data"  # noqa: SIM118
         else:
             raise SceneError(
                 f"Argument `data` must be the path of a table or MAT file, a run, or a mapping of names to values, but it is {data!r}."

@@ -64,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
                     failed += 1
                 else:
                     try:
-                        found.error
+                        found.error  # noqa: B018  measured here, so that the report has it
                     except SimulationError as failure:  # the run to compare with may fail alone
                         complaint = f"its error could not be measured: {failure}"
                 parts = [label, *([complaint] if complaint else []), *([] if found is None else [str(found)])]

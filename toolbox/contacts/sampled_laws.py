@@ -18,7 +18,7 @@ from toolbox.arguments import mapping
 from toolbox.contacts.problem import ContactProblem
 from toolbox.errors import SceneError
 from toolbox.files.units import in_si
-from toolbox.modelling.closed_loop import closed_system, laws_of
+from toolbox.modelling.closed_loop import ClosedLoop, laws_of
 from toolbox.modelling.components import Component, Equations, Signal
 from toolbox.modelling.composition import compose
 from toolbox.modelling.elements import state
@@ -58,7 +58,7 @@ class Acting:
     def __init__(self, problem: ContactProblem, inputs: Any, times: np.ndarray, controller: Any = None, sample_time: Any = None):
         self.problem, self.times = problem, times
         plant = signals_of(problem, controller is not None)
-        closed = closed_system(plant, plant, laws_of(controller, in_si(sample_time, "s", "sample_time")))
+        closed = ClosedLoop(plant, laws_of(controller, in_si(sample_time, "s", "sample_time"))).closed
         self.system, self.clocks, self.seeds = closed.system, closed.clocks, closed.seeds
         if len(self.system.parts) > 1 + len(self.clocks):
             raise SceneError(

@@ -49,8 +49,8 @@ def limit_cycle(
         Length of the first run of a loop [s].
     period
         Of a driven machine, the period of its forcing or a multiple of it [s]; by default that of its sines. Of a free machine, a guess, which together with
-        a start of the loop needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law, the
-        period of the reference or load that alternates, a whole multiple of the sample time.
+        a start of the loop needs no settling and finds unstable cycles as well; by default the time after which the run comes round. With a sampled law,
+        the period of the reference or load that alternates, a whole multiple of the sample time.
     accuracy
         Accuracy of the runs inside.
 

@@ -255,8 +255,8 @@ def worst_case(
         for seed in seeds if noisy else (0,):
             running = loop.with_laws(_as_run(law, late, seed) for law in loop.laws)
             for k, begin in enumerate(begins):
-                begun = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
-                done = sweep(begun, rows, duration, measures=asked)
+                started = running.but(start=states_of(begin, plant), parameters={**held, **loop.parameters})
+                done = sweep(started, rows, duration, measures=asked)
                 seconds += done.seconds
                 for i, label in enumerate(own):
                     numbers = {name: float(done[name][i]) for name in asked}

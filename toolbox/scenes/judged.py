@@ -38,9 +38,9 @@ def judged_element(names: Sequence[str], element: str | None, argument: str = "e
 
 def judged_contact(closed: ClosedLoop | HybridSystem, element: str | None = None, argument: str = "element") -> str:
     """The contact with dry friction whose sticking is judged: the one named, here or by the loop, or the only one. Raises SceneError for any other case."""
-    if isinstance(closed, ClosedLoop):
-        closed, element = closed.system, element or closed.element
-    found = judged_element([each.name for each in closed.elements if each.law is not None], element, argument)
+    system = closed.system if isinstance(closed, ClosedLoop) else closed
+    element = element or closed.element if isinstance(closed, ClosedLoop) else element
+    found = judged_element([each.name for each in system.elements if each.law is not None], element, argument)
     if found is None:
         raise SceneError("The plant must have a contact with dry friction for stick-slip to exist, but it has none.")
     return found

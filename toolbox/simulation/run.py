@@ -105,13 +105,13 @@ class Run:
     method: Method
     budget: Budget
     solver: Callable[[Run], Any]
+    loop: ClosedLoop
     resume: tuple[np.ndarray, np.ndarray] | None = None
-    loop: ClosedLoop | None = None
 
     @property
     def asked(self) -> Mapping[str, str]:
         """{unit: unit in which the question was typed}, in which reports and figures answer."""
-        return {} if self.loop is None else self.loop.asked
+        return self.loop.asked
 
     def again(self, **changes: Any) -> Any:
         """The trajectory of the same run with some of its fields changed, for example another accuracy."""

@@ -276,14 +276,14 @@ def advance(w, series):
         if w.ints[ACCEPTED] + w.ints[REJECTED] >= budget:
             return PAUSED
         undecided = False
-        if series is None:
+        if series is None:  # noqa: SIM102
             if samples_rule(w):
                 undecided = from_sample_to_sample(owned(w), every_node, budget)
                 if w.reals[TIME] > t:
                     continue
 
         # --- one step
-        if series is not None:
+        if series is not None:  # noqa: SIM102
             if w.ints[OPENED] == 0 and not open_series(w, t):
                 return NO_SERIES
         stop = next_stop(w)
@@ -310,14 +310,14 @@ def advance(w, series):
         turned, event, h, t_new, error = _crossed(w, t, h, t_new, error, node, series)
         if turned:
             continue
-        if series is not None:
+        if series is not None:  # noqa: SIM102
             if h > 0.0:
                 error, h, t_new = checked_end(w, t, h, t_new, event, rejected)
         if not error <= 1.0:
             w.ints[REJECTED] += 1
             shrink = 0.9 * error ** (-w.reals[POWER]) if error < 1e30 else 0.1
             w.reals[STEP_SIZE] = h * max(shrink, 0.1)
-            if series is None:
+            if series is None:  # noqa: SIM102
                 if rejected:
                     measure_round_off(w)
                     spread_round_off(w, w.reals[STEP_OLD])
@@ -328,7 +328,7 @@ def advance(w, series):
 
         # --- accepted
         w.ints[ACCEPTED] += 1
-        if series is None:
+        if series is None:  # noqa: SIM102
             if not event:
                 _next_size(w, h, h_wanted, error, rejected)
         rejected = False

@@ -20,7 +20,7 @@ from toolbox.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Free:
-    """A free number: its name among the numbers of the loop, unit, range, whether its logarithm is searched, and its value as given (None: left to `design`)."""
+    """A free number: its name among the numbers of the loop, unit, range, whether its logarithm is searched, and its given value (None: left to `design`)."""
 
     name: str
     unit: str

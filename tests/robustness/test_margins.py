@@ -266,7 +266,7 @@ def test_the_margins_of_a_drill_string_are_those_of_python_control_on_a_fine_gri
 def test_the_loop_of_a_sampled_pi_is_that_of_its_transition_matrices(rig):
     # by hand: x = (twist, top, bit), z the integral; rock torque falls by W R (mu_s - mu_c) gamma exp(-gamma w) per rad/s
     speed, period, delay = 9.0, 0.01, 0.034
-    found = steady_loop(rig, Sampled(StiffPI(reference=speed), period, delay))
+    found = steady_loop(closed_loop(rig, Sampled(StiffPI(reference=speed), period, delay)))
     rock = -97_347.0 * 0.155575 * 0.3 * 0.9 * math.exp(-0.9 * speed)
     a = np.array([[0, 1, -1], [-473 / 2122, -(23.2 + 425) / 2122, 23.2 / 2122], [473 / 374, 23.2 / 374, -(23.2 + 50 + rock) / 374]])
     b = np.array([[0.0], [1 / 2122], [0.0]])
@@ -300,7 +300,7 @@ def test_the_machine_itself_loses_smooth_running_where_the_margin_says(rig, labe
     def grows(part):
         """(growth of what the bit does, growth of the linear loop) [1/s] with a part of the margin used up."""
         changed = with_gain(law, 1 + part * (row.highest_gain - 1)) if what == "gain" else with_delay(law, part * row.delay_margin)
-        point = steady_loop(rig, changed)
+        point = steady_loop(closed_loop(rig, changed))
         begin = {name: value / 0.98 if name in rig.states else value for name, value in point.start.items()}
         begin["chain.speed"] = begin["chain.speed"] * np.array([1.0, 1 - 1e-6])  # near enough that friction is a line
         held = {"top.torque": point.signals["top.torque"]}  # until the first command arrives
@@ -383,7 +383,7 @@ def test_parameters_move_the_plant_and_not_the_law(rig):
 
 
 def test_mistakes_are_told(rig):
-    with pytest.raises(SceneError, match="must be a control law"):
+    with pytest.raises(SceneError, match="must hold a control law"):
         margins(rig)
     with pytest.raises(SceneError, match="one period"):
         margins(

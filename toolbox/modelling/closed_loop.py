@@ -277,7 +277,10 @@ class ClosedLoop:
             if number is not None and number.kind == "design":
                 loop = number.put(loop, value)
             else:
-                values[name] = in_si(value, self.system._parameter(name).unit, name)
+                owner = (
+                    self.plant if self.plant.has_parameter(name) else self.system
+                )  # a law may take the place of an input and its default
+                values[name] = in_si(value, owner._parameter(name).unit, name)
         return loop.but(parameters=values)
 
     # --------------------------------------------------------------------------------------------------------------------------------- as a value

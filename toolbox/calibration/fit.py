@@ -155,10 +155,10 @@ def _parameter(loop: ClosedLoop, name: str) -> Number:
 
 
 def _free(loop: ClosedLoop, recording: Recording, name: str) -> Number:
-    """A number of the loop that is neither measured nor varies in time; raises SceneError for any other."""
-    if name in recording.signals and name not in loop.inputs:
-        raise SceneError(f"Argument `free` must not hold `{name}`, because it is measured.")
+    """A number of the loop that is neither measured nor varies in time, or the start value of a measured state; raises SceneError for any other."""
     number = loop.number(name)
+    if name in recording.signals and name not in loop.inputs and number.kind != "start":
+        raise SceneError(f"Argument `free` must not hold `{name}`, because it is measured.")
     if not math.isfinite(number.value):
         raise SceneError(f"Argument `free` must hold constant inputs, but `{name}` varies in time or is measured.")
     return number

@@ -93,8 +93,8 @@ def test_a_delay_within_a_sample_brings_the_output_before_it_among_the_multiplie
     # x+ = Phi x + (G(h) - G(h - d)) u_before + G(h - d) u, over a sample h with delay d
     h, delay, count, damping, p, i = 0.25, 0.1, 16, 0.5, 0.5, 0.3
     plant = compose(BlockOnBelt(damping=damping, load=0.0, belt_speed=50.0))
-    arguments = {"period": count * h, "inputs": {"block.load": 0.0}, "start": {"block.position": 1.0}}
-    cycle = limit_cycle(closed_loop(plant, Sampled(Holding(p, i), h, delay=delay)), 200.0, **arguments)
+    arguments = {"inputs": {"block.load": 0.0}, "start": {"block.position": 1.0}}
+    cycle = limit_cycle(closed_loop(plant, Sampled(Holding(p, i), h, delay=delay), **arguments), 200.0, period=count * h)
     field = np.array([[0.0, 1.0, 0.0], [-1.0, -damping, 1.0], [0.0, 0.0, 0.0]])
     whole, rest = expm(h * field), expm((h - delay) * field)
     now, before, u = rest[:2, 2:], whole[:2, 2:] - rest[:2, 2:], np.array([[-p, 0.0, -i]])
@@ -105,7 +105,7 @@ def test_a_delay_within_a_sample_brings_the_output_before_it_among_the_multiplie
     assert cycle.multipliers.size == 4
     for value in theory:
         assert min(abs(value - found) for found in cycle.multipliers) < 1e-9
-    prompt = limit_cycle(closed_loop(plant, Holding(p, i), sample_time=h), 200.0, **arguments)
+    prompt = limit_cycle(closed_loop(plant, Holding(p, i), sample_time=h, **arguments), 200.0, period=count * h)
     assert np.abs(prompt.multipliers).max() < np.abs(cycle.multipliers).max()  # the delay takes damping away
 
 

@@ -96,10 +96,9 @@ class Fit:
     @property
     def parameters(self) -> dict[str, float]:
         """{name: estimate} of those that are parameters of the plant."""
-        plant = self.misfit.loop.plant
-        return {
-            number.name: self[number.name] for number in self.misfit.numbers if number.kind != "start" and plant.has_parameter(number.name)
-        }
+        loop = self.misfit.loop
+        taken = [each.name for each in self.misfit.numbers if each.kind == "parameter" or (each.is_input and each.name not in loop.inputs)]
+        return {name: self[name] for name in taken if loop.plant.has_parameter(name)}
 
     @property
     def loop(self) -> ClosedLoop:

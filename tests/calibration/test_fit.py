@@ -98,7 +98,12 @@ def test_start_values_constant_inputs_and_single_entries_can_be_free():
         RIG, 12.0, start={"bit.speed": 6.0}, inputs={"top.torque": 9000.0}, parameters={"chain.inertia": (2122.0, 400.0)}, output_times=time
     )
     data = {"time": time, "bit.speed": run["bit.speed"], "top.speed": run["top.speed"]}
-    found = fit(closed_loop(RIG, inputs={"top.torque": 10_000.0}, start={"bit.speed": 5.0}), data, ["bit.speed", "top.torque", "chain.inertia.1"], {"top.torque": (8e3, 11e3)})  # fmt: skip
+    found = fit(
+        closed_loop(RIG, inputs={"top.torque": 10_000.0}, start={"bit.speed": 5.0}),
+        data,
+        ["bit.speed", "top.torque", "chain.inertia.1"],
+        {"top.torque": (8e3, 11e3)},
+    )
     assert [found["bit.speed"], found["top.torque"], found["chain.inertia.1"]] == pytest.approx([6.0, 9000.0, 400.0], rel=1e-6)
     assert found.parameters == {"chain.inertia.1": found["chain.inertia.1"]}
 
@@ -158,7 +163,12 @@ def test_a_break_of_a_law_is_located_by_the_measured_slip():
     rig = compose(wells.JANSEN_2, BitRock(friction=Drop()))
     speed = np.linspace(0.5, 3.0, 60)
     torque = 90e3 * 0.155575 * np.where(speed >= 1.5, 0.2, 0.31)
-    found = fit(closed_loop(rig, parameters={"bit.weight": 90e3}), {"time": np.arange(60.0), "bit.speed": speed, "bit.torque": torque}, ["bit.friction.static", "bit.friction.kinetic"], contact="bit")  # fmt: skip
+    found = fit(
+        closed_loop(rig, parameters={"bit.weight": 90e3}),
+        {"time": np.arange(60.0), "bit.speed": speed, "bit.torque": torque},
+        ["bit.friction.static", "bit.friction.kinetic"],
+        contact="bit",
+    )
     assert [found["bit.friction.static"], found["bit.friction.kinetic"]] == pytest.approx([0.31, 0.2], rel=1e-9)
 
 

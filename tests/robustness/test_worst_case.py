@@ -30,7 +30,13 @@ def stuck(rig):
 @pytest.fixture(scope="module")
 def found(rig, stuck):
     law = Sampled(LQG(reference=REFERENCE, late=3, **LIMITS), 0.01, 0.03)
-    return worst_case(closed_loop(rig, law), 120.0, errors={"chain.inertia.0": (0.8, 1.2), "delay": 2.0}, corners=[{"bit.weight": 0.9, "chain.inertia.1": 1.1}], starts=cycle_phases(stuck, 2))  # fmt: skip
+    return worst_case(
+        closed_loop(rig, law),
+        120.0,
+        errors={"chain.inertia.0": (0.8, 1.2), "delay": 2.0},
+        corners=[{"bit.weight": 0.9, "chain.inertia.1": 1.1}],
+        starts=cycle_phases(stuck, 2),
+    )
 
 
 def test_the_phases_go_once_round_the_cycle_from_the_release(stuck):

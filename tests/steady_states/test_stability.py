@@ -261,19 +261,23 @@ def test_a_closed_form_is_refused_outside_of_its_range(call, word):
         ({"between": (3.0, math.nan)}, "between"),
         ({"between": 3.0}, "between"),
         ({"parameter": "chain.inertia"}, "chain.inertia.0"),
-        ({"controller": lambda t, y: 0.0}, "continuous form"),
+        ({"law": lambda t, y: 0.0, "sample_time": 0.1}, "continuous form"),
         ({"inputs": {"bit.wieght": 1.0}}, "bit.weight"),
     ],
 )
 def test_a_mistake_is_named(arguments, word):
+    asked = {"parameter": "top.reference", "between": (2.0, 8.0)}
+    others = {key: value for key, value in arguments.items() if key not in asked}
     with pytest.raises(SceneError, match=word):
-        hopf_points(compose(*RIG), **({"parameter": "top.reference", "between": (2.0, 8.0), "controller": StiffPI()} | arguments))
+        hopf_points(
+            closed_loop(compose(*RIG), **({"law": StiffPI()} | others)), **(asked | {k: arguments[k] for k in asked if k in arguments})
+        )
 
 
 @pytest.mark.parametrize("verb", [hopf_points, pole_locus])
 def test_a_sampled_law_is_not_taken_for_its_continuous_form_without_a_word(verb):
     given = (2.0, 8.0) if verb is hopf_points else [2.0, 8.0]
     with pytest.raises(SceneError, match="sample time and delay would be left out"):
-        verb(compose(*RIG), "top.reference", given, controller=Sampled(StiffPI(), 0.05, delay=0.3))
+        verb(closed_loop(compose(*RIG), Sampled(StiffPI(), 0.05, delay=0.3)), "top.reference", given)
     with pytest.raises(SceneError, match="sample time and delay would be left out"):
         linearise(closed_loop(compose(*RIG), [Sampled(StiffPI(), 0.05)]))

@@ -46,12 +46,12 @@ def test_a_pi_drive_as_a_transfer_function_runs_as_the_law_itself():
 
 
 def test_what_goes_out_comes_back_the_same_law():
-    out = to_control(DRIVE, RIG)
+    out = to_control(closed_loop(RIG, DRIVE))
     back = from_control(out, measures=("top.speed", "top.reference"), drives="top.torque")
     inputs = {"top.reference": 9.95}
     runs = [simulate(RIG, 30.0, controller=law, inputs=inputs, accuracy=1e-9) for law in (DRIVE, back)]
     assert np.allclose(runs[0].at(30.0)["top.torque"], runs[1].at(30.0)["top.torque"], rtol=1e-7)
-    again = to_control(from_control(pi(), reference=9.95, **SIGNALS), RIG)
+    again = to_control(closed_loop(RIG, from_control(pi(), reference=9.95, **SIGNALS)))
     w = np.array([0.3, 2.0, 20.0])
     assert np.allclose(control.frequency_response(again[0, 0], w).complex, -control.frequency_response(pi(), w).complex)
 
@@ -97,7 +97,7 @@ def test_it_is_a_law_like_any_other(tmp_path):
     assert found.end == pytest.approx(onset(closed_loop(RIG, DRIVE), "top.reference", (5.0, 14.0), values=4).end, rel=1e-3)
     table = sweep(closed_loop(RIG, law), {"bit.weight": [80e3, 97e3]}, duration=60.0, measures={"stuck": measures.stuck_ratio("bit", 30.0)})
     assert table.measures["stuck"].shape == (2,)
-    source, header = export_c(law, RIG, 0.01, tmp_path / "drive")
+    source, header = export_c(closed_loop(RIG, law, sample_time=0.01), tmp_path / "drive")
     assert "top.reference" in header.read_text() and source.exists()
     assert severity(simulate(RIG, 60.0, controller=law, sample_time=0.01), "bit.speed") >= 0
     assert limit_cycle(closed_loop(RIG, from_control(20_000 + 2000 / control.tf("s"), reference=6.0, **SIGNALS)), 200.0).period > 1.0
@@ -119,7 +119,7 @@ def test_it_is_mapped_as_the_law_itself():
         (lambda: from_control(3.0, **SIGNALS), "must be a control.StateSpace or a control.TransferFunction, but it is 3.0"),
         (lambda: from_control(pi(), measures=("top.speed", "bit.speed"), drives="top.torque"), "`measures` must name 1 signals, .* but it names 2"),
         (lambda: from_control(pi(), measures="top.speed", drives=()), "`drives` must name 1 signals"),
-        (lambda: from_control(to_control(DRIVE, RIG), measures=("a", "b"), drives="c", reference=1.0), "must come with one measured signal, but there are 2"),
+        (lambda: from_control(to_control(closed_loop(RIG, DRIVE)), measures=("a", "b"), drives="c", reference=1.0), "must come with one measured signal, but there are 2"),
         (lambda: from_control(pi(), reference=np.nan, **SIGNALS), "`reference` must be a finite number"),
         (lambda: from_control(pi(), at={"bit.speed": 1.0}, **SIGNALS), "`bit.speed` is none"),
         (lambda: from_control(control.ss([], [], [], [[np.nan]]), **SIGNALS), "finite"),

@@ -358,7 +358,7 @@ def counted_runs(monkeypatch):
     return made
 
 
-GROWING = {"duration": 1.0, "start": {"growth.size": 1.0}, "measures": {"x": measures.final("growth.size")}}
+GROWING = {"duration": 1.0, "measures": {"x": measures.final("growth.size")}}
 
 
 def test_what_is_on_disk_is_what_was_found_failures_and_all(tmp_path):

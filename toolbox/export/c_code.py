@@ -138,27 +138,27 @@ def to_control(law: Controller | Sampled | ClosedLoop, *, outputs: str | Sequenc
     given, period = (
         only_law(law) if isinstance(law, ClosedLoop) else (law.law, float(law.period)) if isinstance(law, Sampled) else (law, None)
     )
-    law = settled(opened(given, period))
-    known = ca.vertcat(law.z, law.y)
-    wanted = names(outputs) if outputs is not None else law.drives
+    made = settled(opened(given, period))
+    known = ca.vertcat(made.z, made.y)
+    wanted = names(outputs) if outputs is not None else made.drives
     for name in wanted:
-        if name not in law.gives:
+        if name not in made.gives:
             raise SceneError(
-                f"Argument `outputs` must name signals that {law.title} gives, but `{name}` is none: {suggest(name, law.gives)}"
+                f"Argument `outputs` must name signals that {made.title} gives, but `{name}` is none: {suggest(name, made.gives)}"
             )
     if outputs is None and isinstance(given, Observer):
-        wanted = tuple(name for name in wanted if _linear(law.gives[name][0], known))
-    labels = [label for label, _ in law.labels]
-    for label, expression in [*zip(labels, ca.vertsplit(law.following), strict=True), *((name, law.gives[name][0]) for name in wanted)]:
+        wanted = tuple(name for name in wanted if _linear(made.gives[name][0], known))
+    labels = [label for label, _ in made.labels]
+    for label, expression in [*zip(labels, ca.vertsplit(made.following), strict=True), *((name, made.gives[name][0]) for name in wanted)]:
         if not _linear(expression, known):
             limited = ", which its torque limits make it: leave them out" if getattr(given, "limits_known", False) else ""
-            raise SceneError(f"{law.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
-    given = ca.vertcat(*[law.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
-    slopes = [ca.jacobian(each, by) for each in (law.following, given) for by in (law.z, law.y)]
+            raise SceneError(f"{made.title} must be a linear law, but `{label}` is not linear in what it reads{limited}.")
+    given_out = ca.vertcat(*[made.gives[name][0] for name in wanted]) if wanted else ca.SX(0, 1)
+    slopes = [ca.jacobian(each, by) for each in (made.following, given_out) for by in (made.z, made.y)]
     A, B, C, D = (np.array(ca.DM(ca.Function("slope", [], [ca.densify(slope)])()["o0"])) for slope in slopes)
     return control.ss(
-        A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in law.reads],
-        outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=law.title,
+        A, B, C, D, dt=0 if period is None else period, inputs=[_entry(name) for name in made.reads],
+        outputs=[_entry(name) for name in wanted], states=[_entry(label) for label in labels] or None, name=made.title,
     )  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -30,13 +29,14 @@ def shared_run(loop: ClosedLoop, variations: Variations, duration: float, **argu
     if len(set(variations.names)) < len(variations.names):
         raise SceneError("Argument `vary` must name every number once.")
     kept = [{name: v for name, v in given.items() if name not in variations.names} for given in (loop.inputs, loop.parameters)]
-    loop = dataclasses.replace(loop, inputs=kept[0], parameters=kept[1])
+    loop = loop.but(inputs=kept[0], parameters=kept[1])
     middle = variations.points[len(variations.points) // 2].tolist()
     numbers = [loop.number(name) for name in variations.names]
     return Request(
-        dataclasses.replace(loop, inputs=loop.inputs | {each.name: v for each, v in zip(numbers, middle, strict=True) if each.kind == "input"}),
-        duration, **arguments,
-    ).checked()  # fmt: skip
+        loop.but(inputs={**loop.inputs, **{each.name: v for each, v in zip(numbers, middle, strict=True) if each.is_input}}),
+        duration,
+        **arguments,
+    ).checked()
 
 
 def varied_numbers(run: Run, variations: Variations) -> tuple[Numbers, dict[int, str]]:
@@ -110,7 +110,8 @@ def _designs(loop: ClosedLoop, numbers: Sequence[Number], points: np.ndarray, br
     places: list[int] = []
     columns = [np.zeros((len(points), 0))]
     structure = [structure_of(part) for part in loop.system.parts]
-    of = {k: designed_law(loop, number.name) for k, number in enumerate(numbers) if number.kind == "design"}
+    found = {k: designed_law(loop, number.name) for k, number in enumerate(numbers) if number.kind == "design"}
+    of = {k: index for k, index in found.items() if index is not None}
     for law in dict.fromkeys(of.values()):
         own = [k for k, index in of.items() if index == law]
         if not isinstance(loop.designed[law], Controller):

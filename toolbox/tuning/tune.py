@@ -208,7 +208,7 @@ def numbers_of_law(loop: ClosedLoop) -> dict[str, tuple[float | None, Mapping[st
     if not loop.laws:
         raise SceneError("Argument `controller` must name a case with a law, but it has none.")
     law = loop.laws[0].law if isinstance(loop.laws[0], Sampled) else loop.laws[0]
-    return dict(_numbers(law, f"{law.name or type(law).__name__.lower()}."))
+    return dict(_numbers(law, f"{getattr(law, 'name', None) or type(law).__name__.lower()}."))
 
 
 def unit_of(loop: ClosedLoop, name: str) -> str:
